@@ -1,0 +1,1 @@
+//! Watch a running simulation at a price you name.

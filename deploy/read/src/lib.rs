@@ -1,0 +1,1 @@
+//! Readers of recorded volumes and time series.

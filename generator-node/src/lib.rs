@@ -1,0 +1,1 @@
+//! The daemon beside the simulation: volumes in, VDIs out.

@@ -1,0 +1,1 @@
+//! What a simulation links to hand its time steps to a generator-node.

@@ -1,0 +1,46 @@
+//! Nouns and leaf mathematics shared by every node of Lamina.
+//!
+//! Nothing here does I/O, reads a clock, waits, or knows of the wire: a value of these types that exists is valid,
+//! because its constructor checked it. Source of the method, "the paper" throughout: S. Frey and T. Ertl,
+//! "Auto-Tuning Intermediate Representations for In Situ Visualization", NYSDS 2016.
+
+pub mod camera;
+pub mod composite;
+pub mod image;
+pub mod indicators;
+pub mod params;
+pub mod psnr;
+pub mod samples;
+pub mod scene;
+pub mod suggest;
+pub mod transfer;
+pub mod vdi;
+pub mod volume;
+
+pub use camera::{Aabb, Camera, Ray};
+pub use image::Image;
+pub use indicators::{Indicators, Quality};
+pub use params::GenerationParams;
+pub use psnr::{SquaredError, psnr};
+pub use samples::{ReferenceSamples, SamplePlan};
+pub use scene::Scene;
+pub use transfer::{ControlPoint, ScalarRange, Scale, TransferFunction};
+pub use vdi::{Supersegment, Vdi, VdiHeader};
+pub use volume::{Grid, Volume, VoxelType, Voxels};
+
+/// A value that cannot be what it claims to be: the thing, what is wrong with it, and what would be right.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{thing}: {reason}")]
+pub struct Invalid {
+    /// What is wrong, in the user's words: `camera.up`, `gamma`, `grid.dims`.
+    pub thing: &'static str,
+    /// What is wrong with it and what would be accepted.
+    pub reason: String,
+}
+
+impl Invalid {
+    /// An error about `thing`.
+    pub fn new(thing: &'static str, reason: impl Into<String>) -> Self {
+        Self { thing, reason: reason.into() }
+    }
+}

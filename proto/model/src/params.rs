@@ -1,0 +1,129 @@
+//! What steers generation: the paper's P_M.
+
+use crate::Invalid;
+use serde::{Deserialize, Serialize};
+
+/// Generation parameters. The paper's P_M.
+#[doc(alias = "P_M")]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "ParamsFields", into = "ParamsFields")]
+pub struct GenerationParams {
+    resolution: u32,
+    gamma: f64,
+    opacity_cutoff: f64,
+    step_voxels: f64,
+}
+
+/// Generation parameters as written in files.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ParamsFields {
+    /// Rays per side.
+    pub resolution: u32,
+    /// Interrupt parameter.
+    pub gamma: f64,
+    /// Opacity at which a ray ends; 1 never.
+    #[serde(default = "one")]
+    pub opacity_cutoff: f64,
+    /// Sampling step in voxels.
+    #[serde(default = "half")]
+    pub step_voxels: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+fn half() -> f64 {
+    GenerationParams::DEFAULT_STEP_VOXELS
+}
+
+impl TryFrom<ParamsFields> for GenerationParams {
+    type Error = Invalid;
+    fn try_from(f: ParamsFields) -> Result<Self, Invalid> {
+        Self::new(f.resolution, f.gamma)?.with_opacity_cutoff(f.opacity_cutoff)?.with_step_voxels(f.step_voxels)
+    }
+}
+
+impl From<GenerationParams> for ParamsFields {
+    fn from(p: GenerationParams) -> Self {
+        Self { resolution: p.resolution, gamma: p.gamma, opacity_cutoff: p.opacity_cutoff, step_voxels: p.step_voxels }
+    }
+}
+
+impl GenerationParams {
+    /// The most rays per side.
+    pub const MAX_RESOLUTION: u32 = 8192;
+    /// Sampling step where none is stated: two samples per voxel.
+    pub const DEFAULT_STEP_VOXELS: f64 = 0.5;
+
+    /// `resolution` x `resolution` rays; a sample joins the open supersegment while their difference stays below `gamma`
+    /// (0: never joins). No opacity cut-off, half-voxel steps.
+    ///
+    /// # Errors
+    /// If the resolution is outside 1..=8192 or gamma is negative or not finite.
+    pub fn new(resolution: u32, gamma: f64) -> Result<Self, Invalid> {
+        if !(1..=Self::MAX_RESOLUTION).contains(&resolution) {
+            return Err(Invalid::new("resolution", format!("{resolution} must lie in 1..={}", Self::MAX_RESOLUTION)));
+        }
+        if !(gamma.is_finite() && gamma >= 0.0) {
+            return Err(Invalid::new("gamma", format!("{gamma} must be a finite number, 0 or more")));
+        }
+        Ok(Self { resolution, gamma, opacity_cutoff: 1.0, step_voxels: Self::DEFAULT_STEP_VOXELS })
+    }
+
+    /// The same with rays ending at this accumulated opacity (1: never).
+    ///
+    /// # Errors
+    /// If it is outside (0, 1].
+    pub fn with_opacity_cutoff(self, opacity_cutoff: f64) -> Result<Self, Invalid> {
+        if !(opacity_cutoff > 0.0 && opacity_cutoff <= 1.0) {
+            return Err(Invalid::new("opacity_cutoff", format!("{opacity_cutoff} must lie above 0 and up to 1 (off)")));
+        }
+        Ok(Self { opacity_cutoff, ..self })
+    }
+
+    /// The same with this sampling step, in voxels.
+    ///
+    /// # Errors
+    /// If it is outside 1/64..=64.
+    pub fn with_step_voxels(self, step_voxels: f64) -> Result<Self, Invalid> {
+        if !(1.0 / 64.0..=64.0).contains(&step_voxels) {
+            return Err(Invalid::new("step_voxels", format!("{step_voxels} must lie in 0.015625..=64 voxels")));
+        }
+        Ok(Self { step_voxels, ..self })
+    }
+
+    /// Rays per side, r.
+    #[doc(alias = "r")]
+    pub fn resolution(&self) -> u32 {
+        self.resolution
+    }
+    /// Interrupt parameter: largest difference, per channel of the premultiplied RGBA of one unit length, 0..1.
+    pub fn gamma(&self) -> f64 {
+        self.gamma
+    }
+    /// Accumulated opacity at which a ray ends; 1 is off.
+    pub fn opacity_cutoff(&self) -> f64 {
+        self.opacity_cutoff
+    }
+    /// Sampling step in voxels.
+    pub fn step_voxels(&self) -> f64 {
+        self.step_voxels
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn absurd_parameters_are_refused_by_name() {
+        assert_eq!(GenerationParams::new(0, 0.1).unwrap_err().thing, "resolution");
+        assert_eq!(GenerationParams::new(1 << 20, 0.1).unwrap_err().thing, "resolution");
+        assert_eq!(GenerationParams::new(64, -0.1).unwrap_err().thing, "gamma");
+        assert_eq!(GenerationParams::new(64, f64::NAN).unwrap_err().thing, "gamma");
+        let p = GenerationParams::new(64, 0.0).unwrap();
+        assert_eq!(p.with_opacity_cutoff(0.0).unwrap_err().thing, "opacity_cutoff");
+        assert_eq!(p.with_step_voxels(f64::NAN).unwrap_err().thing, "step_voxels");
+    }
+}

@@ -1,0 +1,119 @@
+//! Which pixels of which views are compared: stratified random samples, so that quality costs a small part of an image.
+
+use crate::{Camera, Image, Invalid, Scene};
+use serde::{Deserialize, Serialize};
+
+/// One random pixel in every `tile` x `tile` block of a square image, for each of some views.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SamplePlan {
+    /// Side of the image the samples stand for, pixels.
+    pub image_size: u32,
+    /// Side of a block, pixels; 1 compares every pixel.
+    pub tile: u32,
+    /// Views: rotations of the generation camera about +y through its target, degrees.
+    pub angles_deg: Vec<f64>,
+}
+
+impl Default for SamplePlan {
+    /// The paper's views, 10..60 degrees at 768 x 768, one pixel in 64.
+    fn default() -> Self {
+        Self { image_size: 768, tile: 8, angles_deg: vec![10.0, 20.0, 30.0, 40.0, 50.0, 60.0] }
+    }
+}
+
+impl SamplePlan {
+    /// The most views of a plan.
+    pub const MAX_VIEWS: usize = 64;
+
+    /// Passes a plan that can be carried out.
+    ///
+    /// # Errors
+    /// If the image size, the tile, or an angle is out of bounds.
+    pub fn check(self) -> Result<Self, Invalid> {
+        Image::check_size(self.image_size, self.image_size)?;
+        if !(1..=self.image_size).contains(&self.tile) {
+            return Err(Invalid::new(
+                "samples.tile",
+                format!("{} must lie in 1..={} pixels", self.tile, self.image_size),
+            ));
+        }
+        if self.angles_deg.is_empty() || self.angles_deg.len() > Self::MAX_VIEWS {
+            let n = self.angles_deg.len();
+            return Err(Invalid::new(
+                "samples.angles_deg",
+                format!("{n} views given; 1 to {} are needed", Self::MAX_VIEWS),
+            ));
+        }
+        if let Some(a) = self.angles_deg.iter().find(|a| !a.is_finite()) {
+            return Err(Invalid::new("samples.angles_deg", format!("{a} must be finite")));
+        }
+        Ok(self)
+    }
+
+    /// The test camera of each view.
+    ///
+    /// # Errors
+    /// If an angle is not finite.
+    pub fn test_cameras(&self, generation_camera: &Camera) -> Result<Vec<Camera>, Invalid> {
+        self.angles_deg.iter().map(|&a| generation_camera.rotated_about_y(a)).collect()
+    }
+
+    /// The sampled pixels (column, row) of view number `view`: the same on every machine.
+    pub fn pixels(&self, view: usize) -> Vec<(u32, u32)> {
+        let blocks = self.image_size.div_ceil(self.tile);
+        let mut pixels = Vec::with_capacity(blocks as usize * blocks as usize);
+        for (by, bx) in (0..blocks).flat_map(|y| (0..blocks).map(move |x| (y, x))) {
+            let side = |b: u32| self.tile.min(self.image_size - b * self.tile);
+            let random = splitmix64((view as u64) << 56 ^ u64::from(by) << 28 ^ u64::from(bx));
+            let pick = |bits: u64, n: u32| ((bits & 0xffff_ffff) * u64::from(n) >> 32) as u32;
+            pixels.push((bx * self.tile + pick(random, side(bx)), by * self.tile + pick(random >> 32, side(by))));
+        }
+        pixels
+    }
+
+    /// Samples of one view.
+    pub fn samples_per_view(&self) -> usize {
+        (self.image_size.div_ceil(self.tile) as usize).pow(2)
+    }
+}
+
+/// The output function of SplitMix64 (Steele, Lea and Flood, OOPSLA 2014): a bijective hash of 64 bits.
+fn splitmix64(seed: u64) -> u64 {
+    let z = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// Ray-cast colours at the pixels of a plan: what a VDI's pictures are compared with.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReferenceSamples {
+    /// The step they show.
+    pub step: u64,
+    /// Which pixels.
+    pub plan: SamplePlan,
+    /// What was seen: generation camera, transfer function and background.
+    pub scene: Scene,
+    /// Colours per view, in the order of [`SamplePlan::pixels`].
+    pub colors: Vec<Vec<[f32; 3]>>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_block_holds_one_sample_and_tile_one_is_every_pixel() {
+        let plan = SamplePlan { image_size: 21, tile: 4, angles_deg: vec![10.0] };
+        let pixels = plan.pixels(0);
+        assert_eq!(pixels.len(), plan.samples_per_view());
+        for (n, &(x, y)) in pixels.iter().enumerate() {
+            assert_eq!((x / 4 + 6 * (y / 4)) as usize, n);
+            assert!(x < 21 && y < 21);
+        }
+        assert_ne!(pixels, plan.pixels(1));
+        let all = SamplePlan { tile: 1, ..plan };
+        assert_eq!(all.pixels(0)[22], (1, 1));
+    }
+}

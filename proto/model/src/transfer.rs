@@ -1,0 +1,308 @@
+//! Transfer functions: from a scalar to colour and extinction.
+
+use crate::{Grid, Invalid, composite};
+use serde::{Deserialize, Serialize};
+
+/// How scalars are spread over the transfer function.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Scale {
+    /// In proportion.
+    Linear,
+    /// By the decadic logarithm, for data that spans decades.
+    Log10,
+}
+
+/// The scalars that map to 0 and 1 of the transfer function.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "RangeFields", into = "RangeFields")]
+pub struct ScalarRange {
+    lo: f64,
+    hi: f64,
+    scale: Scale,
+}
+
+/// A scalar range as written in files.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RangeFields {
+    /// Maps to 0.
+    pub lo: f64,
+    /// Maps to 1.
+    pub hi: f64,
+    /// `linear` or `log10`.
+    pub scale: Scale,
+}
+
+impl TryFrom<RangeFields> for ScalarRange {
+    type Error = Invalid;
+    fn try_from(f: RangeFields) -> Result<Self, Invalid> {
+        Self::new(f.lo, f.hi, f.scale)
+    }
+}
+
+impl From<ScalarRange> for RangeFields {
+    fn from(r: ScalarRange) -> Self {
+        Self { lo: r.lo, hi: r.hi, scale: r.scale }
+    }
+}
+
+impl ScalarRange {
+    /// The range from `lo` to `hi`.
+    ///
+    /// # Errors
+    /// If the ends are not finite, not `lo < hi`, or not positive under [`Scale::Log10`].
+    pub fn new(lo: f64, hi: f64, scale: Scale) -> Result<Self, Invalid> {
+        if !(lo.is_finite() && hi.is_finite() && lo < hi && (hi - lo).is_finite()) {
+            return Err(Invalid::new(
+                "transfer.range",
+                format!("{lo} to {hi} must be two finite numbers, the lower first"),
+            ));
+        }
+        if scale == Scale::Log10 && lo <= 0.0 {
+            return Err(Invalid::new("transfer.range", format!("log10 needs a positive lower end, not {lo}")));
+        }
+        Ok(Self { lo, hi, scale })
+    }
+
+    /// Lower end, data units.
+    pub fn lo(&self) -> f64 {
+        self.lo
+    }
+    /// Upper end, data units.
+    pub fn hi(&self) -> f64 {
+        self.hi
+    }
+    /// Linear or logarithmic.
+    pub fn scale(&self) -> Scale {
+        self.scale
+    }
+
+    /// Where `value` lies: 0 at `lo`, 1 at `hi`. What is not finite becomes NaN, which is drawn as empty. Values the
+    /// logarithm cannot take count as one whole range below `lo`.
+    pub fn unit_from_value(&self, value: f64) -> f32 {
+        if !value.is_finite() {
+            return f32::NAN;
+        }
+        let u = match self.scale {
+            Scale::Linear => (value - self.lo) / (self.hi - self.lo),
+            Scale::Log10 if value <= 0.0 => -1.0,
+            Scale::Log10 => ((value / self.lo).ln() / (self.hi / self.lo).ln()).max(-1.0),
+        };
+        u.clamp(f64::from(-f32::MAX), f64::from(f32::MAX)) as f32
+    }
+}
+
+/// One corner of the piecewise-linear transfer function.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ControlPoint {
+    /// Position in the scalar range, 0..1.
+    pub at: f64,
+    /// Red, green, blue, each 0..1.
+    pub color: [f64; 3],
+    /// Opacity of one unit length, 0..1.
+    pub opacity: f64,
+}
+
+/// A 1-D transfer function, linear between control points, constant beyond the first and last.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "TransferFields", into = "TransferFields")]
+pub struct TransferFunction {
+    range: ScalarRange,
+    unit_length: Option<f64>,
+    points: Vec<ControlPoint>,
+}
+
+/// A transfer function as written in files.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TransferFields {
+    /// The scalars shown.
+    pub range: ScalarRange,
+    /// World length that opacity refers to; one voxel if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit_length: Option<f64>,
+    /// Corners, by ascending position.
+    pub points: Vec<ControlPoint>,
+}
+
+impl TryFrom<TransferFields> for TransferFunction {
+    type Error = Invalid;
+    fn try_from(f: TransferFields) -> Result<Self, Invalid> {
+        Self::new(f.range, f.unit_length, f.points)
+    }
+}
+
+impl From<TransferFunction> for TransferFields {
+    fn from(t: TransferFunction) -> Self {
+        Self { range: t.range, unit_length: t.unit_length, points: t.points }
+    }
+}
+
+/// Straight colour and extinction (per world length) of one sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Classified {
+    /// Straight (not premultiplied) red, green, blue.
+    pub color: [f64; 3],
+    /// Extinction kappa, 1 / world length; 0 is empty, infinity opaque.
+    pub extinction: f64,
+}
+
+impl Classified {
+    /// Nothing there.
+    pub const EMPTY: Self = Self { color: [0.0; 3], extinction: 0.0 };
+}
+
+impl TransferFunction {
+    /// The most control points accepted.
+    pub const MAX_POINTS: usize = 4096;
+
+    /// A transfer function over `range`; `unit_length` is the world length that opacities refer to (`None`: one voxel).
+    ///
+    /// # Errors
+    /// If there is no point, the points do not ascend, or a number is outside its interval.
+    pub fn new(range: ScalarRange, unit_length: Option<f64>, points: Vec<ControlPoint>) -> Result<Self, Invalid> {
+        if points.is_empty() || points.len() > Self::MAX_POINTS {
+            let n = points.len();
+            return Err(Invalid::new("transfer.points", format!("{n} given; one to {} are needed", Self::MAX_POINTS)));
+        }
+        for p in &points {
+            if !p.color.iter().chain([&p.opacity, &p.at]).all(|x| (0.0..=1.0).contains(x)) {
+                return Err(Invalid::new("transfer.points", format!("{p:?}: every number must lie in 0..1")));
+            }
+        }
+        if let Some(w) = points.windows(2).find(|w| w[0].at > w[1].at) {
+            let (a, b) = (w[0].at, w[1].at);
+            return Err(Invalid::new(
+                "transfer.points",
+                format!("not sorted: {b} follows {a}; list them by ascending `at`"),
+            ));
+        }
+        if unit_length.is_some_and(|l| !(l.is_finite() && l > 0.0)) {
+            return Err(Invalid::new("transfer.unit_length", format!("{unit_length:?} must be finite and positive")));
+        }
+        Ok(Self { range, unit_length, points })
+    }
+
+    /// The scalars shown.
+    pub fn range(&self) -> &ScalarRange {
+        &self.range
+    }
+    /// The corners.
+    pub fn points(&self) -> &[ControlPoint] {
+        &self.points
+    }
+    /// The world length opacities refer to, if stated.
+    pub fn stated_unit_length(&self) -> Option<f64> {
+        self.unit_length
+    }
+    /// The world length opacities refer to on `grid`.
+    pub fn unit_length(&self, grid: &Grid) -> f64 {
+        self.unit_length.unwrap_or_else(|| grid.voxel_length())
+    }
+
+    /// Colour and opacity at position `u` of the range; NaN is transparent. Two points at one position make a jump, which
+    /// takes the later point's value.
+    pub fn at(&self, u: f32) -> ([f64; 3], f64) {
+        if u.is_nan() {
+            return ([0.0; 3], 0.0);
+        }
+        let u = f64::from(u);
+        let next = self.points.partition_point(|p| p.at <= u);
+        let (Some(a), Some(b)) = (next.checked_sub(1).map(|i| &self.points[i]), self.points.get(next)) else {
+            let end = if next == 0 { &self.points[0] } else { &self.points[next - 1] };
+            return (end.color, end.opacity);
+        };
+        let w = (u - a.at) / (b.at - a.at);
+        let lerp = |x: f64, y: f64| x + w * (y - x);
+        (std::array::from_fn(|c| lerp(a.color[c], b.color[c])), lerp(a.opacity, b.opacity))
+    }
+
+    /// Colour and extinction at position `u`, with opacities referring to `unit_length`.
+    pub fn classify(&self, u: f32, unit_length: f64) -> Classified {
+        let (color, opacity) = self.at(u);
+        if opacity <= 0.0 {
+            return Classified::EMPTY;
+        }
+        Classified { color, extinction: composite::optical_depth_from_opacity(opacity) / unit_length }
+    }
+
+    /// An identity: equal for equal transfer functions (64-bit FNV-1a over all numbers in order).
+    pub fn id(&self) -> u64 {
+        let head = [
+            self.range.lo,
+            self.range.hi,
+            f64::from(u8::from(self.range.scale == Scale::Log10)),
+            self.unit_length.unwrap_or(0.0),
+        ];
+        let points = self.points.iter().flat_map(|p| [p.at, p.color[0], p.color[1], p.color[2], p.opacity]);
+        head.into_iter()
+            .chain(points)
+            .flat_map(f64::to_le_bytes)
+            .fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ramp() -> TransferFunction {
+        let p = |at, opacity| ControlPoint { at, color: [at, 0.5, 1.0], opacity };
+        let range = ScalarRange::new(0.0, 10.0, Scale::Linear).unwrap();
+        TransferFunction::new(range, None, vec![p(0.25, 0.0), p(0.5, 0.5), p(0.5, 1.0), p(1.0, 1.0)]).unwrap()
+    }
+
+    #[test]
+    fn it_is_linear_between_points_constant_beyond_and_jumps_where_two_coincide() {
+        assert_eq!(ramp().at(0.0).1, 0.0);
+        assert_eq!(ramp().at(0.375).1, 0.25);
+        assert!((ramp().at(0.499_999).1 - 0.5).abs() < 1e-5);
+        assert_eq!(ramp().at(0.5).1, 1.0);
+        assert_eq!(ramp().at(7.0), ([1.0, 0.5, 1.0], 1.0));
+        assert_eq!(ramp().at(f32::NAN).1, 0.0);
+    }
+
+    #[test]
+    fn extinction_keeps_its_digits_at_both_ends() {
+        let range = ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap();
+        let tf = |opacity| {
+            TransferFunction::new(range, Some(2.0), vec![ControlPoint { at: 0.0, color: [1.0; 3], opacity }]).unwrap()
+        };
+        // -ln(1 - x) / 2 by its series x/2 + x^2/4.
+        assert!((tf(1e-7).classify(0.0, 2.0).extinction / (0.5e-7 + 0.25e-14) - 1.0).abs() < 1e-12);
+        assert!((tf(1.0 - 1e-7).classify(0.0, 2.0).extinction - 0.5 * 1e7f64.ln()).abs() < 1e-8);
+        assert_eq!(tf(1.0).classify(0.0, 2.0).extinction, f64::INFINITY);
+        assert_eq!(tf(0.0).classify(0.0, 2.0), Classified::EMPTY);
+    }
+
+    #[test]
+    fn log_range_maps_decades_evenly_and_nonpositive_values_below() {
+        let r = ScalarRange::new(0.01, 100.0, Scale::Log10).unwrap();
+        assert!((r.unit_from_value(1.0) - 0.5).abs() < 1e-6);
+        assert_eq!(r.unit_from_value(-3.0), -1.0);
+        assert!(r.unit_from_value(f64::NAN).is_nan() && r.unit_from_value(f64::INFINITY).is_nan());
+        assert!(ScalarRange::new(0.0, 1.0, Scale::Log10).is_err());
+        assert!(ScalarRange::new(1.0, 1.0, Scale::Linear).is_err());
+    }
+
+    #[test]
+    fn unsorted_and_out_of_range_points_are_refused() {
+        let range = ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap();
+        let p = |at, opacity| ControlPoint { at, color: [0.0; 3], opacity };
+        for points in [vec![], vec![p(0.5, 0.0), p(0.2, 0.0)], vec![p(0.5, 1.5)], vec![p(f64::NAN, 0.5)]] {
+            assert_eq!(TransferFunction::new(range, None, points).unwrap_err().thing, "transfer.points");
+        }
+        assert!(TransferFunction::new(range, Some(0.0), vec![p(0.0, 0.0)]).is_err());
+    }
+
+    #[test]
+    fn the_identity_tells_transfer_functions_apart() {
+        let mut points = ramp().points().to_vec();
+        points[1].opacity = 0.25;
+        let other = TransferFunction::new(*ramp().range(), None, points).unwrap();
+        assert_ne!(ramp().id(), other.id());
+        assert_eq!(ramp().id(), ramp().clone().id());
+    }
+}

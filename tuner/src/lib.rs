@@ -1,0 +1,1 @@
+//! The daemon that picks the generation parameters under the user's limits.

@@ -1,0 +1,1 @@
+//! The daemon beside the viewer: VDIs in, pictures and PSNR out.
