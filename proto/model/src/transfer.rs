@@ -140,18 +140,20 @@ impl From<TransferFunction> for TransferFields {
     }
 }
 
-/// Straight colour and extinction (per world length) of one sample.
+/// What the transfer function makes of one sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Classified {
     /// Straight (not premultiplied) red, green, blue.
     pub color: [f64; 3],
+    /// Opacity of one unit length.
+    pub opacity: f64,
     /// Extinction kappa, 1 / world length; 0 is empty, infinity opaque.
     pub extinction: f64,
 }
 
 impl Classified {
     /// Nothing there.
-    pub const EMPTY: Self = Self { color: [0.0; 3], extinction: 0.0 };
+    pub const EMPTY: Self = Self { color: [0.0; 3], opacity: 0.0, extinction: 0.0 };
 }
 
 impl TransferFunction {
@@ -225,7 +227,7 @@ impl TransferFunction {
         if opacity <= 0.0 {
             return Classified::EMPTY;
         }
-        Classified { color, extinction: composite::optical_depth_from_opacity(opacity) / unit_length }
+        Classified { color, opacity, extinction: composite::optical_depth_from_opacity(opacity) / unit_length }
     }
 
     /// An identity: equal for equal transfer functions (64-bit FNV-1a over all numbers in order).

@@ -1,0 +1,107 @@
+//! A volume made ready for sampling: every voxel mapped into the transfer function's range.
+//!
+//! The field drawn is the mapped one, interpolated trilinearly between sample points: under a logarithmic range that is
+//! the logarithm of the data, so that a steep front keeps its decades. Voxels that are not finite are NaN here, and any
+//! sample whose cell touches one is empty.
+
+use glam::DVec3;
+use lamina_model::{Grid, ScalarRange, Volume, for_voxels};
+use rayon::prelude::*;
+
+/// Mapped voxels on their grid.
+#[derive(Debug, Clone)]
+pub struct Field {
+    grid: Grid,
+    values: Vec<f32>,
+    empty_voxels: u64,
+}
+
+impl Field {
+    /// Maps every voxel of `volume` through `range`.
+    pub fn new(volume: &Volume, range: &ScalarRange) -> Self {
+        let values: Vec<f32> =
+            for_voxels!(volume.voxels(), v => v.par_iter().map(|&x| range.unit_from_value(x.into())).collect());
+        let empty_voxels = values.par_iter().filter(|v| v.is_nan()).count() as u64;
+        Self { grid: *volume.grid(), values, empty_voxels }
+    }
+
+    /// Where the voxels lie.
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// Voxels that are NaN or infinite in the data, drawn as empty.
+    pub fn empty_voxels(&self) -> u64 {
+        self.empty_voxels
+    }
+
+    /// `point` of the world in units of sample points.
+    pub fn index_from_world(&self, point: DVec3) -> DVec3 {
+        (point - self.grid.origin()) / self.grid.spacing()
+    }
+
+    /// The trilinear value at `index` (units of sample points), which is clamped into the grid.
+    #[inline]
+    pub fn sample(&self, index: DVec3) -> f32 {
+        let dims = self.grid.dims();
+        let mut base = 0;
+        let mut stride = 1;
+        let mut next = [0; 3];
+        let mut w = [0.0_f32; 3];
+        for axis in 0..3 {
+            let last = dims[axis] - 1;
+            let x = index[axis].clamp(0.0, last as f64);
+            let cell = (x as usize).min(last.saturating_sub(1));
+            w[axis] = (x - cell as f64) as f32;
+            base += cell * stride;
+            next[axis] = if last > 0 { stride } else { 0 };
+            stride *= dims[axis];
+        }
+        let v = |i: usize| self.values[i];
+        let lerp = |a: f32, b: f32, w: f32| a + w * (b - a);
+        let along_x = |i: usize| lerp(v(i), v(i + next[0]), w[0]);
+        let along_y = |i: usize| lerp(along_x(i), along_x(i + next[1]), w[1]);
+        lerp(along_y(base), along_y(base + next[2]), w[2])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lamina_model::{Scale, Voxels};
+
+    fn field(dims: [usize; 3], f: impl Fn(usize, usize, usize) -> f32) -> Field {
+        let mut v = Vec::new();
+        for z in 0..dims[2] {
+            for y in 0..dims[1] {
+                v.extend((0..dims[0]).map(|x| f(x, y, z)));
+            }
+        }
+        let grid = Grid::new(dims, DVec3::ONE, DVec3::ZERO).unwrap();
+        let range = ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap();
+        Field::new(&Volume::new(grid, Voxels::F32(v)).unwrap(), &range)
+    }
+
+    #[test]
+    fn a_trilinear_function_is_reproduced_and_clamped_at_the_faces() {
+        let f = field([4, 3, 5], |x, y, z| (x as f32) * 0.1 + (y as f32) * 0.2 - (z as f32) * 0.05 + (x * y * z) as f32 * 0.01);
+        let exact = |p: DVec3| p.x * 0.1 + p.y * 0.2 - p.z * 0.05 + p.x * p.y * p.z * 0.01;
+        for p in [DVec3::new(1.3, 0.7, 2.9), DVec3::new(3.0, 2.0, 4.0), DVec3::ZERO, DVec3::new(0.0, 1.5, 3.999)] {
+            assert!((f64::from(f.sample(p)) - exact(p)).abs() < 1e-6);
+        }
+        assert_eq!(f.sample(DVec3::new(-5.0, 9.0, 7.0)), f.sample(DVec3::new(0.0, 2.0, 4.0)));
+    }
+
+    #[test]
+    fn what_is_not_finite_is_counted_and_empties_the_cells_around_it() {
+        let f = field([3, 3, 3], |x, y, z| if (x, y, z) == (0, 0, 0) { f32::INFINITY } else { 0.5 });
+        assert_eq!(f.empty_voxels(), 1);
+        assert!(f.sample(DVec3::splat(0.5)).is_nan());
+        assert_eq!(f.sample(DVec3::splat(1.5)), 0.5);
+    }
+
+    #[test]
+    fn one_voxel_is_constant_everywhere() {
+        assert_eq!(field([1, 1, 1], |_, _, _| 0.25).sample(DVec3::new(0.3, -0.4, 9.0)), 0.25);
+    }
+}

@@ -1,0 +1,56 @@
+//! The one loop that samples the field along a ray; raycast and generate differ only in what they do with a sample.
+
+use super::Field;
+use lamina_model::transfer::Classified;
+use lamina_model::{Aabb, Ray, TransferFunction, vdi};
+use std::ops::ControlFlow;
+
+/// One sample of a ray: the middle of step number `step`.
+pub struct Sample {
+    /// Steps from the ray's entry into the box.
+    pub step: u32,
+    /// World length the sample stands for: one step, or the rest at the ray's end.
+    pub length: f64,
+    /// What the transfer function makes of it.
+    pub classified: Classified,
+}
+
+/// A field seen through a transfer function, sampled at equal steps.
+pub struct March<'a> {
+    field: &'a Field,
+    transfer: &'a TransferFunction,
+    bounds: Aabb,
+    unit_length: f64,
+    step_length: f64,
+}
+
+impl<'a> March<'a> {
+    /// Samples `field` through `transfer` every `step_length` (world units).
+    pub fn new(field: &'a Field, transfer: &'a TransferFunction, step_length: f64) -> Self {
+        let unit_length = transfer.unit_length(field.grid());
+        Self { field, transfer, bounds: field.grid().bounds(), unit_length, step_length }
+    }
+
+    /// World length that opacities refer to.
+    pub fn unit_length(&self) -> f64 {
+        self.unit_length
+    }
+
+    /// Visits the samples of `ray` front to back until `visit` breaks. Samples sit in the middle of their steps (second
+    /// order); the last step is cut at the box, so that the whole length is covered whatever the step.
+    #[inline]
+    pub fn samples(&self, ray: &Ray, mut visit: impl FnMut(Sample) -> ControlFlow<()>) {
+        let Some((t_in, t_out)) = self.bounds.clip(ray) else { return };
+        let origin = self.field.index_from_world(ray.origin);
+        let direction = ray.direction / self.field.grid().spacing();
+        for step in 0..vdi::steps(t_out - t_in, self.step_length) {
+            let start = t_in + f64::from(step) * self.step_length;
+            let length = self.step_length.min(t_out - start);
+            let value = self.field.sample(origin + (start + 0.5 * length) * direction);
+            let classified = self.transfer.classify(value, self.unit_length);
+            if visit(Sample { step, length, classified }).is_break() {
+                return;
+            }
+        }
+    }
+}
