@@ -3,4 +3,46 @@
 //! Ingest -> cycle -> kernel -> publish, and control takes parameters in. No voxel leaves it but inside a VDI or as a
 //! sampled reference colour.
 
+pub mod config;
+mod control;
+mod cycle;
+pub mod ingest;
 pub mod kernel;
+mod publish;
+mod schedule;
+
+pub use config::Config;
+
+use lamina_wire::node::{NodeError, serve};
+use lamina_wire::{MAX_MESSAGE_BYTES, v1};
+use std::{future::Future, sync::Arc, time::Duration};
+use tokio::net::TcpListener;
+
+/// Runs the node on `listener` until `shutdown` completes.
+///
+/// # Errors
+/// If the transport fails.
+pub async fn run(config: Config, listener: TcpListener, shutdown: impl Future<Output = ()>) -> Result<(), NodeError> {
+    let ingest = Arc::new(ingest::Ingest::new(config.memory_bytes, Duration::from_secs_f64(config.idle_secs)));
+    let publisher = Arc::new(publish::Publisher::new(config.history_bytes));
+    let shared =
+        Arc::new(cycle::Shared::new(config.params, config.encode_options(), config.samples.clone(), publisher.clone()));
+    let cycle = tokio::spawn(cycle::run(ingest.clone(), shared.clone(), config.scene.clone(), config.reference_every));
+
+    type Ingest = v1::ingest_server::IngestServer<ingest::IngestService>;
+    type Frames = v1::frames_server::FramesServer<publish::FramesService>;
+    type Control = v1::control_server::ControlServer<control::ControlService>;
+    let (health, health_service) = tonic_health::server::health_reporter();
+    health.set_serving::<Ingest>().await;
+    health.set_serving::<Frames>().await;
+    health.set_serving::<Control>().await;
+    let router = tonic::transport::Server::builder()
+        .add_service(health_service)
+        .add_service(Ingest::new(ingest::IngestService(ingest)).max_decoding_message_size(MAX_MESSAGE_BYTES))
+        .add_service(Frames::new(publish::FramesService(publisher)))
+        .add_service(Control::new(control::ControlService(shared)));
+    tracing::info!(address = %listener.local_addr().map_or_else(|_| config.listen.to_string(), |a| a.to_string()), "generator-node listens");
+    let served = serve(router, listener, shutdown).await;
+    cycle.abort();
+    served
+}

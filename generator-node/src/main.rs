@@ -1,2 +1,28 @@
-//! Not yet written.
-fn main() {}
+//! The generator-node as a daemon.
+
+use clap::Parser;
+use lamina_generator_node::{Config, run};
+use lamina_wire::node::{listen, load_config, log_to_stderr, stop_signal};
+use std::{net::SocketAddr, path::PathBuf};
+
+/// Stands beside a simulation: takes its time steps and publishes them as Volumetric Depth Images.
+#[derive(Parser)]
+#[command(version)]
+struct Arguments {
+    /// Configuration file (TOML); every key has a default.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Address to listen on, instead of the configuration's.
+    #[arg(long, value_name = "IP:PORT")]
+    listen: Option<SocketAddr>,
+}
+
+#[tokio::main]
+async fn main() -> anyhow::Result<()> {
+    let arguments = Arguments::parse();
+    log_to_stderr("info");
+    let config: Config = load_config(arguments.config.as_deref())?;
+    let config = Config { listen: arguments.listen.unwrap_or(config.listen), ..config }.check()?;
+    let listener = listen(config.listen).await?;
+    Ok(run(config, listener, stop_signal()).await?)
+}

@@ -1,1 +1,41 @@
-//! The daemon that picks the generation parameters under the user's limits.
+//! The tuner: finds, and keeps finding, the generation parameters that give the best picture under the user's limit.
+//!
+//! Algorithm 1 over `trait Trial`, so that it runs without sockets too. The tuner sees numbers, never voxels or pixels.
+
+pub mod config;
+mod daemon;
+mod push;
+mod remote;
+pub mod search;
+mod status;
+pub mod trial;
+pub mod tune;
+pub mod utility;
+
+pub use config::Config;
+pub use utility::Utility;
+
+use lamina_wire::node::{NodeError, serve};
+use lamina_wire::v1::tuning_server::TuningServer;
+use std::{future::Future, sync::Arc};
+use tokio::net::TcpListener;
+
+/// Runs the tuner, its status served on `listener`, until `shutdown` completes.
+///
+/// # Errors
+/// If the configuration cannot be used or the transport fails.
+pub async fn run(config: Config, listener: TcpListener, shutdown: impl Future<Output = ()>) -> Result<(), NodeError> {
+    let bad = |e: lamina_model::Invalid| NodeError::Config { path: "tuner".to_owned(), reason: e.to_string() };
+    let candidates = config.candidates().map_err(bad)?;
+    let status = Arc::new(status::Status::default());
+    let (health, health_service) = tonic_health::server::health_reporter();
+    health.set_serving::<TuningServer<status::StatusService>>().await;
+    let router = tonic::transport::Server::builder()
+        .add_service(health_service)
+        .add_service(TuningServer::new(status::StatusService(status.clone())));
+    tracing::info!(address = %listener.local_addr().map_or_else(|_| config.listen.to_string(), |a| a.to_string()), "tuner listens");
+    let tuning = tokio::spawn(daemon::run(config, candidates, status));
+    let served = serve(router, listener, shutdown).await;
+    tuning.abort();
+    served
+}

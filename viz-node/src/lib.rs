@@ -1,5 +1,79 @@
 //! The viz-node: takes VDIs in, renders them from any camera, and reports their PSNR against reference samples.
 //!
-//! Subscribe -> store -> kernel -> view -> web. It never sees a voxel.
+//! Subscribe -> measure -> store -> view -> web. It never sees a voxel.
 
+pub mod config;
 pub mod kernel;
+mod measure;
+pub mod store;
+mod subscribe;
+pub mod view;
+mod web;
+
+pub use config::Config;
+pub use store::Store;
+
+use lamina_wire::codec::DecodeLimits;
+use lamina_wire::v1::quality_server::QualityServer;
+use std::future::Future;
+use std::sync::{Arc, atomic::AtomicBool};
+use std::time::Duration;
+use tokio::net::TcpListener;
+
+/// How long connections may finish what they are doing after a stop was asked for.
+const GRACE: Duration = Duration::from_secs(1);
+
+/// Opens the store a configuration names.
+///
+/// # Errors
+/// If its folder cannot be used.
+pub fn open_store(config: &Config) -> Result<Arc<Store>, store::StoreError> {
+    Ok(Arc::new(Store::open(config.store.as_deref(), config.memory_bytes, limits(config))?))
+}
+
+fn limits(config: &Config) -> DecodeLimits {
+    DecodeLimits { max_decoded_bytes: config.max_decoded_bytes }
+}
+
+/// Runs the node on `listener` until `shutdown` completes. The page, the metrics and gRPC share the port.
+///
+/// # Errors
+/// If the listener fails.
+pub async fn run(
+    config: Config,
+    store: Arc<Store>,
+    listener: TcpListener,
+    shutdown: impl Future<Output = ()>,
+) -> std::io::Result<()> {
+    let meter = Arc::new(measure::Meter::new(store.clone(), limits(&config)));
+    let connected = Arc::new(AtomicBool::new(false));
+    let (health, health_service) = tonic_health::server::health_reporter();
+    health.set_serving::<QualityServer<measure::QualityService>>().await;
+    let grpc = tonic::service::Routes::new(health_service)
+        .add_service(QualityServer::new(measure::QualityService(meter.clone())))
+        .into_axum_router();
+    let web = web::Web::new(store.clone(), meter.clone(), connected.clone()).router();
+    tracing::info!(address = %listener.local_addr()?, "viz-node listens");
+    let subscription = tokio::spawn(subscribe::run(config, store, meter, connected));
+    let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
+    let serve = axum::serve(listener, web.merge(grpc)).with_graceful_shutdown(async {
+        let _ = stopped.await;
+    });
+    let mut server = tokio::spawn(serve.into_future());
+    let ended = tokio::select! {
+        ended = &mut server => Some(ended),
+        () = shutdown => None,
+    };
+    drop(stop);
+    subscription.abort();
+    let ended = match ended {
+        Some(ended) => Ok(ended),
+        // Event streams never end by themselves; after the grace they are cut.
+        None => tokio::time::timeout(GRACE, server).await,
+    };
+    match ended {
+        Ok(Ok(result)) => result,
+        Ok(Err(panic)) => Err(std::io::Error::other(panic)),
+        Err(_) => Ok(()),
+    }
+}

@@ -1,2 +1,29 @@
-//! Not yet written.
-fn main() {}
+//! The viz-node as a daemon.
+
+use clap::Parser;
+use lamina_viz_node::{Config, open_store, run};
+use lamina_wire::node::{listen, load_config, log_to_stderr, stop_signal};
+use std::{net::SocketAddr, path::PathBuf};
+
+/// Shows a run from any angle in a web page, and measures the quality of what it shows.
+#[derive(Parser)]
+#[command(version)]
+struct Arguments {
+    /// Configuration file (TOML); every key has a default.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Address to listen on, instead of the configuration's.
+    #[arg(long, value_name = "IP:PORT")]
+    listen: Option<SocketAddr>,
+}
+
+#[tokio::main]
+async fn main() -> anyhow::Result<()> {
+    let arguments = Arguments::parse();
+    log_to_stderr("info");
+    let config: Config = load_config(arguments.config.as_deref())?;
+    let config = Config { listen: arguments.listen.unwrap_or(config.listen), ..config }.check()?;
+    let listener = listen(config.listen).await?;
+    let store = open_store(&config)?;
+    Ok(run(config, store, listener, stop_signal()).await?)
+}

@@ -1,2 +1,37 @@
-//! Not yet written.
-fn main() {}
+//! The binary `lamina`: all nodes and an example simulation in one process, and the command-line tools.
+
+mod cli;
+mod doctor;
+mod nodes;
+mod outputs;
+mod parts;
+mod picture_file;
+mod report;
+mod scene_file;
+mod source;
+mod units;
+mod watch;
+
+use clap::Parser;
+use cli::{Cli, Command};
+
+fn main() -> std::process::ExitCode {
+    let cli = Cli::parse();
+    lamina_wire::node::log_to_stderr("warn");
+    let outcome = match cli.command.unwrap_or_default() {
+        Command::Live(live) => watch::live(&live),
+        Command::Replay(replay) => watch::replay(&replay),
+        Command::Raycast(arguments) => parts::raycast(&arguments),
+        Command::Generate(arguments) => parts::generate(&arguments),
+        Command::Render(arguments) => parts::render(&arguments),
+        Command::Compare(arguments) => parts::compare(&arguments),
+        Command::Doctor => doctor::doctor(),
+    };
+    match outcome {
+        Ok(()) => std::process::ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            std::process::ExitCode::FAILURE
+        }
+    }
+}

@@ -1,1 +1,26 @@
-//! Readers of recorded volumes and time series.
+//! Readers of recorded volumes and time series, and the writers with which the project records its own.
+//!
+//! Understood are ParaView collections (`.pvd`) of VTK image data (`.vti`), NRRD (`.nrrd`, `.nhdr`) and raw arrays
+//! (`.raw`, `.raw.gz`). A file is untrusted input: whatever a header claims is held against the size of the file before
+//! memory is set aside, and every way to be wrong ends in a [`ReadError`]. Nothing here knows of rendering or the wire.
+
+mod ascii;
+mod base64_text;
+mod error;
+mod nrrd;
+mod nrrd_axes;
+mod nrrd_header;
+mod pvd;
+mod raw;
+mod scalars;
+mod series;
+mod vti;
+mod vti_blocks;
+mod vti_header;
+mod write;
+mod xml;
+
+pub use error::ReadError;
+pub use raw::RawSpec;
+pub use series::{Options, Series};
+pub use write::{write_pvd, write_vti};

@@ -84,7 +84,9 @@ mod tests {
 
     #[test]
     fn a_trilinear_function_is_reproduced_and_clamped_at_the_faces() {
-        let f = field([4, 3, 5], |x, y, z| (x as f32) * 0.1 + (y as f32) * 0.2 - (z as f32) * 0.05 + (x * y * z) as f32 * 0.01);
+        let f = field([4, 3, 5], |x, y, z| {
+            (x as f32) * 0.1 + (y as f32) * 0.2 - (z as f32) * 0.05 + (x * y * z) as f32 * 0.01
+        });
         let exact = |p: DVec3| p.x * 0.1 + p.y * 0.2 - p.z * 0.05 + p.x * p.y * p.z * 0.01;
         for p in [DVec3::new(1.3, 0.7, 2.9), DVec3::new(3.0, 2.0, 4.0), DVec3::ZERO, DVec3::new(0.0, 1.5, 3.999)] {
             assert!((f64::from(f.sample(p)) - exact(p)).abs() < 1e-6);

@@ -35,7 +35,12 @@ pub fn raycast_pixels(
 ///
 /// # Errors
 /// If the plan is out of bounds.
-pub fn reference_samples(field: &Field, scene: &Scene, plan: &SamplePlan, step: u64) -> Result<ReferenceSamples, Invalid> {
+pub fn reference_samples(
+    field: &Field,
+    scene: &Scene,
+    plan: &SamplePlan,
+    step: u64,
+) -> Result<ReferenceSamples, Invalid> {
     let plan = plan.clone().check()?;
     let size = plan.image_size;
     let cameras = plan.test_cameras(&scene.camera)?;

@@ -1,1 +1,270 @@
 //! What a simulation links to hand its time steps to a generator-node.
+//!
+//! ```no_run
+//! use lamina_client::{Brick, Client, RunOptions};
+//! # let (grid, density, steps) = (lamina_model::Grid::new([8; 3], glam::DVec3::ONE, glam::DVec3::ZERO).unwrap(), vec![0.0_f32; 512], 0..3);
+//! let options = RunOptions::new("http://127.0.0.1:7101", "blast", "density", grid, lamina_model::VoxelType::F32);
+//! let mut client = Client::connect(options)?;
+//! for step in steps {
+//!     if let Err(lost) = client.push(step, step as f64 * 0.1, &Brick::new([0; 3], [8; 3], &density)) {
+//!         eprintln!("step {step} not shown: {lost}");
+//!     }
+//! }
+//! client.close();
+//! # Ok::<(), lamina_client::ClientError>(())
+//! ```
+//!
+//! Every call has a deadline. A generator-node that is dead, slow or restarted costs the simulation at most that deadline
+//! once; while it is unreachable, steps are counted as lost without waiting, and it is tried again at growing intervals.
+
+mod brick;
+mod session;
+
+pub use brick::{Brick, VoxelSlice};
+pub use lamina_wire::v1::FullPolicy;
+
+use lamina_model::{Grid, Invalid, Scene, VoxelType};
+use session::Session;
+use std::time::{Duration, Instant};
+use tonic::{Code, Status, transport::Endpoint};
+
+/// A run as the simulation describes it.
+#[derive(Debug, Clone)]
+pub struct RunOptions {
+    /// The generator-node, such as `http://127.0.0.1:7101`.
+    pub generator: String,
+    /// Name of the run.
+    pub name: String,
+    /// What the scalar is, such as `density`.
+    pub field: String,
+    /// The whole grid of all ranks.
+    pub grid: Grid,
+    /// Type of the voxels.
+    pub voxel_type: VoxelType,
+    /// This process among `ranks`, counted from 0.
+    pub rank: u32,
+    /// Processes that push bricks of every step.
+    pub ranks: u32,
+    /// What the node does with a step that finds its memory full. Default: the oldest waiting step makes room, so that the
+    /// simulation never waits.
+    pub full_policy: FullPolicy,
+    /// How to show the run; if absent the node decides.
+    pub scene: Option<Scene>,
+    /// The longest any call may take. Default 5 s.
+    pub deadline: Duration,
+}
+
+impl RunOptions {
+    /// A run of one rank that never waits for the viewer.
+    pub fn new(generator: &str, name: &str, field: &str, grid: Grid, voxel_type: VoxelType) -> Self {
+        Self {
+            generator: generator.to_owned(),
+            name: name.to_owned(),
+            field: field.to_owned(),
+            grid,
+            voxel_type,
+            rank: 0,
+            ranks: 1,
+            full_policy: FullPolicy::DropOldest,
+            scene: None,
+            deadline: Duration::from_secs(5),
+        }
+    }
+}
+
+/// Why a step was not handed over.
+#[derive(Debug, thiserror::Error)]
+pub enum ClientError {
+    /// The arguments cannot be right, whoever listens.
+    #[error(transparent)]
+    Invalid(#[from] Invalid),
+    /// The generator-node refused; trying the same again will not help.
+    #[error("refused by the generator-node: {0}")]
+    Refused(String),
+    /// The generator-node cannot be reached now; the client tries again by itself.
+    #[error("generator-node {address} is not reachable ({reason}); start it or correct the address")]
+    Unreachable {
+        /// Where it should be.
+        address: String,
+        /// The transport's words.
+        reason: String,
+    },
+    /// The deadline passed: the node is full (policy `block`) or stuck.
+    #[error("no answer from the generator-node within {0:?}")]
+    Deadline(Duration),
+    /// The runtime that drives the connection could not be started.
+    #[error("cannot start the client's runtime: {0}")]
+    Runtime(std::io::Error),
+}
+
+/// What became of a pushed brick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Receipt {
+    /// It is in; `true` if it completed its step.
+    Admitted(bool),
+    /// The node is full and dropped the step, as the run's policy says.
+    Dropped,
+}
+
+/// Numbers of a finished run.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Summary {
+    /// Bricks handed over.
+    pub pushed: u64,
+    /// Bricks whose steps the node dropped by policy.
+    pub dropped: u64,
+    /// Bricks that could not be handed over.
+    pub lost: u64,
+}
+
+/// A simulation's connection to its generator-node.
+pub struct Client {
+    options: RunOptions,
+    endpoint: Endpoint,
+    runtime: tokio::runtime::Runtime,
+    session: Option<Session>,
+    run_id: String,
+    summary: Summary,
+    retry_at: Instant,
+    backoff: Duration,
+}
+
+const FIRST_BACKOFF: Duration = Duration::from_millis(200);
+const LONGEST_BACKOFF: Duration = Duration::from_secs(5);
+
+impl Client {
+    /// Opens the run. A node that is not there yet is no error: it is tried again with the next pushes.
+    ///
+    /// # Errors
+    /// If the options cannot be right, or the node refuses them.
+    pub fn connect(options: RunOptions) -> Result<Self, ClientError> {
+        let bad_address =
+            |e| Invalid::new("generator", format!("\"{}\": {e}; write http://HOST:PORT", options.generator));
+        let endpoint = Endpoint::from_shared(options.generator.clone()).map_err(bad_address)?;
+        if endpoint.uri().scheme_str() != Some("http") || endpoint.uri().port().is_none() {
+            return Err(Invalid::new("generator", format!("\"{}\"; write http://HOST:PORT", options.generator)).into());
+        }
+        let runtime =
+            tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(ClientError::Runtime)?;
+        let endpoint = endpoint.connect_timeout(options.deadline.min(Duration::from_secs(2))).tcp_nodelay(true);
+        let mut client = Self {
+            options,
+            endpoint,
+            runtime,
+            session: None,
+            run_id: String::new(),
+            summary: Summary::default(),
+            retry_at: Instant::now(),
+            backoff: FIRST_BACKOFF,
+        };
+        match client.ensure_session() {
+            Err(error @ (ClientError::Unreachable { .. } | ClientError::Deadline(_))) => tracing::warn!("{error}"),
+            other => other?,
+        }
+        Ok(client)
+    }
+
+    /// Hands in this rank's brick of `step` at simulation time `time`. Steps ascend.
+    ///
+    /// # Errors
+    /// If the brick does not fit the run, or the node refuses it or is not reachable. The step then counts as lost; the
+    /// simulation may go on.
+    pub fn push(&mut self, step: u64, time: f64, brick: &Brick) -> Result<Receipt, ClientError> {
+        let receipt =
+            brick.check(&self.options).map_err(Into::into).and_then(|()| self.push_within_deadline(step, time, brick));
+        match &receipt {
+            Ok(Receipt::Admitted(_)) => self.summary.pushed += 1,
+            Ok(Receipt::Dropped) => self.summary.dropped += 1,
+            Err(_) => self.summary.lost += 1,
+        }
+        receipt
+    }
+
+    fn push_within_deadline(&mut self, step: u64, time: f64, brick: &Brick) -> Result<Receipt, ClientError> {
+        self.ensure_session()?;
+        match self.try_push(step, time, brick) {
+            // The node was restarted: it no longer knows the run. Open it again under its old id, once.
+            Err(status) if status.code() == Code::NotFound => {
+                self.session = None;
+                self.ensure_session()?;
+                self.try_push(step, time, brick).map_err(|status| self.failed(&status))
+            }
+            other => other.map_err(|status| self.failed(&status)),
+        }
+    }
+
+    fn try_push(&mut self, step: u64, time: f64, brick: &Brick) -> Result<Receipt, Status> {
+        let Some(session) = &self.session else { return Err(Status::unavailable("not connected")) };
+        let push = session.push(&self.run_id, self.options.rank, step, time, brick);
+        let deadline = self.options.deadline;
+        self.runtime
+            .block_on(async { tokio::time::timeout(deadline, push).await })
+            .unwrap_or_else(|_| Err(Status::deadline_exceeded("push")))
+    }
+
+    /// Ends this rank's part of the run; the numbers of what became of its bricks.
+    pub fn close(mut self) -> Summary {
+        if let Some(session) = self.session.take() {
+            let close = session.close(&self.run_id, self.options.rank);
+            let deadline = self.options.deadline;
+            let closed = self.runtime.block_on(async { tokio::time::timeout(deadline, close).await });
+            if !matches!(closed, Ok(Ok(()))) {
+                tracing::warn!("the generator-node did not hear of the run's end");
+            }
+        }
+        self.summary
+    }
+
+    /// What became of the bricks so far.
+    pub fn summary(&self) -> Summary {
+        self.summary
+    }
+
+    /// The run's id, once the node gave one.
+    pub fn run_id(&self) -> Option<&str> {
+        (!self.run_id.is_empty()).then_some(&self.run_id)
+    }
+
+    fn ensure_session(&mut self) -> Result<(), ClientError> {
+        if self.session.is_some() {
+            return Ok(());
+        }
+        if Instant::now() < self.retry_at {
+            return Err(self.unreachable("waiting before the next try"));
+        }
+        let (deadline, runtime) = (self.options.deadline, &self.runtime);
+        let open = Session::open(&self.endpoint, &self.options, &self.run_id);
+        let opened = runtime.block_on(async { tokio::time::timeout(deadline, open).await });
+        match opened.unwrap_or_else(|_| Err(Status::deadline_exceeded("open"))) {
+            Ok((session, run_id)) => {
+                (self.session, self.run_id, self.backoff) = (Some(session), run_id, FIRST_BACKOFF);
+                Ok(())
+            }
+            Err(status) => Err(self.failed(&status)),
+        }
+    }
+
+    /// What a failed call means, and whether the connection is to be made anew.
+    fn failed(&mut self, status: &Status) -> ClientError {
+        match status.code() {
+            Code::InvalidArgument
+            | Code::AlreadyExists
+            | Code::FailedPrecondition
+            | Code::NotFound
+            | Code::ResourceExhausted => ClientError::Refused(status.message().to_owned()),
+            code => {
+                self.session = None;
+                self.retry_at = Instant::now() + self.backoff;
+                self.backoff = (2 * self.backoff).min(LONGEST_BACKOFF);
+                if code == Code::DeadlineExceeded {
+                    return ClientError::Deadline(self.options.deadline);
+                }
+                self.unreachable(status.message())
+            }
+        }
+    }
+
+    fn unreachable(&self, reason: &str) -> ClientError {
+        ClientError::Unreachable { address: self.options.generator.clone(), reason: reason.to_owned() }
+    }
+}

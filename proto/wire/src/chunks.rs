@@ -48,21 +48,30 @@ impl Assembler {
                 return Err(Status::invalid_argument("delivery: a chunk without an announcement"));
             };
             if payload.len() as u64 + chunk.len() as u64 > *bytes {
-                return Err(Status::invalid_argument(format!("delivery: more chunks than the {bytes} bytes announced")));
+                return Err(Status::invalid_argument(format!(
+                    "delivery: more chunks than the {bytes} bytes announced"
+                )));
             }
             payload.extend_from_slice(chunk);
         } else {
             if self.open.is_some() {
-                return Err(Status::invalid_argument("delivery: an announcement before the last one's bytes were all in"));
+                return Err(Status::invalid_argument(
+                    "delivery: an announcement before the last one's bytes were all in",
+                ));
             }
             let bytes = payload_len(&part) as u64;
             if bytes > self.max_bytes {
                 let max = self.max_bytes;
-                return Err(Status::resource_exhausted(format!("delivery: {bytes} bytes announced, the limit is {max}")));
+                return Err(Status::resource_exhausted(format!(
+                    "delivery: {bytes} bytes announced, the limit is {max}"
+                )));
             }
             self.open = Some((part, Vec::new(), bytes));
         }
-        Ok(self.open.take_if(|(_, payload, bytes)| payload.len() as u64 == *bytes).map(|(part, payload, _)| (part, payload)))
+        Ok(self
+            .open
+            .take_if(|(_, payload, bytes)| payload.len() as u64 == *bytes)
+            .map(|(part, payload, _)| (part, payload)))
     }
 }
 

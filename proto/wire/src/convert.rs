@@ -3,8 +3,8 @@
 use crate::{required, v1};
 use glam::DVec3;
 use lamina_model::{
-    Camera, ControlPoint, GenerationParams, Grid, Invalid, Quality, ScalarRange, Scale, Scene, TransferFunction, VoxelType,
-    camera::CameraFields,
+    Camera, ControlPoint, GenerationParams, Grid, Invalid, Quality, ScalarRange, Scale, Scene, TransferFunction,
+    VoxelType, camera::CameraFields,
 };
 use std::time::Duration;
 
@@ -106,11 +106,8 @@ impl TryFrom<v1::TransferFunction> for TransferFunction {
     type Error = Invalid;
     fn try_from(t: v1::TransferFunction) -> Result<Self, Invalid> {
         let scale = if t.log10 { Scale::Log10 } else { Scale::Linear };
-        let point = |p: &v1::ControlPoint| ControlPoint {
-            at: p.at,
-            color: [p.red, p.green, p.blue],
-            opacity: p.opacity,
-        };
+        let point =
+            |p: &v1::ControlPoint| ControlPoint { at: p.at, color: [p.red, p.green, p.blue], opacity: p.opacity };
         Self::new(ScalarRange::new(t.lo, t.hi, scale)?, t.unit_length, t.points.iter().map(point).collect())
     }
 }

@@ -5,6 +5,7 @@
 pub mod chunks;
 pub mod codec;
 pub mod convert;
+pub mod node;
 pub mod reference;
 
 /// Generated from `proto/lamina/v1`.

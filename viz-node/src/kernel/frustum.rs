@@ -40,7 +40,9 @@ impl<'a> Walk<'a> {
         let direction = camera.view_from_world_direction(ray.direction);
         let h = camera.tan_half_fov();
         // The four sides: a + b s >= 0. Together they imply Z >= 0.
-        for side in [DVec3::new(1.0, 0.0, h), DVec3::new(-1.0, 0.0, h), DVec3::new(0.0, 1.0, h), DVec3::new(0.0, -1.0, h)] {
+        for side in
+            [DVec3::new(1.0, 0.0, h), DVec3::new(-1.0, 0.0, h), DVec3::new(0.0, 1.0, h), DVec3::new(0.0, -1.0, h)]
+        {
             let (a, b) = (origin.dot(side), direction.dot(side));
             if b > 0.0 {
                 enter = enter.max(-a / b);

@@ -32,7 +32,11 @@ fn trace(vdi: &Vdi, ray: &Ray) -> Accumulator {
     if let Some(walk) = Walk::new(vdi.header(), ray) {
         walk.pixels(|crossing| {
             let list = vdi.list(crossing.i, crossing.j);
-            if list.is_empty() { ControlFlow::Continue(()) } else { composite_list(vdi, &walk, &crossing, list, &mut light) }
+            if list.is_empty() {
+                ControlFlow::Continue(())
+            } else {
+                composite_list(vdi, &walk, &crossing, list, &mut light)
+            }
         });
     }
     light

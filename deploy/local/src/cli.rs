@@ -1,0 +1,225 @@
+//! The command line.
+
+use crate::units::{Bytes, Dims, Millis};
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use lamina_model::VoxelType;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+/// Watch a running simulation at a price you name.
+///
+/// Without a command: `live`.
+#[derive(Parser)]
+#[command(name = "lamina", version)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Option<Command>,
+}
+
+#[derive(Subcommand)]
+pub enum Command {
+    /// Run the example simulation (a blast into clumps) and watch it
+    Live(Live),
+    /// Replay recorded data as if it were being simulated, and watch it
+    Replay(Replay),
+    /// Ray-cast a volume to a picture
+    Raycast(Raycast),
+    /// Make the Volumetric Depth Image of a volume
+    Generate(Generate),
+    /// Render a Volumetric Depth Image from another angle
+    Render(Render),
+    /// Compare two pictures; the last line is `psnr_db <number>`
+    Compare(Compare),
+    /// Say what this machine offers
+    Doctor,
+}
+
+impl Default for Command {
+    fn default() -> Self {
+        #[derive(Parser)]
+        struct Defaults {
+            #[command(flatten)]
+            live: Live,
+        }
+        Self::Live(Defaults::parse_from(["lamina"]).live)
+    }
+}
+
+#[derive(Args)]
+pub struct Live {
+    /// Grid cells per side of the example simulation
+    #[arg(long, default_value_t = 96, value_name = "N")]
+    pub cells: usize,
+    /// Which clumps: another number, another field
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    #[command(flatten)]
+    pub watch: Watch,
+}
+
+#[derive(Args)]
+pub struct Replay {
+    /// .pvd, .vti, .nhdr, .nrrd, .raw or .raw.gz
+    #[arg(value_name = "SERIES")]
+    pub input: PathBuf,
+    #[command(flatten)]
+    pub raw: Raw,
+    #[command(flatten)]
+    pub watch: Watch,
+}
+
+/// How a run is watched.
+#[derive(Args)]
+pub struct Watch {
+    /// Stop after N steps
+    #[arg(long, value_name = "N")]
+    pub steps: Option<u64>,
+    /// No viewer: every step is tuned, measured and recorded before the next is taken
+    #[arg(long)]
+    pub headless: bool,
+    /// Folder for steps.csv, VDIs, pictures and report.html
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Scene file (TOML): transfer function, camera, background, step
+    #[arg(long, value_name = "FILE")]
+    pub scene: Option<PathBuf>,
+    /// Best picture with at most this size a step, such as 300kB
+    #[arg(long, value_name = "SIZE", conflicts_with = "time_limit")]
+    pub size_limit: Option<Bytes>,
+    /// Best picture with at most this generation time a step, such as 40ms
+    #[arg(long, value_name = "TIME")]
+    pub time_limit: Option<Millis>,
+    /// Rays per side, with --gamma: no tuning
+    #[arg(long, value_name = "R", requires = "gamma", conflicts_with_all = ["size_limit", "time_limit"])]
+    pub resolution: Option<u32>,
+    /// Interrupt parameter, with --resolution: no tuning
+    #[arg(long, value_name = "G", requires = "resolution")]
+    pub gamma: Option<f64>,
+    /// Tune again every n-th step (0: only when the limit is broken)
+    #[arg(long, default_value_t = 20, value_name = "N")]
+    pub retune_every: u64,
+    /// Parameters the tuner tries: 16 in a coarse grid, or the paper's 1300
+    #[arg(long, default_value = "coarse")]
+    pub grid: GridName,
+    /// Address of the viewer
+    #[arg(long, default_value = "127.0.0.1:7102", value_name = "IP:PORT")]
+    pub viewer: SocketAddr,
+    /// Push to this running generator-node instead of starting the nodes here
+    #[arg(long, value_name = "http://HOST:PORT", conflicts_with_all = ["out", "headless", "size_limit", "time_limit", "resolution"])]
+    pub generator: Option<String>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum GridName {
+    /// 4 resolutions by 4 gammas
+    Coarse,
+    /// 20 resolutions by 65 gammas
+    Paper,
+}
+
+/// What a raw file does not say.
+#[derive(Args)]
+pub struct Raw {
+    /// Voxels per side of a raw file, x fastest
+    #[arg(long, value_name = "NXxNYxNZ")]
+    pub dims: Option<Dims>,
+    /// Voxel type of a raw file: uint8, uint16, int16, float32, float64
+    #[arg(long, value_name = "TYPE")]
+    pub dtype: Option<VoxelType>,
+    /// Array to read, where a file has several
+    #[arg(long, value_name = "NAME")]
+    pub field: Option<String>,
+}
+
+/// One volume.
+#[derive(Args)]
+pub struct Input {
+    /// .pvd, .vti, .nhdr, .nrrd, .raw or .raw.gz
+    pub input: PathBuf,
+    #[command(flatten)]
+    pub raw: Raw,
+    /// Which time step of a series, counted from 0
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub time_step: usize,
+    /// Scene file (TOML)
+    #[arg(long, value_name = "FILE")]
+    pub scene: Option<PathBuf>,
+    /// Sampling step in voxels, instead of the scene's
+    #[arg(long, value_name = "VOXELS")]
+    pub step: Option<f64>,
+}
+
+/// One picture.
+#[derive(Args)]
+pub struct View {
+    /// Rotation about +y through the target, degrees
+    #[arg(long, default_value_t = 0.0, value_name = "DEG", allow_negative_numbers = true)]
+    pub view: f64,
+    /// Side of the picture, pixels
+    #[arg(long, default_value_t = 768, value_name = "PX")]
+    pub size: u32,
+    /// Where to write: .png, or .pfm for float
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+}
+
+#[derive(Args)]
+pub struct Raycast {
+    #[command(flatten)]
+    pub input: Input,
+    #[command(flatten)]
+    pub view: View,
+}
+
+#[derive(Args)]
+pub struct Generate {
+    #[command(flatten)]
+    pub input: Input,
+    /// Rays per side
+    #[arg(long, default_value_t = 256, value_name = "R")]
+    pub resolution: u32,
+    /// Interrupt parameter: 0 keeps every sample
+    #[arg(long, default_value_t = 0.02, value_name = "G")]
+    pub gamma: f64,
+    /// End rays at this opacity; 1 never
+    #[arg(long, default_value_t = 1.0, value_name = "ALPHA")]
+    pub opacity_cutoff: f64,
+    /// Byte layout: columns, or the paper's plain records
+    #[arg(long, default_value = "columns")]
+    pub layout: LayoutName,
+    /// Compressor
+    #[arg(long, default_value = "bzip2")]
+    pub codec: CodecName,
+    /// Where to write the VDI
+    #[arg(long, value_name = "FILE.vdi")]
+    pub out: PathBuf,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum LayoutName {
+    Columns,
+    Plain,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum CodecName {
+    Bzip2,
+    Zstd,
+}
+
+#[derive(Args)]
+pub struct Render {
+    /// A Volumetric Depth Image
+    #[arg(value_name = "FILE.vdi")]
+    pub input: PathBuf,
+    #[command(flatten)]
+    pub view: View,
+}
+
+#[derive(Args)]
+pub struct Compare {
+    /// A picture: .png or .pfm
+    pub a: PathBuf,
+    /// Another of the same size
+    pub b: PathBuf,
+}

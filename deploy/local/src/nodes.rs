@@ -1,0 +1,155 @@
+//! All three nodes in this process, on loopback, as the binaries run them.
+
+use anyhow::{Context, bail};
+use lamina_model::{GenerationParams, Scene};
+use lamina_tuner::Utility;
+use lamina_tuner::search::Grid;
+use lamina_viz_node::Store;
+use lamina_viz_node::store::StepRow;
+use lamina_wire::node::listen;
+use lamina_wire::v1::{self, tuning_client::TuningClient};
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::runtime::Runtime;
+use tokio::sync::watch;
+use tonic::transport::{Channel, Endpoint};
+
+/// How the nodes are set up.
+pub struct Setup {
+    /// Where the page is.
+    pub viewer: SocketAddr,
+    /// Folder for VDIs; memory without one.
+    pub store: Option<PathBuf>,
+    /// Bytes for time steps in the generator-node.
+    pub memory_bytes: u64,
+    /// Parameters before tuning, or for ever.
+    pub params: GenerationParams,
+    /// What the tuner is to reach; `None`: no tuner.
+    pub tuning: Option<Tuning>,
+}
+
+/// What the tuner is to do.
+pub struct Tuning {
+    /// The user's limit.
+    pub utility: Utility,
+    /// What it tries.
+    pub grid: Grid,
+    /// Tune again every n-th step.
+    pub retune_every: u64,
+}
+
+/// The running nodes.
+pub struct Nodes {
+    runtime: Runtime,
+    stop: watch::Sender<bool>,
+    tuner: Option<TuningClient<Channel>>,
+    /// What the viz-node has recorded.
+    pub store: Arc<Store>,
+    /// The generator-node's address.
+    pub generator: String,
+    /// The page's address.
+    pub viewer: SocketAddr,
+}
+
+/// How long nothing may happen before a headless run gives up.
+const PATIENCE: Duration = Duration::from_secs(300);
+
+impl Nodes {
+    /// Starts them; `scene` is what the run will be shown with.
+    pub fn start(setup: Setup, scene: &Scene) -> anyhow::Result<Self> {
+        let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+        let (stop, _) = watch::channel(false);
+        let stopped = || {
+            let mut stopped = stop.subscribe();
+            async move { drop(stopped.wait_for(|s| *s).await) }
+        };
+        let any_port = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
+
+        let config = lamina_generator_node::Config {
+            memory_bytes: setup.memory_bytes,
+            params: setup.params,
+            scene: Some(scene.clone()),
+            ..Default::default()
+        };
+        let listener = runtime.block_on(listen(any_port))?;
+        let generator = format!("http://{}", listener.local_addr()?);
+        runtime.spawn(lamina_generator_node::run(config.check()?, listener, stopped()));
+
+        let config = lamina_viz_node::Config { generator: generator.clone(), store: setup.store, ..Default::default() };
+        let listener = runtime.block_on(listen(setup.viewer))?;
+        let viewer = listener.local_addr()?;
+        let store = lamina_viz_node::open_store(&config)?;
+        runtime.spawn(lamina_viz_node::run(config, store.clone(), listener, stopped()));
+
+        let mut tuner = None;
+        if let Some(tuning) = setup.tuning {
+            let config = lamina_tuner::Config {
+                generator: generator.clone(),
+                viz: format!("http://{}", SocketAddr::from((loopback_if_any(viewer), viewer.port()))),
+                utility: tuning.utility,
+                grid: tuning.grid,
+                retune_every: tuning.retune_every,
+                step_voxels: setup.params.step_voxels(),
+                ..Default::default()
+            };
+            config.candidates()?;
+            let listener = runtime.block_on(listen(any_port))?;
+            let address = format!("http://{}", listener.local_addr()?);
+            runtime.spawn(lamina_tuner::run(config, listener, stopped()));
+            let channel = runtime.block_on(Endpoint::from_shared(address)?.connect())?;
+            tuner = Some(TuningClient::new(channel));
+        }
+        Ok(Self { runtime, stop, tuner, store, generator, viewer })
+    }
+
+    /// Completes on Ctrl-C or SIGTERM: `on_stop` is called from another thread.
+    pub fn on_stop_signal(&self, on_stop: impl FnOnce() + Send + 'static) {
+        self.runtime.spawn(async {
+            lamina_wire::node::stop_signal().await;
+            on_stop();
+        });
+    }
+
+    /// The tuner's status; `None` if there is no tuner.
+    pub fn tuner_status(&self, with_trials: bool) -> anyhow::Result<Option<v1::TunerStatus>> {
+        let Some(mut tuner) = self.tuner.clone() else { return Ok(None) };
+        let status = self.runtime.block_on(tuner.status(v1::TunerStatusRequest { with_trials }));
+        Ok(Some(status.context("asking the tuner")?.into_inner()))
+    }
+
+    /// Waits until `step` is recorded and the tuner has dealt with it.
+    pub fn settle(&self, step: u64, stop: &impl Fn() -> bool) -> anyhow::Result<Option<StepRow>> {
+        let mut since = Instant::now();
+        while !stop() {
+            let row = self.store.row(step);
+            let status = self.tuner_status(false)?;
+            let tuned = status.as_ref().is_none_or(|s| s.steps_seen > step && !s.busy);
+            if row.is_some() && tuned {
+                return Ok(row);
+            }
+            if status.is_some_and(|s| s.busy) {
+                since = Instant::now();
+            }
+            if since.elapsed() > PATIENCE {
+                bail!(
+                    "step {step} was not recorded and tuned within {PATIENCE:?}; RUST_LOG=info shows what the nodes do"
+                );
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        Ok(None)
+    }
+
+    /// Stops all nodes.
+    pub fn stop(self) {
+        self.stop.send_replace(true);
+        self.runtime.shutdown_timeout(Duration::from_secs(2));
+    }
+}
+
+/// An address that listens on all interfaces is reached on loopback.
+fn loopback_if_any(address: SocketAddr) -> std::net::IpAddr {
+    if address.ip().is_unspecified() { Ipv4Addr::LOCALHOST.into() } else { address.ip() }
+}

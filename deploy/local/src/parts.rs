@@ -1,0 +1,90 @@
+//! The parts by themselves: raycast, generate, render, compare.
+
+use crate::cli;
+use crate::picture_file;
+use crate::scene_file::scene_for;
+use crate::source::read_options;
+use anyhow::{Context, ensure};
+use lamina_generator_node::kernel::{self, Field};
+use lamina_model::{GenerationParams, Scene, Volume, psnr};
+use lamina_read::Series;
+use lamina_wire::codec::{self, Codec, DecodeLimits, EncodeOptions, Layout};
+use std::time::Instant;
+
+/// The volume and scene that an input names.
+fn open(input: &cli::Input) -> anyhow::Result<(Volume, Scene)> {
+    let series = Series::open(&input.input, &read_options(&input.raw))?;
+    let (n, steps) = (input.time_step, series.len());
+    ensure!(n < steps, "--time-step {n}: {} has {steps} steps, counted from 0", input.input.display());
+    let volume = series.read(n)?;
+    let mut scene = scene_for(input.scene.as_deref(), &[&volume])?;
+    if let Some(step) = input.step {
+        scene.step_voxels = step;
+        scene = scene.check()?;
+    }
+    Ok((volume, scene))
+}
+
+fn prepare(volume: &Volume, scene: &Scene) -> Field {
+    let field = Field::new(volume, scene.transfer.range());
+    if field.empty_voxels() > 0 {
+        eprintln!("warning: {} voxels are NaN or infinite; they are drawn as empty", field.empty_voxels());
+    }
+    field
+}
+
+/// `lamina raycast`.
+pub fn raycast(arguments: &cli::Raycast) -> anyhow::Result<()> {
+    let (volume, scene) = open(&arguments.input)?;
+    let field = prepare(&volume, &scene);
+    let (camera, size) = (scene.camera.rotated_about_y(arguments.view.view)?, arguments.view.size);
+    let start = Instant::now();
+    let image = kernel::raycast(&field, &scene, &camera, size, size)?;
+    println!("raycast_ms {:.1}", start.elapsed().as_secs_f64() * 1e3);
+    picture_file::write(&arguments.view.out, &image)
+}
+
+/// `lamina generate`.
+pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
+    let (volume, scene) = open(&arguments.input)?;
+    let params = GenerationParams::new(arguments.resolution, arguments.gamma)?
+        .with_opacity_cutoff(arguments.opacity_cutoff)?
+        .with_step_voxels(scene.step_voxels)?;
+    let field = prepare(&volume, &scene);
+    let start = Instant::now();
+    let vdi = kernel::generate(&field, &scene, &params)?;
+    let generated = Instant::now();
+    let layout = match arguments.layout {
+        cli::LayoutName::Columns => Layout::Columns,
+        cli::LayoutName::Plain => Layout::Plain,
+    };
+    let codec = match arguments.codec {
+        cli::CodecName::Bzip2 => Codec::Bzip2,
+        cli::CodecName::Zstd => Codec::Zstd,
+    };
+    let bytes = codec::encode(&vdi, &EncodeOptions { codec, layout });
+    println!("supersegments {}", vdi.segments().len());
+    println!("generation_ms {:.1}", (generated - start).as_secs_f64() * 1e3);
+    println!("encode_ms {:.1}", generated.elapsed().as_secs_f64() * 1e3);
+    println!("size_bytes {}", bytes.len());
+    std::fs::write(&arguments.out, bytes).with_context(|| format!("{}: cannot be written", arguments.out.display()))
+}
+
+/// `lamina render`.
+pub fn render(arguments: &cli::Render) -> anyhow::Result<()> {
+    let name = arguments.input.display();
+    let bytes = std::fs::read(&arguments.input).with_context(|| format!("{name}: cannot be read"))?;
+    let vdi = codec::decode(&bytes, &DecodeLimits::default()).with_context(|| name.to_string())?;
+    let (camera, size) = (vdi.header().camera.rotated_about_y(arguments.view.view)?, arguments.view.size);
+    let start = Instant::now();
+    let image = lamina_viz_node::kernel::render(&vdi, &camera, size, size)?;
+    println!("render_ms {:.1}", start.elapsed().as_secs_f64() * 1e3);
+    picture_file::write(&arguments.view.out, &image)
+}
+
+/// `lamina compare`.
+pub fn compare(arguments: &cli::Compare) -> anyhow::Result<()> {
+    let (a, b) = (picture_file::read(&arguments.a)?, picture_file::read(&arguments.b)?);
+    println!("psnr_db {:.4}", psnr(&a, &b)?);
+    Ok(())
+}

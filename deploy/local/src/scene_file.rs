@@ -1,0 +1,39 @@
+//! Scene files: what they leave out is chosen to suit the data.
+
+use anyhow::Context;
+use lamina_model::{Camera, GenerationParams, Invalid, Scene, TransferFunction, Volume, suggest};
+use serde::Deserialize;
+use std::path::Path;
+
+/// A scene as written by a user; every part may be left out.
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct SceneFile {
+    transfer: Option<TransferFunction>,
+    camera: Option<Camera>,
+    #[serde(default)]
+    background: [f32; 3],
+    step_voxels: Option<f64>,
+}
+
+/// The scene in `file`, completed for `volumes`, or all of it chosen for them.
+pub fn scene_for(file: Option<&Path>, volumes: &[&Volume]) -> anyhow::Result<Scene> {
+    let stated = match file {
+        None => SceneFile::default(),
+        Some(path) => {
+            let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+            toml::from_str(&text).with_context(|| format!("{}: not a scene", path.display()))?
+        }
+    };
+    let complete = || -> Result<Scene, Invalid> {
+        let suggested = suggest::suggest(volumes)?;
+        Scene {
+            transfer: stated.transfer.unwrap_or(suggested.transfer),
+            camera: stated.camera.unwrap_or(suggested.camera),
+            background: stated.background,
+            step_voxels: stated.step_voxels.unwrap_or(GenerationParams::DEFAULT_STEP_VOXELS),
+        }
+        .check()
+    };
+    complete().with_context(|| file.map_or_else(|| "scene".to_owned(), |p| p.display().to_string()))
+}

@@ -1,0 +1,151 @@
+//! Where time steps come from: the example simulation or recorded data.
+
+use crate::cli;
+use crate::scene_file::scene_for;
+use anyhow::Context;
+use glam::DVec3;
+use lamina_example::{Config, Simulation};
+use lamina_model::{ControlPoint, Grid, ScalarRange, Scale, Scene, TransferFunction, Volume, Voxels, suggest};
+use lamina_read::{Options, RawSpec, Series};
+use std::path::Path;
+
+/// A simulation as `lamina` drives it.
+pub trait Source {
+    /// Name of the run.
+    fn name(&self) -> &str;
+    /// What the scalar is.
+    fn field(&self) -> &str;
+    /// Number of steps, if it ends by itself.
+    fn len(&self) -> Option<u64>;
+    /// How to show it.
+    fn scene(&self) -> &Scene;
+    /// The next step's simulation time and volume; `None` at the end.
+    fn next(&mut self) -> anyhow::Result<Option<(f64, Volume)>>;
+}
+
+/// The built-in blast.
+pub struct Example {
+    simulation: Simulation,
+    started: bool,
+    elapsed: f64,
+    scene: Scene,
+}
+
+impl Example {
+    /// A blast on `cells`^3 cells.
+    pub fn new(cells: usize, seed: u64, scene_file: Option<&Path>) -> anyhow::Result<Self> {
+        let simulation = Simulation::new(Config { cells, seed, ..Config::default() })?;
+        let mut scene = example_scene(&simulation)?;
+        if scene_file.is_some() {
+            scene = scene_for(scene_file, &[&density(&simulation)?])?;
+        }
+        Ok(Self { simulation, started: false, elapsed: 0.0, scene })
+    }
+}
+
+fn density(simulation: &Simulation) -> anyhow::Result<Volume> {
+    let (h, o) = (simulation.spacing(), simulation.origin());
+    let grid = Grid::new([simulation.cells(); 3], DVec3::splat(h), DVec3::splat(o))?;
+    Ok(Volume::new(grid, Voxels::F32(simulation.density()))?)
+}
+
+/// Density over four decades: the hot cavity a thin blue, undisturbed gas (density 1) clear, the swept-up shell red, clumps
+/// amber to white. Opacities refer to 1/48 of the box, so that the grid's fineness changes no brightness.
+fn example_scene(simulation: &Simulation) -> anyhow::Result<Scene> {
+    let point = |at, color, opacity| ControlPoint { at, color, opacity };
+    let points = vec![
+        point(0.0, [0.30, 0.55, 1.0], 0.06),
+        point(0.30, [0.15, 0.25, 0.85], 0.02),
+        point(0.42, [0.05, 0.05, 0.25], 0.0),
+        point(0.52, [0.35, 0.10, 0.15], 0.0),
+        point(0.60, [0.85, 0.25, 0.12], 0.06),
+        point(0.72, [0.98, 0.62, 0.20], 0.18),
+        point(0.85, [1.0, 0.88, 0.55], 0.5),
+        point(1.0, [1.0, 1.0, 1.0], 0.9),
+    ];
+    let transfer = TransferFunction::new(ScalarRange::new(0.01, 100.0, Scale::Log10)?, Some(1.0 / 24.0), points)?;
+    let volume = density(simulation)?;
+    let camera = suggest::suggest_camera(&volume.grid().bounds())?;
+    Ok(Scene { transfer, camera, background: [0.0; 3], step_voxels: 0.5 })
+}
+
+impl Source for Example {
+    fn name(&self) -> &str {
+        "blast"
+    }
+    fn field(&self) -> &str {
+        "density"
+    }
+    fn len(&self) -> Option<u64> {
+        None
+    }
+    fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    fn next(&mut self) -> anyhow::Result<Option<(f64, Volume)>> {
+        if self.started {
+            if self.simulation.finished() {
+                // The blast has left the box: the next one, into other clumps; time goes on.
+                self.elapsed += self.simulation.time();
+                self.simulation = Simulation::new(self.simulation.config().reseeded())?;
+            }
+            self.simulation.advance();
+        }
+        self.started = true;
+        Ok(Some((self.elapsed + self.simulation.time(), density(&self.simulation)?)))
+    }
+}
+
+/// A recorded series.
+pub struct Recorded {
+    series: Series,
+    next: usize,
+    scene: Scene,
+}
+
+/// Steps of a series that a scene is chosen from.
+const SCENE_STEPS: usize = 3;
+
+/// What the command line says about raw files.
+pub fn read_options(raw: &cli::Raw) -> Options {
+    let spec = RawSpec { dims: raw.dims.map(|d| d.0), voxel_type: raw.dtype, ..RawSpec::default() };
+    Options { raw: spec, field: raw.field.clone() }
+}
+
+impl Recorded {
+    /// The series at `path`; its scene suits first, middle and last step.
+    pub fn open(path: &Path, options: &Options, scene_file: Option<&Path>) -> anyhow::Result<Self> {
+        let series = Series::open(path, options)?;
+        let mut picks: Vec<usize> = (0..SCENE_STEPS).map(|k| k * (series.len() - 1) / (SCENE_STEPS - 1)).collect();
+        picks.dedup();
+        let volumes = picks.iter().map(|&n| series.read(n)).collect::<Result<Vec<_>, _>>()?;
+        let scene = scene_for(scene_file, &volumes.iter().collect::<Vec<_>>())?;
+        Ok(Self { series, next: 0, scene })
+    }
+}
+
+impl Source for Recorded {
+    fn name(&self) -> &str {
+        self.series.name()
+    }
+    fn field(&self) -> &str {
+        self.series.field()
+    }
+    fn len(&self) -> Option<u64> {
+        Some(self.series.len() as u64)
+    }
+    fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    fn next(&mut self) -> anyhow::Result<Option<(f64, Volume)>> {
+        if self.next == self.series.len() {
+            return Ok(None);
+        }
+        let n = self.next;
+        self.next += 1;
+        let volume = self.series.read(n).with_context(|| format!("step {n}"))?;
+        Ok(Some((self.series.time(n), volume)))
+    }
+}

@@ -1,0 +1,205 @@
+//! `live` and `replay`: a source of steps, coupled through the client to the nodes.
+
+use crate::cli::{self, GridName};
+use crate::nodes::{Nodes, Setup, Tuning};
+use crate::outputs::Outputs;
+use crate::source::{Example, Recorded, Source, read_options};
+use crate::units::show_bytes;
+use anyhow::{Context, ensure};
+use indicatif::{ProgressBar, ProgressStyle};
+use lamina_client::{Brick, Client, ClientError, FullPolicy, RunOptions};
+use lamina_model::{GenerationParams, Scene, Volume};
+use lamina_tuner::{Utility, search::Grid};
+use lamina_viz_node::store::StepRow;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// Limit where the user names none.
+const DEFAULT_SIZE_LIMIT: u64 = 300_000;
+
+/// `lamina live`.
+pub fn live(arguments: &cli::Live) -> anyhow::Result<()> {
+    let watch = &arguments.watch;
+    ensure!(!watch.headless || watch.steps.is_some(), "live --headless never ends by itself; say how many --steps");
+    let mut source = Example::new(arguments.cells, arguments.seed, watch.scene.as_deref())?;
+    // A live simulation does not wait for its viewer, unless every step is to be recorded.
+    let policy = if watch.headless { FullPolicy::Block } else { FullPolicy::DropOldest };
+    run(&mut source, watch, policy)
+}
+
+/// `lamina replay`.
+pub fn replay(arguments: &cli::Replay) -> anyhow::Result<()> {
+    let watch = &arguments.watch;
+    let mut source = Recorded::open(&arguments.input, &read_options(&arguments.raw), watch.scene.as_deref())?;
+    run(&mut source, watch, FullPolicy::Block)
+}
+
+fn run(source: &mut dyn Source, options: &cli::Watch, policy: FullPolicy) -> anyhow::Result<()> {
+    let steps = [options.steps, source.len()].into_iter().flatten().min();
+    let first = source.next()?.context("the series is empty")?;
+    match &options.generator {
+        Some(generator) => push_only(source, first, steps, generator.clone(), policy),
+        None => watch(source, first, steps, options, policy),
+    }
+}
+
+/// Connects as a simulation would.
+fn connect(source: &dyn Source, volume: &Volume, generator: &str, policy: FullPolicy) -> Result<Client, ClientError> {
+    let options = RunOptions {
+        full_policy: policy,
+        scene: Some(source.scene().clone()),
+        // Blocking is consent to wait: for as long as a study of the tuner may take.
+        deadline: if policy == FullPolicy::Block { Duration::from_secs(600) } else { Duration::from_secs(5) },
+        ..RunOptions::new(generator, source.name(), source.field(), *volume.grid(), volume.voxels().voxel_type())
+    };
+    Client::connect(options)
+}
+
+fn push(client: &mut Client, step: u64, time: f64, volume: &Volume) -> Result<(), ClientError> {
+    client.push(step, time, &Brick::new([0; 3], volume.grid().dims(), volume.voxels())).map(drop)
+}
+
+/// Only the simulation: the nodes run elsewhere.
+fn push_only(
+    source: &mut dyn Source,
+    first: (f64, Volume),
+    steps: Option<u64>,
+    generator: String,
+    policy: FullPolicy,
+) -> anyhow::Result<()> {
+    let mut client = connect(source, &first.1, &generator, policy)?;
+    let mut next = Some(first);
+    let mut step = 0;
+    while let Some((time, volume)) = next.filter(|_| steps.is_none_or(|n| step < n)) {
+        match push(&mut client, step, time, &volume) {
+            Ok(()) => println!("step {step:4}  time {time:.4}  pushed"),
+            Err(error @ (ClientError::Invalid(_) | ClientError::Refused(_))) => return Err(error.into()),
+            // The simulation goes on; the client tries again by itself.
+            Err(error) => {
+                println!("step {step:4}  time {time:.4}  lost: {error}");
+                std::thread::sleep(Duration::from_millis(100));
+            }
+        }
+        step += 1;
+        next = source.next()?;
+    }
+    let summary = client.close();
+    println!("pushed {}  dropped {}  lost {}", summary.pushed, summary.dropped, summary.lost);
+    Ok(())
+}
+
+fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume) -> anyhow::Result<Setup> {
+    let fixed = options.resolution.zip(options.gamma);
+    let (resolution, gamma) = fixed.unwrap_or((256, 0.05));
+    let size = options.size_limit.map_or(DEFAULT_SIZE_LIMIT, |b| b.0);
+    let utility = match options.time_limit {
+        Some(limit) => Utility::Time { limit_ms: limit.0 },
+        None => Utility::Size { limit_bytes: size },
+    };
+    let grid = match options.grid {
+        GridName::Coarse => Grid::default(),
+        GridName::Paper => Grid::paper(),
+    };
+    let voxels = volume.grid().voxels() as u64;
+    Ok(Setup {
+        viewer: if options.headless { SocketAddr::from((Ipv4Addr::LOCALHOST, 0)) } else { options.viewer },
+        store: options.out.as_ref().map(|dir| dir.join("vdi")),
+        // Room for two waiting steps: more would only show the past.
+        memory_bytes: 4 * volume.size_bytes() as u64 + 12 * voxels + (1 << 20),
+        params: GenerationParams::new(resolution, gamma)?.with_step_voxels(scene.step_voxels)?,
+        tuning: fixed.is_none().then_some(Tuning { utility, grid, retune_every: options.retune_every }),
+    })
+}
+
+fn progress(steps: Option<u64>, visible: bool) -> ProgressBar {
+    let bar =
+        if visible { steps.map_or_else(ProgressBar::new_spinner, ProgressBar::new) } else { ProgressBar::hidden() };
+    let style = ProgressStyle::with_template("{bar:30} {pos}/{len} steps  {elapsed}  {eta} to go");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar
+}
+
+fn line(row: &StepRow) -> String {
+    let psnr = row.psnr_db.map_or_else(|| "   -   ".to_owned(), |q| format!("{:.2} dB", f64::from(q)));
+    let kept = if row.limit_kept { "" } else { "  above the limit" };
+    format!(
+        "step {:4}  time {:.4}  r {}  gamma {}  {}  {:.0} ms  {psnr}{kept}",
+        row.step,
+        row.time,
+        row.resolution,
+        row.gamma,
+        show_bytes(row.size_bytes),
+        row.generation_ms
+    )
+}
+
+/// Simulation, nodes and viewer together.
+fn watch(
+    source: &mut dyn Source,
+    first: (f64, Volume),
+    steps: Option<u64>,
+    options: &cli::Watch,
+    policy: FullPolicy,
+) -> anyhow::Result<()> {
+    let scene = source.scene().clone();
+    let mut outputs = options.out.as_deref().map(|dir| Outputs::create(dir, source, &first.1, steps)).transpose()?;
+    let nodes = Nodes::start(setup(options, &scene, &first.1)?, &scene)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let set = stop.clone();
+    nodes.on_stop_signal(move || set.store(true, Ordering::Relaxed));
+    let stopped = move || stop.load(Ordering::Relaxed);
+    if !options.headless {
+        println!("watching {} ({}): open http://{}/   (Ctrl-C ends)", source.name(), source.field(), nodes.viewer);
+    }
+    let mut client = connect(source, &first.1, &nodes.generator, policy)?;
+    let bar = progress(steps, options.headless);
+    let (mut next, mut step, mut shown) = (Some(first), 0, None);
+    while let Some((time, volume)) = next.filter(|_| steps.is_none_or(|n| step < n) && !stopped()) {
+        push(&mut client, step, time, &volume).with_context(|| format!("step {step}"))?;
+        if options.headless {
+            let Some(row) = nodes.settle(step, &stopped)? else { break };
+            if let Some(outputs) = &mut outputs {
+                outputs.pictures(&row, &volume, &scene, &nodes.store)?;
+            }
+        }
+        shown = show_new(&nodes, &bar, shown, outputs.as_mut())?;
+        bar.inc(1);
+        step += 1;
+        next = if stopped() { None } else { source.next()? };
+    }
+    if !options.headless && !stopped() {
+        println!("all steps are in; the viewer goes on until Ctrl-C");
+        while !stopped() {
+            shown = show_new(&nodes, &bar, shown, outputs.as_mut())?;
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    }
+    show_new(&nodes, &bar, shown, outputs.as_mut())?;
+    bar.finish_and_clear();
+    client.close();
+    if let Some(outputs) = outputs {
+        let trials = nodes.tuner_status(true)?.map(|s| s.trials).unwrap_or_default();
+        outputs.finish(nodes.store.rows(), &trials)?;
+    }
+    nodes.stop();
+    Ok(())
+}
+
+/// Prints and writes the steps recorded since `shown`; gives the newest.
+fn show_new(
+    nodes: &Nodes,
+    bar: &ProgressBar,
+    shown: Option<u64>,
+    outputs: Option<&mut Outputs>,
+) -> anyhow::Result<Option<u64>> {
+    let rows: Vec<StepRow> = nodes.store.rows().into_iter().filter(|r| shown.is_none_or(|s| r.step > s)).collect();
+    for row in &rows {
+        bar.suspend(|| println!("{}", line(row)));
+    }
+    if let Some(outputs) = outputs {
+        outputs.add(&rows)?;
+    }
+    Ok(rows.last().map(|r| r.step).or(shown))
+}

@@ -1,0 +1,148 @@
+//! A recorded time series under one roof: whatever the format, numbered steps with a time and a volume each.
+
+use crate::nrrd::Nrrd;
+use crate::pvd::read_collection;
+use crate::raw::{RawFile, RawSpec};
+use crate::{ReadError, vti};
+use lamina_model::Volume;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The name of a scalar whose file gives it none.
+pub(crate) const UNNAMED_FIELD: &str = "scalar";
+
+/// What a user may say about a file that the file does not, or not unambiguously.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Options {
+    /// The shape of raw files; files that describe themselves do not look at it.
+    pub raw: RawSpec,
+    /// The array to read where a file has several. Raw and NRRD files have a single, nameless one: it takes this name.
+    pub field: Option<String>,
+}
+
+/// A recorded time series, opened: its steps are known, their voxels are read on demand.
+#[derive(Debug)]
+pub struct Series {
+    path: PathBuf,
+    name: String,
+    field: String,
+    steps: Vec<Step>,
+}
+
+#[derive(Debug)]
+struct Step {
+    time: f64,
+    source: Source,
+}
+
+#[derive(Debug)]
+enum Source {
+    Vti(PathBuf),
+    Nrrd(Box<Nrrd>),
+    Raw(RawFile),
+}
+
+impl Series {
+    /// Opens a collection or a single file, which the ending tells. A single file is a series of one step at time 0.
+    ///
+    /// # Errors
+    /// If the file, or of a collection the first step's header, cannot be read, or a step's file is not there.
+    pub fn open(path: &Path, options: &Options) -> Result<Self, ReadError> {
+        let (stem, ending) = split_name(path);
+        let single = |source| vec![Step { time: 0.0, source }];
+        let wanted = options.field.as_deref();
+        let given = || wanted.unwrap_or(UNNAMED_FIELD).to_owned();
+        let (field, steps) = match ending.as_str() {
+            "pvd" => open_collection(path, wanted)?,
+            "vti" => (vti::field_name(path, wanted)?, single(Source::Vti(path.into()))),
+            "nrrd" | "nhdr" => (given(), single(Source::Nrrd(Box::new(Nrrd::open(path)?)))),
+            "raw" | "raw.gz" => (given(), single(Source::Raw(RawFile::open(path, &options.raw)?))),
+            _ => return Err(ReadError::Extension { path: path.into() }),
+        };
+        Ok(Self { path: path.into(), name: stem, field, steps })
+    }
+
+    /// Number of steps, one or more.
+    pub fn len(&self) -> usize {
+        self.steps.len()
+    }
+    /// Never true: a series without a step is not opened.
+    pub fn is_empty(&self) -> bool {
+        self.steps.is_empty()
+    }
+    /// The file's name without its ending, fit to name a run.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+    /// The name of the scalar, `scalar` where neither file nor options say.
+    pub fn field(&self) -> &str {
+        &self.field
+    }
+    /// The time of step `index`, in the unit of the recording; times ascend.
+    ///
+    /// # Panics
+    /// If there is no such step.
+    pub fn time(&self, index: usize) -> f64 {
+        self.steps[index].time
+    }
+
+    /// Reads the volume of step `index`.
+    ///
+    /// # Errors
+    /// If there is no such step, or its file cannot be read.
+    pub fn read(&self, index: usize) -> Result<Volume, ReadError> {
+        let Some(step) = self.steps.get(index) else {
+            return Err(ReadError::Step { path: self.path.clone(), index, last: self.steps.len().saturating_sub(1) });
+        };
+        match &step.source {
+            // By name, so that a series does not change its scalar where a step lists its arrays differently.
+            Source::Vti(path) => vti::read(path, Some(&self.field)),
+            Source::Nrrd(nrrd) => nrrd.read(),
+            Source::Raw(raw) => raw.read(),
+        }
+    }
+}
+
+fn open_collection(path: &Path, wanted: Option<&str>) -> Result<(String, Vec<Step>), ReadError> {
+    let entries = read_collection(path)?;
+    // A file that is missing is reported before a long run starts, not in its middle.
+    for entry in &entries {
+        if split_name(&entry.file).1 != "vti" {
+            let what = format!("{} in a collection", entry.file.display());
+            return Err(ReadError::unsupported(path, what, "convert the steps to .vti"));
+        }
+        fs::metadata(&entry.file).map_err(|e| ReadError::while_reading(&entry.file, e))?;
+    }
+    let field = match entries.first() {
+        Some(first) => vti::field_name(&first.file, wanted)?,
+        None => UNNAMED_FIELD.to_owned(),
+    };
+    let steps = entries.into_iter().map(|e| Step { time: e.time, source: Source::Vti(e.file) }).collect();
+    Ok((field, steps))
+}
+
+/// The name's stem and its lower-case ending; `.raw.gz` counts as one ending.
+fn split_name(path: &Path) -> (String, String) {
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let lower = name.to_ascii_lowercase();
+    let dot = if lower.ends_with(".raw.gz") { Some(name.len() - ".raw.gz".len()) } else { name.rfind('.') };
+    match dot {
+        Some(dot) => (name[..dot].to_owned(), lower[dot + 1..].to_owned()),
+        None => (name, String::new()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn endings_are_told_from_stems() {
+        let split = |name: &str| split_name(Path::new(name));
+        assert_eq!(split("a/run.1.PVD"), ("run.1".into(), "pvd".into()));
+        assert_eq!(split("a/x_2x2x2_uint8.Raw.gz"), ("x_2x2x2_uint8".into(), "raw.gz".into()));
+        assert_eq!(split("x.tar.gz"), ("x.tar".into(), "gz".into()));
+        assert_eq!(split("a/none"), ("none".into(), String::new()));
+        assert_eq!(split("/"), (String::new(), String::new()));
+    }
+}

@@ -1,0 +1,113 @@
+//! The generator-node's configuration file.
+
+use lamina_model::{GenerationParams, Invalid, SamplePlan, Scene};
+use lamina_wire::codec::{Codec, EncodeOptions, Layout};
+use serde::{Deserialize, Serialize};
+use std::net::SocketAddr;
+
+/// All keys of the configuration; every one has a default.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// Where simulations, viz-nodes and the tuner connect.
+    pub listen: SocketAddr,
+    /// Bytes for time steps: those that arrive, wait, and are worked on. Decides admission.
+    pub memory_bytes: u64,
+    /// Bytes of encoded frames kept for viz-nodes that connect late or again.
+    pub history_bytes: u64,
+    /// Seconds without a push after which another run may take the node over.
+    pub idle_secs: f64,
+    /// Reference samples with every n-th step; 0 never.
+    pub reference_every: u64,
+    /// Which pixels of which views are reference samples.
+    pub samples: SamplePlan,
+    /// Parameters until the tuner sends some.
+    pub params: GenerationParams,
+    /// Compressor of VDIs: `bzip2` or `zstd`.
+    pub codec: CodecName,
+    /// Byte layout of VDIs: `columns`, or `plain` (the paper's records) for comparison.
+    pub layout: LayoutName,
+    /// How to show runs that do not say; if absent, chosen from the first step.
+    pub scene: Option<Scene>,
+}
+
+/// A compressor's name in configuration files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CodecName {
+    /// bzip2, level 9.
+    Bzip2,
+    /// Zstandard, level 3.
+    Zstd,
+}
+
+/// A layout's name in configuration files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LayoutName {
+    /// Filtered columns.
+    Columns,
+    /// Interleaved records.
+    Plain,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            listen: SocketAddr::from(([127, 0, 0, 1], 7101)),
+            memory_bytes: 2 << 30,
+            history_bytes: 256 << 20,
+            idle_secs: 30.0,
+            reference_every: 1,
+            samples: SamplePlan::default(),
+            params: default_params(),
+            codec: CodecName::Bzip2,
+            layout: LayoutName::Columns,
+            scene: None,
+        }
+    }
+}
+
+fn default_params() -> GenerationParams {
+    GenerationParams::new(256, 0.02).expect("256 rays and gamma 0.02 are valid")
+}
+
+impl Config {
+    /// Passes a configuration that can be run.
+    ///
+    /// # Errors
+    /// Names the first key whose value cannot be used.
+    pub fn check(self) -> Result<Self, Invalid> {
+        self.samples.clone().check()?;
+        if let Some(scene) = self.scene.clone() {
+            scene.check()?;
+        }
+        if !(self.idle_secs.is_finite() && (0.0..=1e9).contains(&self.idle_secs)) {
+            return Err(Invalid::new(
+                "idle_secs",
+                format!("{} must be a number of seconds, 0 or more", self.idle_secs),
+            ));
+        }
+        if self.memory_bytes < 1 << 20 {
+            return Err(Invalid::new(
+                "memory_bytes",
+                format!("{} is too small for any step; give 1048576 or more", self.memory_bytes),
+            ));
+        }
+        Ok(self)
+    }
+
+    /// How VDIs are encoded.
+    pub fn encode_options(&self) -> EncodeOptions {
+        EncodeOptions {
+            codec: match self.codec {
+                CodecName::Bzip2 => Codec::Bzip2,
+                CodecName::Zstd => Codec::Zstd,
+            },
+            layout: match self.layout {
+                LayoutName::Columns => Layout::Columns,
+                LayoutName::Plain => Layout::Plain,
+            },
+        }
+    }
+}

@@ -1,0 +1,251 @@
+//! The cycle: every complete step becomes a VDI, in order, one at a time.
+
+use crate::ingest::{CompleteStep, Ingest};
+use crate::kernel::{Field, generate, reference_samples};
+use crate::publish::{Item, Publisher};
+use crate::schedule::{Schedule, Setting};
+use lamina_model::{GenerationParams, Invalid, ReferenceSamples, SamplePlan, Scene, suggest::suggest};
+use lamina_wire::codec::{self, EncodeOptions};
+use lamina_wire::reference;
+use lamina_wire::v1::{self, delivery::Part};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::Instant;
+use tokio::sync::{Semaphore, broadcast};
+
+/// A step ready to be looked at: kept for trials until a newer one comes.
+pub struct Prepared {
+    /// What is being simulated.
+    pub run: Arc<v1::Run>,
+    /// The step.
+    pub step: u64,
+    /// Simulation time.
+    pub time: f64,
+    field: Field,
+    scene: Scene,
+    reference: OnceLock<Result<ReferenceSamples, Invalid>>,
+}
+
+impl Prepared {
+    /// The step's VDI, encoded, and what it cost.
+    pub fn measure(&self, params: &GenerationParams, options: &EncodeOptions) -> Result<(Vec<u8>, v1::Cost), Invalid> {
+        let start = Instant::now();
+        let vdi = generate(&self.field, &self.scene, params)?;
+        let generated = Instant::now();
+        let bytes = codec::encode(&vdi, options);
+        let cost = v1::Cost {
+            size_bytes: bytes.len() as u64,
+            generation_ns: (generated - start).as_nanos() as u64,
+            encode_ns: generated.elapsed().as_nanos() as u64,
+            supersegments: vdi.segments().len() as u64,
+        };
+        Ok((bytes, cost))
+    }
+
+    /// The step's reference samples, cast once.
+    pub fn reference(&self, plan: &SamplePlan) -> Result<Item, Invalid> {
+        let cast = || reference_samples(&self.field, &self.scene, plan, self.step);
+        let samples = self.reference.get_or_init(cast).as_ref().map_err(Clone::clone)?;
+        let (announcement, payload) = reference::encode(&self.run.run_id, samples);
+        Ok(Item::new(&self.run, Part::Reference(announcement), payload))
+    }
+
+    /// Announces an encoded VDI of this step.
+    pub fn frame(&self, params: &GenerationParams, cost: v1::Cost, bytes: Vec<u8>, purpose: Purpose) -> Item {
+        let (trial_id, dropped_steps, setting) = match purpose {
+            Purpose::Trial(id) => (id, 0, None),
+            Purpose::Live { dropped_steps, setting } => (0, dropped_steps, Some(setting)),
+        };
+        let frame = v1::Frame {
+            run_id: self.run.run_id.clone(),
+            step: self.step,
+            time: self.time,
+            params: Some(params.into()),
+            cost: Some(cost),
+            trial_id,
+            dropped_steps,
+            bytes: bytes.len() as u64,
+            empty_voxels: self.field.empty_voxels(),
+            size_limit_bytes: setting.and_then(|s| s.size_limit_bytes),
+            time_limit_ns: setting.and_then(|s| s.time_limit_ns),
+        };
+        Item::new(&self.run, Part::Frame(frame), bytes)
+    }
+}
+
+/// What a VDI was made for.
+pub enum Purpose<'a> {
+    /// The tuner's question.
+    Trial(u64),
+    /// To be looked at.
+    Live {
+        /// Steps of the run dropped so far.
+        dropped_steps: u64,
+        /// The setting in force.
+        setting: &'a Setting,
+    },
+}
+
+/// What the cycle shares with the control service.
+pub struct Shared {
+    /// How VDIs are encoded.
+    pub options: EncodeOptions,
+    /// Which pixels are reference samples.
+    pub plan: SamplePlan,
+    /// One generation at a time, live or trial, so that each is timed with all cores to itself.
+    pub kernel: Semaphore,
+    /// Finished steps, as numbers.
+    pub reports: broadcast::Sender<v1::StepReport>,
+    /// Where frames go.
+    pub publisher: Arc<Publisher>,
+    state: Mutex<State>,
+}
+
+struct State {
+    schedule: Schedule,
+    newest: Option<Arc<Prepared>>,
+    last_report: Option<v1::StepReport>,
+}
+
+impl Shared {
+    /// Nothing generated yet.
+    pub fn new(params: GenerationParams, options: EncodeOptions, plan: SamplePlan, publisher: Arc<Publisher>) -> Self {
+        let state = State { schedule: Schedule::new(params), newest: None, last_report: None };
+        let reports = broadcast::Sender::new(256);
+        Self { options, plan, kernel: Semaphore::new(1), reports, publisher, state: Mutex::new(state) }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The newest step, held for as long as the caller keeps it.
+    pub fn newest(&self) -> Option<Arc<Prepared>> {
+        self.state().newest.clone()
+    }
+
+    /// The newest finished step, as numbers.
+    pub fn last_report(&self) -> Option<v1::StepReport> {
+        self.state().last_report.clone()
+    }
+
+    /// Schedules parameters; says from which step on they hold.
+    pub fn set(&self, from_step: u64, setting: Setting) -> u64 {
+        self.state().schedule.set(from_step, setting)
+    }
+}
+
+/// The cycle's own memory from step to step.
+struct Cycle {
+    shared: Arc<Shared>,
+    default_scene: Option<Scene>,
+    reference_every: u64,
+    run: Option<(Arc<v1::Run>, Scene)>,
+}
+
+/// Turns steps into frames for ever.
+pub async fn run(ingest: Arc<Ingest>, shared: Arc<Shared>, default_scene: Option<Scene>, reference_every: u64) {
+    let cycle = Arc::new(Mutex::new(Cycle { shared: shared.clone(), default_scene, reference_every, run: None }));
+    loop {
+        let step = ingest.next().await;
+        let number = step.step;
+        let Ok(_permit) = shared.kernel.acquire().await else { return };
+        let cycle = cycle.clone();
+        let work = move || cycle.lock().unwrap_or_else(PoisonError::into_inner).process(step);
+        match tokio::task::spawn_blocking(work).await {
+            Ok(Ok(())) => {}
+            Ok(Err(error)) => tracing::error!(step = number, %error, "step not generated"),
+            Err(panic) => tracing::error!(step = number, %panic, "step not generated"),
+        }
+    }
+}
+
+impl Cycle {
+    fn process(&mut self, step: CompleteStep) -> Result<(), Invalid> {
+        let (number, dropped_steps) = (step.step, step.dropped_steps);
+        let prepared = Arc::new(self.prepare(step)?);
+        let setting = {
+            let mut state = self.shared.state();
+            state.newest = Some(prepared.clone());
+            state.schedule.begin(number)
+        };
+        let (params, bytes, cost) = self.generate_within(&prepared, &setting)?;
+        let mut items = Vec::new();
+        if self.reference_every > 0 && number.is_multiple_of(self.reference_every) {
+            items.push(prepared.reference(&self.shared.plan)?);
+        }
+        items.push(prepared.frame(&params, cost, bytes, Purpose::Live { dropped_steps, setting: &setting }));
+        self.shared.publisher.publish(items);
+        let report = v1::StepReport {
+            run_id: prepared.run.run_id.clone(),
+            step: number,
+            time: prepared.time,
+            params: Some((&params).into()),
+            cost: Some(cost),
+        };
+        tracing::info!(
+            step = number,
+            resolution = params.resolution(),
+            gamma = params.gamma(),
+            bytes = cost.size_bytes,
+            ms = cost.generation_ns / 1_000_000,
+            "generated"
+        );
+        self.shared.state().last_report = Some(report.clone());
+        // No tuner listening is not an error.
+        let _ = self.shared.reports.send(report);
+        Ok(())
+    }
+
+    fn prepare(&mut self, step: CompleteStep) -> Result<Prepared, Invalid> {
+        let (run_id, number, time) = (step.run_id.clone(), step.step, step.time);
+        let description = v1::Run {
+            run_id: run_id.clone(),
+            name: step.spec.name.clone(),
+            field: step.spec.field.clone(),
+            grid: Some((&step.spec.grid).into()),
+        };
+        let stated = step.spec.scene.clone().or_else(|| self.default_scene.clone());
+        let volume = step.into_volume()?;
+        let known = self.run.take().filter(|(run, _)| run.run_id == run_id);
+        let (run, scene) = match known {
+            Some(known) => known,
+            None => {
+                self.shared.state().schedule.restart();
+                // One scene for the whole run, so that its steps can be compared.
+                let scene = stated.map_or_else(|| suggest(&[&volume]), Ok)?;
+                (Arc::new(description), scene)
+            }
+        };
+        self.run = Some((run.clone(), scene.clone()));
+        let field = Field::new(&volume, scene.transfer.range());
+        if field.empty_voxels() > 0 {
+            tracing::warn!(step = number, voxels = field.empty_voxels(), "NaN or infinite voxels, drawn as empty");
+        }
+        Ok(Prepared { run, step: number, time, field, scene, reference: OnceLock::new() })
+    }
+
+    /// The VDI with the setting's parameters, or with the first fallback that keeps the size limit.
+    fn generate_within(
+        &self,
+        prepared: &Prepared,
+        setting: &Setting,
+    ) -> Result<(GenerationParams, Vec<u8>, v1::Cost), Invalid> {
+        let mut best: Option<(GenerationParams, Vec<u8>, v1::Cost)> = None;
+        for params in std::iter::once(&setting.params).chain(&setting.fallbacks) {
+            let (bytes, cost) = prepared.measure(params, &self.shared.options)?;
+            let kept = setting.size_limit_bytes.is_none_or(|limit| cost.size_bytes <= limit);
+            if best.as_ref().is_none_or(|(_, smallest, _)| bytes.len() < smallest.len()) {
+                best = Some((*params, bytes, cost));
+            }
+            if kept {
+                break;
+            }
+            tracing::info!(
+                step = prepared.step,
+                bytes = cost.size_bytes,
+                "above the size limit; trying smaller parameters"
+            );
+        }
+        best.ok_or_else(|| Invalid::new("params", "none to generate with"))
+    }
+}

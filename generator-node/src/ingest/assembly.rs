@@ -1,0 +1,76 @@
+//! One time step while its ranks' bricks arrive.
+
+use super::Brick;
+use tonic::Status;
+
+struct Part {
+    rank: u32,
+    brick: Brick,
+    bytes: Option<Vec<u8>>,
+}
+
+/// The bricks of one step: reserved when admitted, filled when received.
+pub struct Assembly {
+    /// Simulation time.
+    pub time: f64,
+    parts: Vec<Part>,
+}
+
+impl Assembly {
+    /// An empty step.
+    pub fn new(time: f64) -> Self {
+        Self { time, parts: Vec::new() }
+    }
+
+    /// Reserves `brick` for `rank` if it agrees with what is there; `voxels` is the whole grid's number.
+    pub fn reserve(
+        &mut self,
+        step: u64,
+        time: f64,
+        rank: u32,
+        ranks: u32,
+        brick: Brick,
+        voxels: usize,
+    ) -> Result<(), Status> {
+        if time.to_bits() != self.time.to_bits() {
+            let first = self.time;
+            return Err(Status::invalid_argument(format!("step {step}: rank {rank} says time {time}, others {first}")));
+        }
+        if self.parts.iter().any(|p| p.rank == rank) {
+            return Err(Status::already_exists(format!("step {step}: rank {rank} pushed twice")));
+        }
+        if let Some(other) = self.parts.iter().find(|p| p.brick.overlaps(&brick)) {
+            let message = format!(
+                "step {step}: the bricks of ranks {} and {rank} overlap; each voxel belongs to one rank",
+                other.rank
+            );
+            return Err(Status::invalid_argument(message));
+        }
+        let covered: usize = self.parts.iter().map(|p| p.brick.voxels()).sum::<usize>() + brick.voxels();
+        if self.parts.len() + 1 == ranks as usize && covered != voxels {
+            let message = format!("step {step}: the bricks of all {ranks} ranks cover {covered} of {voxels} voxels");
+            return Err(Status::invalid_argument(message));
+        }
+        self.parts.push(Part { rank, brick, bytes: None });
+        Ok(())
+    }
+
+    /// Gives up `rank`'s reservation; true if none is left.
+    pub fn release(&mut self, rank: u32) -> bool {
+        self.parts.retain(|p| p.rank != rank);
+        self.parts.is_empty()
+    }
+
+    /// Stores `rank`'s bytes; true if all `ranks` are in.
+    pub fn fill(&mut self, rank: u32, ranks: u32, bytes: Vec<u8>) -> bool {
+        if let Some(part) = self.parts.iter_mut().find(|p| p.rank == rank) {
+            part.bytes = Some(bytes);
+        }
+        self.parts.len() == ranks as usize && self.parts.iter().all(|p| p.bytes.is_some())
+    }
+
+    /// The bricks with their bytes.
+    pub fn into_bricks(self) -> Vec<(Brick, Vec<u8>)> {
+        self.parts.into_iter().filter_map(|p| Some((p.brick, p.bytes?))).collect()
+    }
+}

@@ -1,0 +1,100 @@
+//! A rank's part of a time step, and bricks joined to a volume.
+
+use lamina_model::{Grid, Invalid, Volume, VoxelType, Voxels};
+
+/// An index box of a grid, checked to lie inside it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Brick {
+    start: [usize; 3],
+    dims: [usize; 3],
+}
+
+impl Brick {
+    /// The box of `dims` sample points from `start` on.
+    ///
+    /// # Errors
+    /// If it is empty or reaches beyond `grid`.
+    pub fn new(start: [u64; 3], dims: [u64; 3], grid: &Grid) -> Result<Self, Invalid> {
+        for axis in 0..3 {
+            let side = grid.dims()[axis] as u64;
+            let end = start[axis].checked_add(dims[axis]);
+            if dims[axis] == 0 || end.is_none_or(|end| end > side) {
+                let reason = format!("{dims:?} voxels from {start:?} do not fit the run's grid {:?}", grid.dims());
+                return Err(Invalid::new("brick", reason));
+            }
+        }
+        Ok(Self { start: start.map(|v| v as usize), dims: dims.map(|v| v as usize) })
+    }
+
+    /// Number of voxels.
+    pub fn voxels(&self) -> usize {
+        self.dims.iter().product()
+    }
+
+    /// True if the two share a voxel.
+    pub fn overlaps(&self, other: &Self) -> bool {
+        (0..3).all(|a| self.start[a] < other.start[a] + other.dims[a] && other.start[a] < self.start[a] + self.dims[a])
+    }
+}
+
+/// The volume that bricks with these bytes make up. They must cover the grid and hold `voxel_type` numbers.
+///
+/// # Errors
+/// If the bytes are not as many as the grid needs.
+pub fn join(grid: &Grid, voxel_type: VoxelType, mut bricks: Vec<(Brick, Vec<u8>)>) -> Result<Volume, Invalid> {
+    if bricks.len() == 1 {
+        let (_, bytes) = bricks.remove(0);
+        return Volume::new(*grid, Voxels::from_le_bytes(voxel_type, &bytes));
+    }
+    let size = voxel_type.size_bytes();
+    let [nx, ny, _] = grid.dims();
+    let mut whole = vec![0; grid.voxels() * size];
+    for (brick, bytes) in bricks {
+        let ([x0, y0, z0], [bx, by, bz]) = (brick.start, brick.dims);
+        let mut rows = bytes.chunks_exact(bx * size);
+        for (z, y) in (z0..z0 + bz).flat_map(|z| (y0..y0 + by).map(move |y| (z, y))) {
+            let at = ((z * ny + y) * nx + x0) * size;
+            if let Some(row) = rows.next() {
+                whole[at..at + row.len()].copy_from_slice(row);
+            }
+        }
+    }
+    Volume::new(*grid, Voxels::from_le_bytes(voxel_type, &whole))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn bricks_join_to_the_volume_they_were_cut_from() {
+        let grid = Grid::new([4, 3, 2], DVec3::ONE, DVec3::ZERO).unwrap();
+        let value = |x: u64, y: u64, z: u64| (x + 10 * y + 100 * z) as u16;
+        let cut = |start: [u64; 3], dims: [u64; 3]| {
+            let mut bytes = Vec::new();
+            for (z, y) in
+                (start[2]..start[2] + dims[2]).flat_map(|z| (start[1]..start[1] + dims[1]).map(move |y| (z, y)))
+            {
+                bytes.extend((start[0]..start[0] + dims[0]).flat_map(|x| value(x, y, z).to_le_bytes()));
+            }
+            (Brick::new(start, dims, &grid).unwrap(), bytes)
+        };
+        let joined = join(
+            &grid,
+            VoxelType::U16,
+            vec![cut([0, 0, 0], [1, 3, 2]), cut([1, 0, 0], [3, 3, 1]), cut([1, 0, 1], [3, 3, 1])],
+        );
+        assert_eq!(joined.unwrap(), join(&grid, VoxelType::U16, vec![cut([0, 0, 0], [4, 3, 2])]).unwrap());
+    }
+
+    #[test]
+    fn boxes_outside_or_empty_are_refused_and_overlap_is_seen() {
+        let grid = Grid::new([4, 4, 4], DVec3::ONE, DVec3::ZERO).unwrap();
+        assert!(Brick::new([0, 0, 3], [4, 4, 2], &grid).is_err());
+        assert!(Brick::new([0, 0, 0], [4, 0, 4], &grid).is_err());
+        assert!(Brick::new([u64::MAX, 0, 0], [2, 1, 1], &grid).is_err());
+        let b = |z, n| Brick::new([0, 0, z], [4, 4, n], &grid).unwrap();
+        assert!(b(0, 3).overlaps(&b(2, 2)) && !b(0, 2).overlaps(&b(2, 2)));
+    }
+}

@@ -1,0 +1,374 @@
+//! Runs and admission, as a plain state machine: no lock, no waiting, no sockets.
+//!
+//! Memory is decided before a byte is copied: a step is admitted with its whole grid's bytes or not at all.
+
+use super::{Brick, assembly::Assembly, brick};
+use lamina_model::{Grid, Invalid, Scene, Volume, VoxelType};
+use lamina_wire::v1::FullPolicy;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::time::{Duration, Instant};
+use tonic::Status;
+
+/// What a simulation says when it opens a run; the same from every rank.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunSpec {
+    /// The run's name, chosen by the user.
+    pub name: String,
+    /// What the scalar is.
+    pub field: String,
+    /// The whole grid.
+    pub grid: Grid,
+    /// Type of the voxels.
+    pub voxel_type: VoxelType,
+    /// Number of ranks, each with its own brick.
+    pub ranks: u32,
+    /// What happens when memory is full.
+    pub full_policy: FullPolicy,
+    /// How to show it, if the simulation says.
+    pub scene: Option<Scene>,
+}
+
+impl RunSpec {
+    fn step_bytes(&self) -> u64 {
+        self.grid.voxels() as u64 * self.voxel_type.size_bytes() as u64
+    }
+
+    /// Bytes besides waiting steps: one step's bricks and joined volume, and three fields (in work, newest, in trials).
+    fn working_bytes(&self) -> u64 {
+        2 * self.step_bytes() + 3 * 4 * self.grid.voxels() as u64
+    }
+}
+
+struct Run {
+    id: String,
+    spec: RunSpec,
+    attached: BTreeSet<u32>,
+    last_step: Vec<Option<u64>>,
+    steps: BTreeMap<u64, Assembly>,
+    dropped: BTreeSet<u64>,
+    dropped_steps: u64,
+    last_heard: Instant,
+}
+
+/// A step with all its bricks, to be made into a VDI.
+pub struct CompleteStep {
+    /// The run's id.
+    pub run_id: String,
+    /// The run's description.
+    pub spec: RunSpec,
+    /// The step.
+    pub step: u64,
+    /// Simulation time.
+    pub time: f64,
+    /// Steps of the run dropped so far.
+    pub dropped_steps: u64,
+    bricks: Vec<(Brick, Vec<u8>)>,
+}
+
+impl CompleteStep {
+    /// The step's volume.
+    ///
+    /// # Errors
+    /// If the bricks do not make up the grid.
+    pub fn into_volume(self) -> Result<Volume, Invalid> {
+        brick::join(&self.spec.grid, self.spec.voxel_type, self.bricks)
+    }
+}
+
+/// The answer to a rank that wants to push.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Admit {
+    /// Send this many bytes.
+    Granted(usize),
+    /// Memory is full and the run blocks: ask again when some is free.
+    Wait,
+    /// Memory is full and the run drops this step.
+    Dropped,
+}
+
+/// All ingest state.
+pub struct Core {
+    memory_bytes: u64,
+    idle: Duration,
+    used_bytes: u64,
+    run: Option<Run>,
+    queue: VecDeque<CompleteStep>,
+}
+
+impl Core {
+    /// No run yet; `memory_bytes` for steps, a run silent for `idle` may be replaced.
+    pub fn new(memory_bytes: u64, idle: Duration) -> Self {
+        Self { memory_bytes, idle, used_bytes: 0, run: None, queue: VecDeque::new() }
+    }
+
+    /// Attaches `rank` to the run it describes; `resume` is the id it had before this node was restarted, or empty, and
+    /// `fresh_id` the one it gets if it is new.
+    pub fn open(
+        &mut self,
+        spec: RunSpec,
+        rank: u32,
+        resume: &str,
+        fresh_id: String,
+        now: Instant,
+    ) -> Result<String, Status> {
+        check_spec(&spec, rank, self.memory_bytes)?;
+        if let Some(run) = &mut self.run {
+            let resumes = !resume.is_empty() && run.id == resume;
+            let joins =
+                resume.is_empty() && run.spec.name == spec.name && !run.attached.contains(&rank) && !run.ended();
+            if (resumes || joins) && run.spec != spec {
+                let name = &spec.name;
+                return Err(Status::failed_precondition(format!(
+                    "run \"{name}\": rank {rank} describes it differently (grid, type, field, ranks, policy or scene) than the ranks before"
+                )));
+            }
+            if resumes || joins {
+                run.attached.insert(rank);
+                run.last_heard = now;
+                return Ok(run.id.clone());
+            }
+            let silent = now.duration_since(run.last_heard);
+            if run.spec.name != spec.name && !run.ended() && silent < self.idle {
+                return Err(Status::failed_precondition(format!(
+                    "this generator-node serves run \"{}\", last heard {:.0} s ago; close that run, wait until it is silent for {:.0} s, or use another node",
+                    run.spec.name,
+                    silent.as_secs_f64(),
+                    self.idle.as_secs_f64()
+                )));
+            }
+        }
+        self.abandon_run();
+        let id = if resume.is_empty() { fresh_id } else { resume.to_owned() };
+        let last_step = vec![None; spec.ranks as usize];
+        let run = Run {
+            id: id.clone(),
+            spec,
+            attached: BTreeSet::from([rank]),
+            last_step,
+            steps: BTreeMap::new(),
+            dropped: BTreeSet::new(),
+            dropped_steps: 0,
+            last_heard: now,
+        };
+        self.run = Some(run);
+        Ok(id)
+    }
+
+    fn abandon_run(&mut self) {
+        if let Some(run) = self.run.take() {
+            self.used_bytes -= run.steps.len() as u64 * run.spec.step_bytes();
+        }
+    }
+
+    fn run(&mut self, id: &str) -> Result<&mut Run, Status> {
+        self.run.as_mut().filter(|r| r.id == id).ok_or_else(|| {
+            Status::not_found(format!(
+                "no run \"{id}\" is open on this generator-node (it may have been restarted); open it again"
+            ))
+        })
+    }
+
+    /// Decides on `rank`'s brick of `step`, and reserves its memory if granted.
+    pub fn admit(
+        &mut self,
+        run_id: &str,
+        step: u64,
+        time: f64,
+        rank: u32,
+        start: [u64; 3],
+        dims: [u64; 3],
+        now: Instant,
+    ) -> Result<Admit, Status> {
+        let (memory_bytes, used_bytes) = (self.memory_bytes, self.used_bytes);
+        let run = self.run(run_id)?;
+        run.last_heard = now;
+        let brick = run.check_push(step, time, rank, start, dims)?;
+        let bytes = brick.voxels() * run.spec.voxel_type.size_bytes();
+        if run.dropped.contains(&step) {
+            run.last_step[rank as usize] = Some(step);
+            return Ok(Admit::Dropped);
+        }
+        if !run.steps.contains_key(&step) {
+            let need = run.spec.step_bytes();
+            if used_bytes + need + run.spec.working_bytes() > memory_bytes {
+                let policy = run.spec.full_policy;
+                if policy == FullPolicy::DropNewest {
+                    run.last_step[rank as usize] = Some(step);
+                    run.drop_step(step);
+                    return Ok(Admit::Dropped);
+                }
+                if policy == FullPolicy::DropOldest && self.drop_oldest() {
+                    return self.admit(run_id, step, time, rank, start, dims, now);
+                }
+                return Ok(Admit::Wait);
+            }
+            self.used_bytes += need;
+            self.run(run_id)?.steps.insert(step, Assembly::new(time));
+        }
+        let run = self.run(run_id)?;
+        let (ranks, voxels) = (run.spec.ranks, run.spec.grid.voxels());
+        if let Some(assembly) = run.steps.get_mut(&step)
+            && let Err(refusal) = assembly.reserve(step, time, rank, ranks, brick, voxels)
+        {
+            // Bricks that disagree can never make a step; a second push of the same brick harms nothing.
+            if refusal.code() != tonic::Code::AlreadyExists {
+                self.forget(step);
+                self.run(run_id)?.drop_step(step);
+            }
+            return Err(refusal);
+        }
+        Ok(Admit::Granted(bytes))
+    }
+
+    /// Drops the oldest waiting step, complete or not; false if there is none.
+    fn drop_oldest(&mut self) -> bool {
+        if let Some(old) = self.queue.pop_front() {
+            self.used_bytes -= old.spec.step_bytes();
+            if let Some(run) = self.run.as_mut().filter(|r| r.id == old.run_id) {
+                run.drop_step(old.step);
+            }
+            return true;
+        }
+        let oldest = self.run.as_ref().and_then(|r| r.steps.keys().next().copied());
+        oldest.is_some_and(|step| {
+            self.forget(step);
+            self.run.as_mut().is_some_and(|r| {
+                r.drop_step(step);
+                true
+            })
+        })
+    }
+
+    /// Frees an incomplete step.
+    fn forget(&mut self, step: u64) {
+        if let Some(run) = &mut self.run
+            && run.steps.remove(&step).is_some()
+        {
+            self.used_bytes -= run.spec.step_bytes();
+        }
+    }
+
+    /// Takes back a reservation whose bytes never came.
+    pub fn abort(&mut self, run_id: &str, step: u64, rank: u32) {
+        let Ok(run) = self.run(run_id) else { return };
+        if run.steps.get_mut(&step).is_some_and(|a| a.release(rank)) {
+            self.forget(step);
+        }
+    }
+
+    /// Takes `rank`'s bytes of `step`. `None`: the step was dropped meanwhile. `Some(true)`: the step is complete.
+    pub fn receive(
+        &mut self,
+        run_id: &str,
+        step: u64,
+        rank: u32,
+        bytes: Vec<u8>,
+        now: Instant,
+    ) -> Result<Option<bool>, Status> {
+        let run = self.run(run_id)?;
+        run.last_heard = now;
+        run.last_step[rank as usize] = Some(step);
+        let Some(assembly) = run.steps.get_mut(&step) else { return Ok(None) };
+        if !assembly.fill(rank, run.spec.ranks, bytes) {
+            return Ok(Some(false));
+        }
+        // Every rank is past the older steps: what is missing there will not come.
+        let older: Vec<u64> = run.steps.range(..step).map(|(s, _)| *s).collect();
+        for old in older {
+            self.forget(old);
+            self.run(run_id)?.drop_step(old);
+        }
+        let run = self.run(run_id)?;
+        if let Some(assembly) = run.steps.remove(&step) {
+            let complete = CompleteStep {
+                run_id: run_id.to_owned(),
+                spec: run.spec.clone(),
+                step,
+                time: assembly.time,
+                dropped_steps: run.dropped_steps,
+                bricks: assembly.into_bricks(),
+            };
+            self.queue.push_back(complete);
+        }
+        Ok(Some(true))
+    }
+
+    /// The oldest complete step; its memory counts as working memory from here on.
+    pub fn next(&mut self) -> Option<CompleteStep> {
+        let step = self.queue.pop_front()?;
+        self.used_bytes -= step.spec.step_bytes();
+        Some(step)
+    }
+
+    /// Detaches `rank`; gives the number of steps dropped.
+    pub fn close(&mut self, run_id: &str, rank: u32) -> Result<u64, Status> {
+        let run = self.run(run_id)?;
+        run.attached.remove(&rank);
+        if run.ended() {
+            let incomplete: Vec<u64> = run.steps.keys().copied().collect();
+            for step in incomplete {
+                self.forget(step);
+                self.run(run_id)?.drop_step(step);
+            }
+        }
+        Ok(self.run(run_id)?.dropped_steps)
+    }
+}
+
+/// Dropped steps remembered so that their other ranks' bricks are dropped too.
+const REMEMBERED_DROPS: usize = 1024;
+
+impl Run {
+    fn ended(&self) -> bool {
+        self.attached.is_empty()
+    }
+
+    fn drop_step(&mut self, step: u64) {
+        self.dropped_steps += 1;
+        self.dropped.insert(step);
+        if self.dropped.len() > REMEMBERED_DROPS {
+            self.dropped.pop_first();
+        }
+    }
+
+    fn check_push(&self, step: u64, time: f64, rank: u32, start: [u64; 3], dims: [u64; 3]) -> Result<Brick, Status> {
+        if rank >= self.spec.ranks {
+            return Err(Status::invalid_argument(format!(
+                "rank {rank}: the run has {} ranks, counted from 0",
+                self.spec.ranks
+            )));
+        }
+        if !time.is_finite() {
+            return Err(Status::invalid_argument(format!("step {step}: time {time} must be finite")));
+        }
+        if let Some(last) = self.last_step[rank as usize]
+            && step <= last
+        {
+            return Err(Status::invalid_argument(format!(
+                "rank {rank}: step {step} after step {last}; steps must ascend"
+            )));
+        }
+        Brick::new(start, dims, &self.spec.grid).map_err(|e| lamina_wire::invalid(&e))
+    }
+}
+
+fn check_spec(spec: &RunSpec, rank: u32, memory_bytes: u64) -> Result<(), Status> {
+    if spec.name.is_empty() || spec.name.len() > 200 || spec.field.len() > 200 {
+        return Err(Status::invalid_argument("run name and field name must have 1 to 200 bytes"));
+    }
+    if spec.ranks == 0 || spec.ranks > 1 << 20 || rank >= spec.ranks {
+        let ranks = spec.ranks;
+        return Err(Status::invalid_argument(format!(
+            "rank {rank} of {ranks}: ranks must be 1 to 1048576, counted from 0"
+        )));
+    }
+    let need = spec.step_bytes().saturating_add(spec.working_bytes());
+    if need > memory_bytes {
+        let dims = spec.grid.dims();
+        return Err(Status::resource_exhausted(format!(
+            "a grid of {dims:?} {} voxels needs {need} bytes, this generator-node has {memory_bytes}; raise memory_bytes in its configuration",
+            spec.voxel_type
+        )));
+    }
+    Ok(())
+}

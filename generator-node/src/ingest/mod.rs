@@ -1,0 +1,10 @@
+//! Time steps in: runs, admission, bricks put together.
+
+mod assembly;
+mod brick;
+mod core;
+mod service;
+
+pub use brick::Brick;
+pub use core::{Admit, CompleteStep, Core, RunSpec};
+pub use service::{Ingest, IngestService};

@@ -1,0 +1,187 @@
+//! The ingest service: the state machine behind a lock, and waiting where the run's policy is to block.
+
+use super::{Admit, CompleteStep, Core, RunSpec};
+use futures::{Stream, StreamExt};
+use lamina_wire::v1::{self, ingest_server, push_part::Part};
+use lamina_wire::{chunks::CHUNK_BYTES, invalid, required};
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use tokio::sync::{Notify, mpsc};
+use tonic::{Request, Response, Status, Streaming};
+
+/// Ingest state shared by all connections and the cycle.
+pub struct Ingest {
+    core: Mutex<Core>,
+    room: Notify,
+    ready: Notify,
+}
+
+impl Ingest {
+    /// Empty state.
+    pub fn new(memory_bytes: u64, idle: Duration) -> Self {
+        Self { core: Mutex::new(Core::new(memory_bytes, idle)), room: Notify::new(), ready: Notify::new() }
+    }
+
+    /// The state; a panic elsewhere leaves it whole, because no method of it panics between two changes.
+    fn core(&self) -> MutexGuard<'_, Core> {
+        self.core.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits for the next complete step.
+    pub async fn next(&self) -> CompleteStep {
+        loop {
+            let ready = self.ready.notified();
+            if let Some(step) = self.core().next() {
+                self.room.notify_waiters();
+                return step;
+            }
+            ready.await;
+        }
+    }
+
+    async fn admit(&self, h: &v1::BrickHeader) -> Result<Option<usize>, Status> {
+        let (start, dims) = ([h.x0, h.y0, h.z0], [h.nx, h.ny, h.nz]);
+        loop {
+            let room = self.room.notified();
+            tokio::pin!(room);
+            room.as_mut().enable();
+            match self.core().admit(&h.run_id, h.step, h.time, h.rank, start, dims, Instant::now())? {
+                Admit::Granted(bytes) => return Ok(Some(bytes)),
+                Admit::Dropped => return Ok(None),
+                Admit::Wait => {}
+            }
+            room.await;
+        }
+    }
+}
+
+/// A granted reservation: given back if its bytes never come.
+struct Reservation<'a> {
+    ingest: &'a Ingest,
+    header: &'a v1::BrickHeader,
+    filled: bool,
+}
+
+impl Drop for Reservation<'_> {
+    fn drop(&mut self) {
+        if !self.filled {
+            self.ingest.core().abort(&self.header.run_id, self.header.step, self.header.rank);
+            self.ingest.room.notify_waiters();
+        }
+    }
+}
+
+/// The gRPC face of [`Ingest`].
+pub struct IngestService(pub Arc<Ingest>);
+
+fn answer(admission: v1::Admission, step_complete: bool) -> v1::PushAnswer {
+    v1::PushAnswer { admission: admission.into(), step_complete }
+}
+
+/// Receives one brick: header, admission, bytes, receipt.
+async fn take_brick(
+    ingest: &Ingest,
+    mut parts: Streaming<v1::PushPart>,
+    answers: &mpsc::Sender<Result<v1::PushAnswer, Status>>,
+) -> Result<(), Status> {
+    let Some(v1::PushPart { part: Some(Part::Header(header)) }) = parts.message().await? else {
+        return Err(Status::invalid_argument("push: the first message must be a brick header"));
+    };
+    let admitted = tokio::select! {
+        admitted = ingest.admit(&header) => admitted?,
+        () = answers.closed() => return Ok(()),
+    };
+    let Some(expected) = admitted else {
+        let _ = answers.send(Ok(answer(v1::Admission::Dropped, false))).await;
+        return Ok(());
+    };
+    let mut reservation = Reservation { ingest, header: &header, filled: false };
+    let _ = answers.send(Ok(answer(v1::Admission::Admitted, false))).await;
+    let mut bytes = Vec::with_capacity(expected);
+    while bytes.len() < expected {
+        let Some(part) = parts.message().await? else {
+            let have = bytes.len();
+            return Err(Status::invalid_argument(format!("push: the brick ended after {have} of {expected} bytes")));
+        };
+        let Some(Part::Chunk(chunk)) = part.part else {
+            return Err(Status::invalid_argument("push: a second header before the brick's bytes were all in"));
+        };
+        if bytes.len() + chunk.len() > expected {
+            return Err(Status::invalid_argument(format!("push: more than the brick's {expected} bytes were sent")));
+        }
+        bytes.extend_from_slice(&chunk);
+    }
+    reservation.filled = true;
+    let received = ingest.core().receive(&header.run_id, header.step, header.rank, bytes, Instant::now())?;
+    ingest.ready.notify_one();
+    ingest.room.notify_waiters();
+    let admission = if received.is_some() { v1::Admission::Admitted } else { v1::Admission::Dropped };
+    let _ = answers.send(Ok(answer(admission, received == Some(true)))).await;
+    Ok(())
+}
+
+#[tonic::async_trait]
+impl ingest_server::Ingest for IngestService {
+    async fn open(&self, request: Request<v1::OpenRequest>) -> Result<Response<v1::OpenReply>, Status> {
+        let request = request.into_inner();
+        let spec = spec_from(&request).map_err(|e| invalid(&e))?;
+        let fresh = fresh_run_id(&spec.name);
+        let resume = check_run_id(&request.resume_run_id)?;
+        let run_id = self.0.core().open(spec, request.rank, resume, fresh, Instant::now())?;
+        self.0.room.notify_waiters();
+        tracing::info!(run_id, rank = request.rank, "rank attached");
+        Ok(Response::new(v1::OpenReply { run_id, chunk_bytes: CHUNK_BYTES as u32 }))
+    }
+
+    type PushStream = Pin<Box<dyn Stream<Item = Result<v1::PushAnswer, Status>> + Send>>;
+
+    async fn push(&self, request: Request<Streaming<v1::PushPart>>) -> Result<Response<Self::PushStream>, Status> {
+        let ingest = self.0.clone();
+        let (answers, stream) = mpsc::channel(2);
+        tokio::spawn(async move {
+            if let Err(refusal) = take_brick(&ingest, request.into_inner(), &answers).await {
+                tracing::warn!(reason = refusal.message(), "brick refused");
+                let _ = answers.send(Err(refusal)).await;
+            }
+        });
+        Ok(Response::new(tokio_stream::wrappers::ReceiverStream::new(stream).boxed()))
+    }
+
+    async fn close(&self, request: Request<v1::CloseRequest>) -> Result<Response<v1::CloseReply>, Status> {
+        let v1::CloseRequest { run_id, rank } = request.into_inner();
+        let dropped_steps = self.0.core().close(&run_id, rank)?;
+        self.0.room.notify_waiters();
+        tracing::info!(run_id, rank, dropped_steps, "rank detached");
+        Ok(Response::new(v1::CloseReply { dropped_steps }))
+    }
+}
+
+fn spec_from(r: &v1::OpenRequest) -> Result<RunSpec, lamina_model::Invalid> {
+    let full_policy = match r.full_policy() {
+        v1::FullPolicy::Unspecified => v1::FullPolicy::DropOldest,
+        stated => stated,
+    };
+    Ok(RunSpec {
+        name: r.name.clone(),
+        field: r.field.clone(),
+        grid: required(r.grid, "grid")?.try_into()?,
+        voxel_type: r.voxel_type().try_into()?,
+        ranks: r.ranks,
+        full_policy,
+        scene: r.scene.clone().map(TryInto::try_into).transpose()?,
+    })
+}
+
+/// Name and time: sorts by age, unique per machine and run, and safe as a folder's name.
+fn fresh_run_id(name: &str) -> String {
+    let safe: String =
+        name.chars().map(|c| if c.is_ascii_alphanumeric() || "-_".contains(c) { c } else { '_' }).collect();
+    let millis = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_millis());
+    format!("{}-{millis}", &safe[..safe.len().min(80)])
+}
+
+fn check_run_id(id: &str) -> Result<&str, Status> {
+    let safe = id.len() <= 120 && id.chars().all(|c| c.is_ascii_alphanumeric() || "-_".contains(c));
+    if safe { Ok(id) } else { Err(Status::invalid_argument("resume_run_id: not an id that a generator-node gave")) }
+}

@@ -1,0 +1,80 @@
+//! Which parameters hold for which step.
+
+use lamina_model::GenerationParams;
+
+/// Parameters and what to do when a step's VDI exceeds the size limit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Setting {
+    /// Used first.
+    pub params: GenerationParams,
+    /// Largest VDI to publish, bytes.
+    pub size_limit_bytes: Option<u64>,
+    /// The limit on generation time that `params` were chosen for; only echoed, since time cannot be taken back.
+    pub time_limit_ns: Option<u64>,
+    /// Tried in turn while the VDI is larger.
+    pub fallbacks: Vec<GenerationParams>,
+}
+
+/// Settings by the first step they hold for.
+pub struct Schedule {
+    settings: Vec<(u64, Setting)>,
+    next_step: u64,
+}
+
+impl Schedule {
+    /// `params` for every step until told otherwise.
+    pub fn new(params: GenerationParams) -> Self {
+        let setting = Setting { params, size_limit_bytes: None, time_limit_ns: None, fallbacks: Vec::new() };
+        Self { settings: vec![(0, setting)], next_step: 0 }
+    }
+
+    /// Lets `setting` hold from `from_step`, or from the next step if that one is past; says which.
+    pub fn set(&mut self, from_step: u64, setting: Setting) -> u64 {
+        let from = from_step.max(self.next_step);
+        self.settings.retain(|(first, _)| *first < from);
+        self.settings.push((from, setting));
+        from
+    }
+
+    /// The setting for `step`, which starts now; settings for the past are forgotten.
+    pub fn begin(&mut self, step: u64) -> Setting {
+        self.next_step = step + 1;
+        let current = self.settings.partition_point(|(first, _)| *first <= step).saturating_sub(1);
+        self.settings.drain(..current);
+        self.settings[0].1.clone()
+    }
+
+    /// A new run counts its steps from the start again: what holds now holds from there.
+    pub fn restart(&mut self) {
+        self.settings.drain(..self.settings.len() - 1);
+        self.settings[0].0 = 0;
+        self.next_step = 0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn setting(resolution: u32) -> Setting {
+        Setting {
+            params: GenerationParams::new(resolution, 0.1).unwrap(),
+            size_limit_bytes: None,
+            time_limit_ns: None,
+            fallbacks: vec![],
+        }
+    }
+
+    #[test]
+    fn settings_apply_from_their_step_on_and_never_to_the_past() {
+        let mut s = Schedule::new(setting(1).params);
+        assert_eq!(s.begin(4), setting(1));
+        assert_eq!(s.set(0, setting(2)), 5);
+        assert_eq!(s.set(9, setting(3)), 9);
+        assert_eq!(s.begin(8), setting(2));
+        assert_eq!(s.begin(9), setting(3));
+        assert_eq!(s.begin(20), setting(3));
+        s.restart();
+        assert_eq!(s.begin(0), setting(3));
+    }
+}

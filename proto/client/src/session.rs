@@ -1,0 +1,94 @@
+//! One connection with an open run.
+
+use crate::{Brick, Receipt, RunOptions};
+use lamina_wire::v1::{self, ingest_client::IngestClient, push_part::Part};
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::transport::{Channel, Endpoint};
+use tonic::{Status, Streaming};
+
+/// An attached rank.
+pub struct Session {
+    ingest: IngestClient<Channel>,
+    chunk_bytes: usize,
+}
+
+impl Session {
+    /// Connects and attaches; `run_id` is the one had before, or empty. Gives the run's id.
+    pub async fn open(endpoint: &Endpoint, options: &RunOptions, run_id: &str) -> Result<(Self, String), Status> {
+        let channel = endpoint
+            .clone()
+            .http2_keep_alive_interval(Duration::from_secs(5))
+            .keep_alive_timeout(options.deadline)
+            .connect()
+            .await
+            .map_err(|e| Status::unavailable(innermost(&e)))?;
+        let mut ingest = IngestClient::new(channel);
+        let request = v1::OpenRequest {
+            name: options.name.clone(),
+            field: options.field.clone(),
+            grid: Some((&options.grid).into()),
+            voxel_type: v1::VoxelType::from(options.voxel_type).into(),
+            ranks: options.ranks,
+            rank: options.rank,
+            full_policy: options.full_policy.into(),
+            scene: options.scene.as_ref().map(Into::into),
+            resume_run_id: run_id.to_owned(),
+        };
+        let reply = ingest.open(request).await?.into_inner();
+        let chunk_bytes = (reply.chunk_bytes as usize).clamp(1 << 12, lamina_wire::MAX_MESSAGE_BYTES / 2);
+        Ok((Self { ingest, chunk_bytes }, reply.run_id))
+    }
+
+    /// Announces the brick, waits for its admission, sends its bytes, waits for the receipt.
+    pub async fn push(
+        &self,
+        run_id: &str,
+        rank: u32,
+        step: u64,
+        time: f64,
+        brick: &Brick<'_>,
+    ) -> Result<Receipt, Status> {
+        let [x0, y0, z0] = brick.start.map(|v| v as u64);
+        let [nx, ny, nz] = brick.dims.map(|v| v as u64);
+        let header = v1::BrickHeader { run_id: run_id.to_owned(), step, time, rank, x0, y0, z0, nx, ny, nz };
+        let (parts, stream) = mpsc::channel(2);
+        let hung_up = || Status::unavailable("the connection ended");
+        let part = |part| v1::PushPart { part: Some(part) };
+        parts.send(part(Part::Header(header))).await.map_err(|_| hung_up())?;
+        let mut answers = self.ingest.clone().push(ReceiverStream::new(stream)).await?.into_inner();
+        if next(&mut answers).await?.admission() == v1::Admission::Dropped {
+            return Ok(Receipt::Dropped);
+        }
+        for chunk in brick.chunks(self.chunk_bytes) {
+            if parts.send(part(Part::Chunk(chunk.into()))).await.is_err() {
+                // The node has hung up; its last answer says why.
+                break;
+            }
+        }
+        let receipt = next(&mut answers).await?;
+        Ok(match receipt.admission() {
+            v1::Admission::Dropped => Receipt::Dropped,
+            _ => Receipt::Admitted(receipt.step_complete),
+        })
+    }
+
+    /// Detaches the rank.
+    pub async fn close(mut self, run_id: &str, rank: u32) -> Result<(), Status> {
+        self.ingest.close(v1::CloseRequest { run_id: run_id.to_owned(), rank }).await.map(drop)
+    }
+}
+
+async fn next(answers: &mut Streaming<v1::PushAnswer>) -> Result<v1::PushAnswer, Status> {
+    answers.message().await?.ok_or_else(|| Status::unavailable("the connection ended before the receipt"))
+}
+
+/// The cause at the bottom: "connection refused" rather than "transport error".
+fn innermost(error: &dyn std::error::Error) -> String {
+    let mut cause = error;
+    while let Some(next) = cause.source() {
+        cause = next;
+    }
+    cause.to_string()
+}

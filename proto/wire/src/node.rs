@@ -1,0 +1,107 @@
+//! What every daemon does around its services: read its configuration, log, listen, stop cleanly.
+
+use serde::de::DeserializeOwned;
+use std::{future::Future, net::SocketAddr, path::Path, time::Duration};
+use tokio::net::TcpListener;
+use tonic::transport::server::Router;
+
+/// Why a daemon did not start or stopped.
+#[derive(Debug, thiserror::Error)]
+pub enum NodeError {
+    /// The configuration file cannot be read.
+    #[error("{path}: {reason}; give a readable file with --config")]
+    Unreadable {
+        /// The file.
+        path: String,
+        /// The system's words.
+        reason: std::io::Error,
+    },
+    /// The configuration file says something it must not.
+    #[error("{path}: {reason}")]
+    Config {
+        /// The file.
+        path: String,
+        /// Line, key, and what is accepted there.
+        reason: String,
+    },
+    /// The address cannot be listened on.
+    #[error(
+        "cannot listen on {address}: {reason}; choose another address with `listen` or --listen, or stop what uses it"
+    )]
+    Listen {
+        /// The address.
+        address: SocketAddr,
+        /// The system's words.
+        reason: std::io::Error,
+    },
+    /// The transport failed while serving.
+    #[error("serving: {0}")]
+    Serve(#[from] tonic::transport::Error),
+}
+
+/// The configuration in the TOML file at `path`, or the defaults without one.
+///
+/// # Errors
+/// If the file cannot be read, or has a key or value its type does not know.
+pub fn load_config<T: DeserializeOwned + Default>(path: Option<&Path>) -> Result<T, NodeError> {
+    let Some(path) = path else { return Ok(T::default()) };
+    let name = path.display().to_string();
+    let text = std::fs::read_to_string(path).map_err(|reason| NodeError::Unreadable { path: name.clone(), reason })?;
+    toml::from_str(&text).map_err(|e| NodeError::Config { path: name, reason: e.to_string().trim_end().to_owned() })
+}
+
+/// Log lines to standard error, `default_level` and above unless RUST_LOG says otherwise.
+pub fn log_to_stderr(default_level: &str) {
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| default_level.into());
+    // A second call, in a process with several nodes, keeps the first subscriber.
+    let _ =
+        tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false).try_init();
+}
+
+/// Listens on `address`; port 0 takes a free one.
+///
+/// # Errors
+/// If the address is in use or not this machine's.
+pub async fn listen(address: SocketAddr) -> Result<TcpListener, NodeError> {
+    TcpListener::bind(address).await.map_err(|reason| NodeError::Listen { address, reason })
+}
+
+/// How long connections may finish what they are doing after a stop was asked for.
+const GRACE: Duration = Duration::from_secs(1);
+
+/// Serves `router` on `listener` until `shutdown` completes, then for at most [`GRACE`] more.
+///
+/// # Errors
+/// If the transport fails.
+pub async fn serve(router: Router, listener: TcpListener, shutdown: impl Future<Output = ()>) -> Result<(), NodeError> {
+    let incoming = tonic::transport::server::TcpIncoming::from(listener).with_nodelay(Some(true));
+    let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
+    let server = router.serve_with_incoming_shutdown(incoming, async {
+        let _ = stopped.await;
+    });
+    tokio::pin!(server);
+    tokio::select! {
+        result = &mut server => return Ok(result?),
+        () = shutdown => drop(stop),
+    }
+    match tokio::time::timeout(GRACE, server).await {
+        Ok(result) => Ok(result?),
+        // Streams that never end by themselves are cut here.
+        Err(_) => Ok(()),
+    }
+}
+
+/// Completes on SIGTERM or Ctrl-C.
+pub async fn stop_signal() {
+    let interrupt = tokio::signal::ctrl_c();
+    #[cfg(unix)]
+    {
+        use tokio::signal::unix::{SignalKind, signal};
+        match signal(SignalKind::terminate()) {
+            Ok(mut terminate) => tokio::select! { _ = interrupt => {}, _ = terminate.recv() => {} },
+            Err(_) => drop(interrupt.await),
+        }
+    }
+    #[cfg(not(unix))]
+    drop(interrupt.await);
+}

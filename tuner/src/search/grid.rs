@@ -1,0 +1,117 @@
+//! Exhaustive search over resolution and gamma.
+
+use lamina_model::{GenerationParams, Invalid};
+use serde::{Deserialize, Serialize};
+
+/// Evenly spaced values from `from` to at most `to`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Axis {
+    /// First value.
+    pub from: f64,
+    /// Upper end.
+    pub to: f64,
+    /// Distance of neighbours.
+    pub step: f64,
+}
+
+impl Axis {
+    /// The values; a last one within a thousandth of a step of `to` counts.
+    fn values(&self, name: &'static str) -> Result<Vec<f64>, Invalid> {
+        let Self { from, to, step } = *self;
+        if !(from.is_finite() && to.is_finite() && from <= to && step.is_finite() && step > 0.0) {
+            return Err(Invalid::new(name, format!("from {from} to {to} step {step}: needs from <= to and step > 0")));
+        }
+        let n = ((to - from) / step + 1e-3).floor() + 1.0;
+        if n > 10_000.0 {
+            return Err(Invalid::new(
+                name,
+                format!("from {from} to {to} step {step} are {n:.0} values; at most 10000"),
+            ));
+        }
+        Ok((0..n as u32).map(|k| from + f64::from(k) * step).collect())
+    }
+}
+
+/// A grid of resolutions and gammas.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Grid {
+    /// Rays per side.
+    pub resolution: Axis,
+    /// Interrupt parameter.
+    pub gamma: Axis,
+}
+
+impl Default for Grid {
+    /// Coarse enough to search while a simulation runs: 4 resolutions by 4 gammas.
+    fn default() -> Self {
+        Self {
+            resolution: Axis { from: 128.0, to: 512.0, step: 128.0 },
+            gamma: Axis { from: 0.005, to: 0.14, step: 0.045 },
+        }
+    }
+}
+
+impl Grid {
+    /// The paper's grid: 20 resolutions by 65 gammas.
+    pub fn paper() -> Self {
+        Self {
+            resolution: Axis { from: 160.0, to: 768.0, step: 32.0 },
+            gamma: Axis { from: 0.001, to: 0.26, step: 0.004 },
+        }
+    }
+
+    /// All parameters of the grid; opacity cut-off and step are those of `base`.
+    ///
+    /// # Errors
+    /// If an axis is not a range or holds values that cannot be used.
+    pub fn candidates(&self, base: &GenerationParams) -> Result<Vec<GenerationParams>, Invalid> {
+        let gammas = self.gamma.values("grid.gamma")?;
+        let mut all = Vec::new();
+        for r in self.resolution.values("grid.resolution")? {
+            if r.fract() != 0.0 || !(1.0..=f64::from(GenerationParams::MAX_RESOLUTION)).contains(&r) {
+                return Err(Invalid::new(
+                    "grid.resolution",
+                    format!("{r} is not a whole number of rays from 1 to 8192"),
+                ));
+            }
+            for &gamma in &gammas {
+                // Rounded to what a person would write, so that 0.001 + 3 x 0.004 is 0.013.
+                let gamma = (gamma * 1e9).round() / 1e9;
+                let params = GenerationParams::new(r as u32, gamma)?;
+                all.push(params.with_opacity_cutoff(base.opacity_cutoff())?.with_step_voxels(base.step_voxels())?);
+            }
+        }
+        Ok(all)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_papers_grid_has_its_1300_parameters() {
+        let base = GenerationParams::new(1, 0.0).unwrap();
+        let all = Grid::paper().candidates(&base).unwrap();
+        assert_eq!(all.len(), 1300);
+        assert_eq!((all[0].resolution(), all[0].gamma()), (160, 0.001));
+        assert_eq!((all[3].resolution(), all[3].gamma()), (160, 0.013));
+        assert_eq!((all[1299].resolution(), all[1299].gamma()), (768, 0.257));
+        assert_eq!(Grid::default().candidates(&base).unwrap().len(), 16);
+    }
+
+    #[test]
+    fn axes_that_are_no_ranges_are_refused_by_name() {
+        let base = GenerationParams::new(1, 0.0).unwrap();
+        let axis = |from, to, step| Axis { from, to, step };
+        let resolution = |a| Grid { resolution: a, ..Grid::default() }.candidates(&base).unwrap_err().thing;
+        for bad in
+            [axis(0.0, 9.0, 1.0), axis(9.0, 1.0, 1.0), axis(1.0, 9.0, 0.0), axis(1.0, 9.0, 1e-9), axis(1.5, 9.0, 1.0)]
+        {
+            assert_eq!(resolution(bad), "grid.resolution");
+        }
+        assert!(Grid { gamma: axis(-0.1, 0.1, 0.1), ..Grid::default() }.candidates(&base).is_err());
+    }
+}

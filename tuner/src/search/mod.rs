@@ -1,0 +1,5 @@
+//! Which parameters are tried.
+
+mod grid;
+
+pub use grid::{Axis, Grid};

@@ -1,0 +1,80 @@
+//! What the tuner is doing and has measured, for those who ask.
+
+use crate::trial::TrialError;
+use crate::tune::{Row, Study};
+use lamina_wire::v1::{self, tuning_server};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tonic::{Request, Response};
+
+/// Trials remembered.
+const MOST_TRIALS: usize = 20_000;
+
+/// Shared by the loop and the service.
+#[derive(Default)]
+pub struct Status {
+    state: Mutex<v1::TunerStatus>,
+}
+
+impl Status {
+    fn state(&self) -> MutexGuard<'_, v1::TunerStatus> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A step is being dealt with.
+    pub fn working(&self, busy: bool) {
+        self.state().busy = busy;
+    }
+
+    /// `step` has been dealt with.
+    pub fn seen(&self, step: u64) {
+        let mut state = self.state();
+        state.busy = false;
+        state.steps_seen = step + 1;
+    }
+
+    /// A study ended, with or without an error.
+    pub fn failed(&self, error: Option<&TrialError>) {
+        self.state().last_error = error.map(ToString::to_string).unwrap_or_default();
+    }
+
+    /// A trial was measured; its step is filled in when the study ends.
+    pub fn tried(&self, row: &Row) {
+        tracing::debug!(resolution = row.params.resolution(), gamma = row.params.gamma(), alpha = row.cost, "trial");
+    }
+
+    /// A study ended with a choice.
+    pub fn finished(&self, study: &Study, chosen: usize) {
+        let record = |(n, row): (usize, &Row)| v1::TrialRecord {
+            step: study.step,
+            params: Some((&row.params).into()),
+            cost: Some(v1::Cost {
+                size_bytes: row.measured.indicators.size_bytes,
+                generation_ns: row.measured.indicators.generation_time.as_nanos() as u64,
+                encode_ns: row.measured.encode_time.as_nanos() as u64,
+                supersegments: row.measured.supersegments,
+            }),
+            psnr_db: row.measured.indicators.psnr_db,
+            chosen: n == chosen,
+        };
+        let mut state = self.state();
+        state.trials.extend(study.rows.iter().enumerate().map(record));
+        let excess = state.trials.len().saturating_sub(MOST_TRIALS);
+        state.trials.drain(..excess);
+        state.chosen = Some((&study.rows[chosen].params).into());
+    }
+}
+
+/// The gRPC face of [`Status`].
+pub struct StatusService(pub Arc<Status>);
+
+#[tonic::async_trait]
+impl tuning_server::Tuning for StatusService {
+    async fn status(
+        &self,
+        request: Request<v1::TunerStatusRequest>,
+    ) -> Result<Response<v1::TunerStatus>, tonic::Status> {
+        let state = self.0.state();
+        let trials = if request.into_inner().with_trials { state.trials.clone() } else { Vec::new() };
+        Ok(Response::new(v1::TunerStatus { trials, last_error: state.last_error.clone(), ..*state }))
+    }
+}

@@ -1,0 +1,49 @@
+//! The viz-node's configuration file.
+
+use lamina_model::Invalid;
+use serde::{Deserialize, Serialize};
+use std::{net::SocketAddr, path::PathBuf};
+
+/// All keys of the configuration; every one has a default.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// Where the page, the metrics and the gRPC services are.
+    pub listen: SocketAddr,
+    /// The generator-node to subscribe to.
+    pub generator: String,
+    /// Folder in which every step is recorded; without one the newest are held in memory.
+    pub store: Option<PathBuf>,
+    /// Bytes of encoded VDIs held in memory when there is no folder.
+    pub memory_bytes: u64,
+    /// Largest encoded VDI accepted, bytes.
+    pub max_frame_bytes: u64,
+    /// Largest VDI accepted once decoded, bytes.
+    pub max_decoded_bytes: u64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            listen: SocketAddr::from(([127, 0, 0, 1], 7102)),
+            generator: "http://127.0.0.1:7101".to_owned(),
+            store: None,
+            memory_bytes: 256 << 20,
+            max_frame_bytes: 256 << 20,
+            max_decoded_bytes: 1 << 30,
+        }
+    }
+}
+
+impl Config {
+    /// Passes a configuration that can be run.
+    ///
+    /// # Errors
+    /// Names the first key whose value cannot be used.
+    pub fn check(self) -> Result<Self, Invalid> {
+        if !self.generator.starts_with("http://") {
+            return Err(Invalid::new("generator", format!("\"{}\"; write http://HOST:PORT", self.generator)));
+        }
+        Ok(self)
+    }
+}

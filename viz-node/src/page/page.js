@@ -1,0 +1,691 @@
+// The viewer page. It knows steps, measurements and a camera; it never sees a VDI: pictures come rendered from the server.
+// Everything shown is a function of `store` (what the server said) and `view` (what the reader chose). Any change calls
+// `refresh`, which redraws at most once a frame, so a burst of steps costs one drawing.
+"use strict";
+
+const DRAFT_SIZE = 256;
+const LARGEST_SIZE = 1024;
+const IDLE_MS = 180;
+const RETRY_MS = 2000;
+const QUIET_MS = 10_000;
+const ZOOM_RANGE = [0.25, 8];
+
+const store = { run: null, limit: { size_bytes: null, time_ms: null }, steps: [], missed: 0, loaded: false };
+/** `step: null` follows the newest; the camera is relative to the generation camera. */
+const view = { step: null, azimuth: 0, elevation: 0, zoom: 1 };
+const link = { phase: "connecting", loading: null, arrivedWhileLoading: [], lastStepAt: performance.now() };
+const motion = { held: false, timer: 0 };
+const picture = { busy: false, shown: null, refused: null, retryAt: 0, notice: "" };
+
+const byId = (id) => document.getElementById(id);
+const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
+const newest = () => store.steps[store.steps.length - 1] ?? null;
+
+// ---- Steps -----------------------------------------------------------------------------------------------------------
+
+/** The position of the first row whose step is at least `step`. */
+function lowerBound(step) {
+  let [low, high] = [0, store.steps.length];
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (store.steps[middle].step < step) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}
+
+/** Adds a row, or replaces the same step's when its PSNR has come in. */
+function upsert(row) {
+  const at = lowerBound(row.step);
+  const known = store.steps[at]?.step === row.step;
+  store.steps.splice(at, known ? 1 : 0, row);
+  if (!known) link.lastStepAt = performance.now();
+}
+
+function shownIndex() {
+  return view.step === null ? store.steps.length - 1 : lowerBound(view.step);
+}
+
+const shownRow = () => store.steps[shownIndex()] ?? null;
+
+function choose(index) {
+  if (store.steps.length === 0) return;
+  view.step = store.steps[clamp(index, 0, store.steps.length - 1)].step;
+  refresh();
+}
+
+function followNewest() {
+  view.step = null;
+  refresh();
+}
+
+/** The index of the step nearest to step number `step`. */
+function nearestIndex(step) {
+  const after = clamp(lowerBound(step), 0, store.steps.length - 1);
+  const before = Math.max(after - 1, 0);
+  return step - store.steps[before].step <= store.steps[after].step - step ? before : after;
+}
+
+// ---- Server ----------------------------------------------------------------------------------------------------------
+
+/** Fetches the whole state. Rows that arrive as events meanwhile are newer than the answer and are laid over it. */
+async function load() {
+  link.loading?.abort();
+  const loading = (link.loading = new AbortController());
+  link.arrivedWhileLoading = [];
+  try {
+    const answer = await fetch("api/state", { signal: loading.signal, cache: "no-store" });
+    if (!answer.ok) throw new Error(`api/state answered ${answer.status}`);
+    const state = await answer.json();
+    if (link.loading === loading) accept(state);
+  } catch {
+    // Superseded by a newer load, or the server is away: then the event stream reports it, and we ask again.
+    if (link.loading !== loading) return;
+    link.loading = null;
+    setTimeout(() => link.phase === "live" && !link.loading && load(), RETRY_MS);
+  }
+}
+
+function accept(state) {
+  const sameRun = state.run?.id === store.run?.id;
+  store.run = state.run;
+  store.limit = state.limit ?? store.limit;
+  store.missed = state.missed_steps ?? 0;
+  store.steps = (state.steps ?? []).sort((a, b) => a.step - b.step);
+  store.loaded = true;
+  link.loading = null;
+  link.lastStepAt = performance.now();
+  if (!sameRun) Object.assign(picture, { shown: null, refused: null, notice: "" });
+  link.arrivedWhileLoading.forEach(upsert);
+  if (!sameRun || store.steps[lowerBound(view.step ?? 0)]?.step !== view.step) view.step = null;
+  refresh();
+}
+
+function connect() {
+  const events = new EventSource("api/events");
+  events.onopen = () => {
+    link.phase = "live";
+    load();
+    refresh();
+  };
+  events.addEventListener("step", (event) => {
+    const row = JSON.parse(event.data);
+    if (link.loading) link.arrivedWhileLoading.push(row);
+    else upsert(row);
+    refresh();
+  });
+  events.addEventListener("run", load);
+  events.onerror = () => {
+    link.phase = "reconnecting";
+    // The browser tries again by itself unless the answer was no event stream at all.
+    if (events.readyState === EventSource.CLOSED) setTimeout(connect, RETRY_MS);
+    refresh();
+  };
+}
+
+// ---- Picture ---------------------------------------------------------------------------------------------------------
+
+function fullSize() {
+  const side = byId("picture").clientWidth * (window.devicePixelRatio || 1);
+  return clamp(Math.round(side), 64, LARGEST_SIZE);
+}
+
+function wantedPicture() {
+  const row = shownRow();
+  if (!row || !store.run) return null;
+  const { azimuth, elevation, zoom } = view;
+  const size = motion.held || motion.timer ? DRAFT_SIZE : fullSize();
+  return { run: store.run.id, step: row.step, live: view.step === null, azimuth, elevation, zoom, size };
+}
+
+/**
+ * Whether picture `have` is what `want` asks for, at its size or a larger one. The newest picture may be of a step whose
+ * event has not come yet; asking again would only bring it once more.
+ */
+function satisfies(have, want) {
+  if (have === null) return false;
+  const sameStep = have.step === want.step || (want.live && have.step > want.step);
+  const sameView = ["run", "azimuth", "elevation", "zoom"].every((key) => have[key] === want[key]);
+  return sameStep && sameView && have.size >= want.size;
+}
+
+/** Asks for the wanted picture unless one is on its way; whatever is wanted when that one lands comes next. */
+async function pumpPicture() {
+  const want = wantedPicture();
+  if (!want || picture.busy || link.phase !== "live" || performance.now() < picture.retryAt) return;
+  if (satisfies(picture.refused, want)) return;
+  if (satisfies(picture.shown, want)) {
+    // Back from a step that had no picture to the one still on the stage.
+    if (picture.notice) refresh();
+    picture.notice = "";
+    return;
+  }
+  picture.busy = true;
+  byId("stage").setAttribute("aria-busy", "true");
+  try {
+    await fetchPicture(want);
+  } catch {
+    retryPicture();
+  }
+  picture.busy = false;
+  byId("stage").removeAttribute("aria-busy");
+  refresh();
+}
+
+async function fetchPicture(want) {
+  const query = new URLSearchParams({
+    step: want.live ? "newest" : want.step,
+    azimuth: want.azimuth.toFixed(2),
+    elevation: want.elevation.toFixed(2),
+    zoom: want.zoom.toFixed(4),
+    size: want.size,
+  });
+  const answer = await fetch(`api/image?${query}`, { cache: "no-store" });
+  if (!answer.ok) {
+    picture.notice = `No picture of step ${want.step}: ${(await answer.text()).trim() || answer.status}`;
+    // An unknown step stays unknown; any other failure may pass.
+    if (answer.status === 404) picture.refused = { ...want, size: Infinity };
+    else retryPicture();
+    return;
+  }
+  const bitmap = await createImageBitmap(await answer.blob());
+  // A new run may have begun meanwhile, and this picture would pass for its step.
+  if (want.run === store.run?.id) showPicture(bitmap, want, answer.headers);
+  bitmap.close();
+}
+
+function retryPicture() {
+  picture.retryAt = performance.now() + RETRY_MS;
+  setTimeout(refresh, RETRY_MS + 10);
+}
+
+function showPicture(bitmap, want, headers) {
+  const step = Number(headers.get("X-Lamina-Step") ?? want.step);
+  const renderMs = Number(headers.get("X-Lamina-Render-Ms") ?? NaN);
+  const canvas = byId("picture");
+  [canvas.width, canvas.height] = [bitmap.width, bitmap.height];
+  const context = canvas.getContext("2d", { willReadFrequently: true });
+  context.drawImage(bitmap, 0, 0);
+  continueBackground(context, bitmap.width, bitmap.height);
+  Object.assign(canvas.dataset, { step, size: want.size, renderMs });
+  for (const key of ["azimuth", "elevation", "zoom"]) canvas.dataset[key] = Number(want[key].toFixed(4));
+  Object.assign(picture, { shown: { ...want, step }, refused: null, retryAt: 0, notice: "" });
+  byId("rendered").textContent = `step ${step}, ${want.size} px in ${fixed(renderMs, 1)} ms`;
+}
+
+/** The stage takes the picture's background, if its corners agree on one, so that the square does not look cut out. */
+function continueBackground(context, width, height) {
+  const corners = [[0, 0], [width - 1, 0], [0, height - 1], [width - 1, height - 1]];
+  const [first, ...others] = corners.map(([x, y]) => context.getImageData(x, y, 1, 1).data.join());
+  if (others.every((other) => other === first)) byId("stage").style.background = `rgb(${first.split(",", 3).join(" ")})`;
+}
+
+// ---- Camera ----------------------------------------------------------------------------------------------------------
+
+function setCamera(azimuth, elevation, zoom) {
+  const turn = ((((azimuth + 180) % 360) + 360) % 360) - 180;
+  Object.assign(view, { azimuth: turn, elevation: clamp(elevation, -89, 89), zoom: clamp(zoom, ...ZOOM_RANGE) });
+  moving();
+}
+
+const turnBy = (azimuth, elevation) => setCamera(view.azimuth + azimuth, view.elevation + elevation, view.zoom);
+const zoomBy = (factor) => setCamera(view.azimuth, view.elevation, view.zoom * factor);
+
+/** Something changes: drafts are enough until it has been still for a moment. */
+function moving() {
+  clearTimeout(motion.timer);
+  motion.timer = setTimeout(() => {
+    motion.timer = 0;
+    refresh();
+  }, IDLE_MS);
+  refresh();
+}
+
+/** No draft on the way to a place that is already final. */
+function jumpTo(azimuth, elevation, zoom) {
+  setCamera(azimuth, elevation, zoom);
+  clearTimeout(motion.timer);
+  motion.timer = 0;
+}
+
+const resetCamera = () => jumpTo(0, 0, 1);
+
+/** One pointer orbits: the object follows the hand, half a turn across the picture. Two zoom by their distance. */
+function listenToPicture(canvas) {
+  const pointers = new Map();
+  const spread = () => {
+    const [a, b] = [...pointers.values()];
+    return Math.hypot(a.x - b.x, a.y - b.y);
+  };
+  canvas.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0) return;
+    canvas.setPointerCapture(event.pointerId);
+    pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    const last = pointers.get(event.pointerId);
+    if (!last) return;
+    const [dx, dy] = [event.clientX - last.x, event.clientY - last.y];
+    if (dx === 0 && dy === 0) return;
+    const before = pointers.size === 2 ? spread() : 0;
+    pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    motion.held = true;
+    canvas.classList.add("turning");
+    const scale = 180 / canvas.clientWidth;
+    if (pointers.size === 1) turnBy(-dx * scale, dy * scale);
+    else if (pointers.size === 2 && before > 0) zoomBy(spread() / before);
+  });
+  const release = (event) => {
+    if (!pointers.delete(event.pointerId) || pointers.size > 0) return;
+    motion.held = false;
+    canvas.classList.remove("turning");
+    refresh();
+  };
+  canvas.addEventListener("pointerup", release);
+  canvas.addEventListener("pointercancel", release);
+  canvas.addEventListener("dblclick", resetCamera);
+  canvas.addEventListener("wheel", wheelZoom, { passive: false });
+}
+
+function wheelZoom(event) {
+  event.preventDefault();
+  const pixels = event.deltaY * [1, 16, 400][event.deltaMode];
+  zoomBy(Math.exp(-clamp(pixels, -300, 300) * 0.0015));
+}
+
+const CAMERA_KEYS = {
+  ArrowLeft: () => turnBy(-5, 0),
+  ArrowRight: () => turnBy(5, 0),
+  ArrowUp: () => turnBy(0, 5),
+  ArrowDown: () => turnBy(0, -5),
+};
+const PAGE_KEYS = {
+  ",": () => choose(shownIndex() - 1),
+  ".": () => choose(shownIndex() + 1),
+  "+": () => zoomBy(1.15),
+  "=": () => zoomBy(1.15),
+  "-": () => zoomBy(1 / 1.15),
+  "0": resetCamera,
+  l: followNewest,
+  L: followNewest,
+};
+const TIMELINE_KEYS = {
+  ArrowLeft: () => choose(shownIndex() - 1),
+  ArrowRight: () => choose(shownIndex() + 1),
+  ArrowDown: () => choose(shownIndex() - 1),
+  ArrowUp: () => choose(shownIndex() + 1),
+  PageDown: () => choose(shownIndex() - 10),
+  PageUp: () => choose(shownIndex() + 10),
+  Home: () => choose(0),
+  End: () => choose(store.steps.length - 1),
+};
+
+/** Arrows act on what has the focus: the time line steps, the picture (or a page where nothing has it) turns. */
+function onKey(event) {
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  const focus = document.activeElement;
+  const arrows = focus === byId("timeline") ? TIMELINE_KEYS : focus === byId("picture") || focus === document.body ? CAMERA_KEYS : {};
+  const action = arrows[event.key] ?? PAGE_KEYS[event.key];
+  if (!action) return;
+  event.preventDefault();
+  action();
+}
+
+// ---- Numbers ---------------------------------------------------------------------------------------------------------
+
+const fixed = (x, digits) => (Number.isFinite(x) ? x.toFixed(digits) : "–");
+const significant = (x, digits) => (Number.isFinite(x) ? String(Number(x.toPrecision(digits))) : "–");
+const kilobytes = (bytes) => (Number.isFinite(bytes) ? bytes / 1000 : null);
+/** JSON has no infinity: identical pictures come as "inf". */
+const decibels = (value) => (value === "inf" ? Infinity : value);
+
+function decibelText(value) {
+  if (value === Infinity) return "∞";
+  return Number.isFinite(value) ? value.toFixed(1) : "–";
+}
+
+/** Round numbers, at most about `count`, that lie within `low`..`high`. */
+function niceTicks(low, high, count) {
+  if (!(high > low)) return [];
+  const rough = (high - low) / count;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const unit = [1, 2, 5, 10].find((m) => m * power >= rough * (1 - 1e-9)) * power;
+  const ticks = [];
+  for (let k = Math.ceil(low / unit - 1e-9); k * unit <= high * (1 + 1e-9); k++) ticks.push(Number((k * unit).toPrecision(12)));
+  return ticks;
+}
+
+// ---- Drawings over steps ---------------------------------------------------------------------------------------------
+
+const PLOTS = [
+  { id: "size", label: "Size", unit: "kB", value: (r) => kilobytes(r.size_bytes), bound: () => kilobytes(store.limit.size_bytes), text: (x) => fixed(x, x < 100 ? 1 : 0) },
+  { id: "time", label: "Generation", unit: "ms", value: (r) => r.generation_ms, bound: () => store.limit.time_ms, text: (x) => fixed(x, 1) },
+  { id: "psnr", label: "PSNR", unit: "dB", value: (r) => decibels(r.psnr_db), bound: () => null, text: decibelText, floating: true },
+];
+const GUTTER = 34;
+
+/** Maps step numbers to x; a single step stands in the middle. */
+function stepScale(left, right) {
+  const first = store.steps[0]?.step ?? 0;
+  const span = (newest()?.step ?? 0) - first;
+  return {
+    x: (step) => (span === 0 ? (left + right) / 2 : left + ((step - first) / span) * (right - left)),
+    step: (x) => first + clamp((x - left) / (right - left), 0, 1) * span,
+  };
+}
+
+/** A range of values to draw: from zero, or for decibels around the data; the bound is always inside. No data: no range. */
+function valueRange(values, bound, floating) {
+  const finite = values.filter(Number.isFinite);
+  if (bound !== null) finite.push(bound);
+  if (finite.length === 0) return [0, NaN];
+  const [low, high] = finite.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity]);
+  if (!floating) return [0, high > 0 ? high * 1.08 : 1];
+  const margin = Math.max((high - low) * 0.12, 0.5);
+  return [low - margin, high + margin];
+}
+
+/** At most the lowest and highest point of each pixel column, so that ten thousand steps draw like five hundred. */
+function thinned(points, width) {
+  if (points.length <= 2 * width) return points;
+  const columns = new Map();
+  for (const point of points) {
+    const column = Math.floor(point[0]);
+    const pair = columns.get(column);
+    if (!pair) columns.set(column, [point, point]);
+    else columns.set(column, [point[1] < pair[0][1] ? point : pair[0], point[1] > pair[1][1] ? point : pair[1]]);
+  }
+  return [...columns.values()].flat();
+}
+
+const pathOf = (points) => points.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("");
+const triangles = (points) => points.map(([x, y]) => `M${x.toFixed(1)} ${(y - 4).toFixed(1)}l4 7h-8z`).join("");
+
+function drawPlot(plot) {
+  const box = byId(plot.id).querySelector(".plot");
+  const [width, height] = [box.clientWidth, box.clientHeight];
+  const bound = plot.bound();
+  const rows = store.steps.filter((row) => plot.value(row) !== null);
+  const [low, high] = valueRange(rows.map(plot.value), bound, plot.floating);
+  const [top, bottom] = [8, height - 5];
+  // An infinite PSNR is drawn on the upper edge, where its own tick says so.
+  const y = (v) => (v === Infinity ? top - 4 : bottom - ((v - low) / (high - low)) * (bottom - top));
+  const { x } = stepScale(GUTTER, width - 8);
+  const points = rows.map((row) => [x(row.step), y(plot.value(row))]);
+  const broken = bound === null ? [] : points.filter((_, i) => plot.value(rows[i]) > bound);
+  const parts = niceTicks(low, high, 3).map((tick) => gridLine(y(tick), width, String(tick)));
+  if (rows.some((row) => plot.value(row) === Infinity)) parts.push(gridLine(top - 4, width, "∞"));
+  parts.push(cursor(x, y, plot, height));
+  parts.push(`<path class="curve" d="${pathOf(thinned(points, width))}"/>`);
+  if (points.length <= 40) parts.push(...points.map(([px, py]) => dot("dot", px, py, 1.8)));
+  if (bound !== null) parts.push(`<path class="bound" d="M${GUTTER} ${y(bound).toFixed(1)}H${width}"/>`);
+  parts.push(`<path class="violation" d="${triangles(thinned(broken, width))}"/>`, hereDot(x, y, plot));
+  box.firstElementChild.innerHTML = parts.join("");
+  captionPlot(plot, bound, broken.length);
+}
+
+const dot = (name, x, y, r) => `<circle class="${name}" cx="${x.toFixed(1)}" cy="${y.toFixed(1)}" r="${r}"/>`;
+
+function gridLine(y, width, label) {
+  return `<path class="grid" d="M${GUTTER} ${y.toFixed(1)}H${width}"/><text x="${GUTTER - 5}" y="${(y + 4).toFixed(1)}" text-anchor="end">${label}</text>`;
+}
+
+function cursor(x, y, plot, height) {
+  const row = shownRow();
+  return row ? `<path class="cursor" d="M${x(row.step).toFixed(1)} 0V${height}"/>` : "";
+}
+
+function hereDot(x, y, plot) {
+  const row = shownRow();
+  const value = row && plot.value(row);
+  return row && value !== null ? dot("here", x(row.step), y(value), 3.5) : "";
+}
+
+function captionPlot(plot, bound, broken) {
+  const row = shownRow();
+  const [name, detail] = byId(plot.id).querySelectorAll("figcaption span");
+  name.innerHTML = `${plot.label} <b>${row ? plot.text(plot.value(row)) : "–"}</b> ${plot.unit}`;
+  detail.textContent = bound === null ? "" : `limit ${significant(bound, 4)} ${plot.unit}${broken ? `, broken ${broken}×` : ""}`;
+}
+
+/** Steps as ticks, one a pixel column at most; a step that broke the limit is taller, coloured and pointed. */
+function drawTimeline() {
+  const box = byId("timeline");
+  const width = box.clientWidth;
+  const { x } = stepScale(10, width - 10);
+  const columns = new Map();
+  for (const row of store.steps) {
+    const column = Math.round(x(row.step));
+    columns.set(column, (columns.get(column) ?? true) && row.limit_kept);
+  }
+  const at = (kept) => [...columns].filter(([, k]) => k === kept).map(([column]) => column);
+  const parts = [
+    `<path class="grid" d="M0 28.5H${width}"/>`,
+    `<path class="tick-kept" d="${at(true).map((c) => `M${c} 20V28`).join("")}"/>`,
+    `<path class="violation" d="${at(false).map((c) => `M${c - 1} 14h2V28h-2zM${c} 8l4 7h-8z`).join("")}"/>`,
+    timelineHandle(x, width),
+  ];
+  box.firstElementChild.innerHTML = parts.join("");
+  describeTimeline(box);
+}
+
+function timelineHandle(x, width) {
+  const row = shownRow();
+  if (!row) return "";
+  const at = x(row.step);
+  const label = `step ${row.step}`;
+  const half = label.length * 3.2;
+  const text = clamp(at, half, width - half);
+  const ends = [[store.steps[0].step, 2, "start"], [newest().step, width - 2, "end"]]
+    .filter(([step, end]) => step !== row.step && Math.abs(end - text) > half + 50)
+    .map(([step, end, anchor]) => `<text x="${end}" y="43" text-anchor="${anchor}">${step}</text>`);
+  return `${ends.join("")}<rect class="handle" x="${(at - 2.5).toFixed(1)}" y="4" width="5" height="27" rx="2.5"/>
+    <text x="${text.toFixed(1)}" y="43" text-anchor="middle">${label}</text>`;
+}
+
+function describeTimeline(box) {
+  const row = shownRow();
+  box.setAttribute("aria-valuemin", store.steps[0]?.step ?? 0);
+  box.setAttribute("aria-valuemax", newest()?.step ?? 0);
+  box.setAttribute("aria-valuenow", row?.step ?? 0);
+  box.setAttribute("aria-valuetext", row ? `step ${row.step}${row.limit_kept ? "" : ", broke the limit"}` : "no step yet");
+}
+
+/** Pressing or dragging over steps shows the nearest one and stays there. */
+function listenToSteps(element, left, right) {
+  let scrubbing = false;
+  const pick = (event) => {
+    if (store.steps.length === 0) return;
+    const box = element.getBoundingClientRect();
+    choose(nearestIndex(stepScale(left, box.width - right).step(event.clientX - box.left)));
+  };
+  element.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0) return;
+    element.setPointerCapture(event.pointerId);
+    scrubbing = true;
+    pick(event);
+  });
+  element.addEventListener("pointermove", (event) => {
+    if (!scrubbing) return;
+    motion.held = true;
+    pick(event);
+  });
+  const release = () => {
+    scrubbing = motion.held = false;
+    refresh();
+  };
+  element.addEventListener("pointerup", release);
+  element.addEventListener("pointercancel", release);
+}
+
+// ---- Words -----------------------------------------------------------------------------------------------------------
+
+function readoutFields(row) {
+  const { size_bytes, time_ms } = store.limit;
+  const overSize = size_bytes !== null && row.size_bytes > size_bytes;
+  const overTime = time_ms !== null && row.generation_ms > time_ms;
+  // Limits may have changed since; then the step itself carries the mark.
+  const overThen = !row.limit_kept && !overSize && !overTime;
+  return [
+    ["Step", String(row.step), overThen],
+    ["Time", significant(row.time, 5)],
+    ["PSNR", row.psnr_db === null ? "not yet" : `${decibelText(decibels(row.psnr_db))} dB`],
+    ["Resolution r", `${row.resolution} × ${row.resolution}`],
+    ["Gamma γ", significant(row.gamma, 3)],
+    ["Supersegments", row.supersegments.toLocaleString("en")],
+    ["Size", `${fixed(kilobytes(row.size_bytes), 1)} kB`, overSize],
+    ["Generation", `${fixed(row.generation_ms, 1)} ms`, overTime],
+    ["Encode", `${fixed(row.encode_ms, 1)} ms`],
+  ];
+}
+
+function drawReadout() {
+  const row = shownRow();
+  const items = (row ? readoutFields(row) : []).map(([name, value, broken]) => {
+    const item = document.createElement("div");
+    const [term, detail] = [document.createElement("dt"), document.createElement("dd")];
+    [term.textContent, detail.textContent] = [name, value];
+    if (broken) {
+      detail.className = "broken";
+      detail.title = "breaks the limit";
+    }
+    item.append(term, detail);
+    return item;
+  });
+  byId("readout").replaceChildren(...items);
+  drawViews(row?.views ?? []);
+}
+
+/** One button a test view: its PSNR, and a way to look from there. Kept across steps so that the focus stays. */
+function drawViews(views) {
+  const box = byId("views");
+  while (box.children.length > views.length) box.lastChild.remove();
+  while (box.children.length < views.length) {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.addEventListener("click", () => jumpTo(Number(button.dataset.angle), 0, 1));
+    box.append(button);
+  }
+  views.forEach(({ angle_deg, psnr_db }, i) => {
+    const [button, value] = [box.children[i], decibelText(decibels(psnr_db))];
+    button.dataset.angle = angle_deg;
+    button.title = `Test view at ${angle_deg}°: ${value} dB. Look from there.`;
+    button.setAttribute("aria-label", button.title);
+    const angle = document.createElement("span");
+    angle.textContent = `${angle_deg}°`;
+    button.replaceChildren(angle, value);
+  });
+}
+
+function duration(ms) {
+  const seconds = Math.floor(ms / 1000);
+  if (seconds < 90) return `${seconds} s`;
+  return seconds < 5400 ? `${Math.floor(seconds / 60)} min` : `${Math.floor(seconds / 3600)} h`;
+}
+
+function drawRun() {
+  const title = document.createElement("b");
+  title.textContent = store.run?.name ?? "";
+  const facts = [];
+  if (store.run) facts.push(store.run.field, store.run.dims?.join(" × "), `${store.steps.length} steps`);
+  if (store.missed > 0) facts.push(`${store.missed} missed`);
+  const quiet = performance.now() - link.lastStepAt;
+  if (store.run && link.phase === "live" && quiet > QUIET_MS) facts.push(`no new step for ${duration(quiet)}`);
+  byId("run").replaceChildren(title, facts.length ? `  ${facts.filter(Boolean).join(" · ")}` : "");
+  document.title = store.run ? `${store.run.name} – Lamina` : "Lamina";
+}
+
+/** The state in a word, and on the stage what to do about it. */
+function stateWords() {
+  if (link.phase === "reconnecting") {
+    return ["reconnecting", "reconnecting", "The viz-node does not answer", "Start it again if it has stopped; this page then goes on by itself."];
+  }
+  if (link.phase !== "live" || !store.loaded) return ["connecting", "connecting", "Connecting", ""];
+  if (!store.run) {
+    return ["waiting", "waiting for a simulation", "Waiting for a simulation",
+      "Start one that sends its steps to a generator-node this viz-node subscribes to. Its first step appears here by itself."];
+  }
+  if (store.steps.length === 0) return ["live", "live", "Waiting for the first step", "The simulation is connected and has published nothing yet."];
+  return ["live", "live", picture.shown === null && picture.notice === "" ? "Rendering" : "", ""];
+}
+
+function setText(element, text) {
+  // Writing the same words again would make a screen reader say them again.
+  if (element.textContent !== text) element.textContent = text;
+}
+
+function drawState() {
+  const [state, word, title, advice] = stateWords();
+  byId("state").dataset.state = state;
+  setText(byId("state"), word);
+  const empty = picture.shown === null || !store.run;
+  byId("picture").classList.toggle("empty", empty);
+  byId("zoom").hidden = empty;
+  const hint = byId("hint");
+  hint.hidden = !empty || title === "";
+  const [strong, span] = [document.createElement("strong"), document.createElement("span")];
+  [strong.textContent, span.textContent] = [title, advice];
+  hint.replaceChildren(strong, span);
+  const notice = state === "reconnecting" && !empty ? `${title}. ${advice}` : picture.notice;
+  byId("notice").hidden = notice === "";
+  setText(byId("notice"), notice);
+  if (empty) setText(byId("rendered"), "");
+  const turned = view.azimuth !== 0 || view.elevation !== 0 || view.zoom !== 1;
+  setText(byId("camera"), turned && !empty ? `${fixed(view.azimuth, 0)}°, ${fixed(view.elevation, 0)}°, ×${fixed(view.zoom, 2)}` : "");
+}
+
+function drawTransport() {
+  const index = shownIndex();
+  byId("live").setAttribute("aria-pressed", String(view.step === null));
+  byId("previous").disabled = index <= 0;
+  byId("next").disabled = index >= store.steps.length - 1;
+}
+
+// ---- Drawing once a frame --------------------------------------------------------------------------------------------
+
+let frame = 0;
+
+function refresh() {
+  frame ||= requestAnimationFrame(() => {
+    frame = 0;
+    draw();
+    pumpPicture();
+  });
+}
+
+function draw() {
+  drawState();
+  drawRun();
+  drawTransport();
+  drawTimeline();
+  drawReadout();
+  PLOTS.forEach(drawPlot);
+}
+
+function buildFigures() {
+  for (const { id, label } of PLOTS) {
+    byId(id).innerHTML = `<figcaption><span></span><span></span></figcaption>
+      <div class="plot"><svg role="img" aria-label="${label} over steps"></svg></div>`;
+    listenToSteps(byId(id).querySelector(".plot"), GUTTER, 8);
+  }
+}
+
+function start() {
+  buildFigures();
+  listenToPicture(byId("picture"));
+  listenToSteps(byId("timeline"), 10, 10);
+  document.addEventListener("keydown", onKey);
+  byId("previous").addEventListener("click", () => choose(shownIndex() - 1));
+  byId("next").addEventListener("click", () => choose(shownIndex() + 1));
+  byId("live").addEventListener("click", followNewest);
+  byId("zoom-in").addEventListener("click", () => zoomBy(1.25));
+  byId("zoom-out").addEventListener("click", () => zoomBy(1 / 1.25));
+  byId("reset").addEventListener("click", resetCamera);
+  new ResizeObserver(refresh).observe(byId("stage"));
+  new ResizeObserver(refresh).observe(document.querySelector("aside"));
+  setInterval(() => store.run && drawRun(), 1000);
+  connect();
+  refresh();
+}
+
+start();

@@ -1,0 +1,226 @@
+//! Steps received: their numbers, and their VDIs in memory or in a folder.
+//!
+//! A recorded step is never lost: its VDI is whole in its file before its row is in `steps.csv`, and rows are appended.
+
+mod folder;
+mod row;
+
+pub use row::{Number, StepRow, View};
+
+use folder::Folder;
+use lamina_model::Vdi;
+use lamina_wire::codec::{self, DecodeLimits};
+use lamina_wire::v1;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, VecDeque};
+use std::path::Path;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::sync::broadcast;
+
+/// Why a step cannot be stored or shown.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// The folder cannot be used.
+    #[error("{path}: {reason}; give a folder that can be written with `store`")]
+    Folder {
+        /// Which.
+        path: String,
+        /// The system's words.
+        reason: std::io::Error,
+    },
+    /// No such step is held.
+    #[error("step {0} is not held; /api/state lists those that are")]
+    NoStep(u64),
+    /// The step's bytes are damaged.
+    #[error("step {step}: {reason}")]
+    Damaged {
+        /// Which.
+        step: u64,
+        /// What the codec says.
+        reason: codec::CodecError,
+    },
+}
+
+/// What is being simulated.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Run {
+    /// Unique.
+    pub id: String,
+    /// The user's name for it.
+    pub name: String,
+    /// What the scalar is.
+    pub field: String,
+    /// Sample points per axis.
+    pub dims: [u64; 3],
+}
+
+impl From<&v1::Run> for Run {
+    fn from(run: &v1::Run) -> Self {
+        let dims = run.grid.map_or([0; 3], |g| [g.nx, g.ny, g.nz]);
+        Self { id: run.run_id.clone(), name: run.name.clone(), field: run.field.clone(), dims }
+    }
+}
+
+/// What changed, for those who watch.
+#[derive(Debug, Clone)]
+pub enum Event {
+    /// Another run began.
+    Run(Run),
+    /// A step was recorded.
+    Step(StepRow),
+}
+
+/// Decoded VDIs kept for drawing.
+const DECODED: usize = 3;
+
+#[derive(Default)]
+struct State {
+    run: Option<Run>,
+    rows: BTreeMap<u64, StepRow>,
+    in_memory: BTreeMap<u64, Arc<Vec<u8>>>,
+    folder: Option<Folder>,
+    decoded: VecDeque<(u64, Arc<Vdi>)>,
+}
+
+/// All steps of the current run.
+pub struct Store {
+    root: Option<std::path::PathBuf>,
+    memory_bytes: u64,
+    limits: DecodeLimits,
+    state: Mutex<State>,
+    events: broadcast::Sender<Event>,
+}
+
+impl Store {
+    /// An empty store, or the one that was last recorded in `root`.
+    ///
+    /// # Errors
+    /// If the folder cannot be made, read or written.
+    pub fn open(root: Option<&Path>, memory_bytes: u64, limits: DecodeLimits) -> Result<Self, StoreError> {
+        let mut state = State::default();
+        if let Some(root) = root
+            && let Some((run, folder, rows)) = Folder::newest(root)?
+        {
+            tracing::info!(run = run.id, steps = rows.len(), "found recorded steps");
+            state = State {
+                run: Some(run),
+                rows: rows.into_iter().map(|r| (r.step, r)).collect(),
+                folder: Some(folder),
+                ..State::default()
+            };
+        }
+        let root = root.map(Path::to_owned);
+        Ok(Self { root, memory_bytes, limits, state: Mutex::new(state), events: broadcast::Sender::new(1024) })
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Changes from now on.
+    pub fn events(&self) -> broadcast::Receiver<Event> {
+        self.events.subscribe()
+    }
+
+    /// Turns to `run`; a run already recorded is gone on with.
+    ///
+    /// # Errors
+    /// If its folder cannot be made or read.
+    pub fn begin(&self, run: Run) -> Result<(), StoreError> {
+        if self.state().run.as_ref().is_some_and(|r| r.id == run.id) {
+            return Ok(());
+        }
+        let (folder, rows) = match &self.root {
+            Some(root) => {
+                let (folder, rows) = Folder::open(root, &run)?;
+                (Some(folder), rows)
+            }
+            None => (None, Vec::new()),
+        };
+        let rows = rows.into_iter().map(|r| (r.step, r)).collect();
+        *self.state() = State { run: Some(run.clone()), rows, folder, ..State::default() };
+        // Nobody watching is not an error.
+        let _ = self.events.send(Event::Run(run));
+        Ok(())
+    }
+
+    /// Records a step: its bytes, then its row. A step recorded before stays as it was.
+    ///
+    /// # Errors
+    /// If the folder cannot be written.
+    pub fn record(&self, row: StepRow, bytes: Vec<u8>, vdi: Arc<Vdi>) -> Result<(), StoreError> {
+        let mut state = self.state();
+        if state.rows.contains_key(&row.step) {
+            return Ok(());
+        }
+        if let Some(folder) = &mut state.folder {
+            folder.record(&row, &bytes)?;
+        } else {
+            state.in_memory.insert(row.step, Arc::new(bytes));
+            let mut held: u64 = state.in_memory.values().map(|b| b.len() as u64).sum();
+            while held > self.memory_bytes && state.in_memory.len() > 1 {
+                held -= state.in_memory.pop_first().map_or(0, |(_, b)| b.len() as u64);
+            }
+        }
+        state.decoded.push_back((row.step, vdi));
+        if state.decoded.len() > DECODED {
+            state.decoded.pop_front();
+        }
+        state.rows.insert(row.step, row.clone());
+        drop(state);
+        let _ = self.events.send(Event::Step(row));
+        Ok(())
+    }
+
+    /// The current run.
+    pub fn run(&self) -> Option<Run> {
+        self.state().run.clone()
+    }
+
+    /// All recorded steps of the current run, by number.
+    pub fn rows(&self) -> Vec<StepRow> {
+        self.state().rows.values().cloned().collect()
+    }
+
+    /// One recorded step.
+    pub fn row(&self, step: u64) -> Option<StepRow> {
+        self.state().rows.get(&step).cloned()
+    }
+
+    /// The newest step's number.
+    pub fn newest_step(&self) -> Option<u64> {
+        self.state().rows.keys().next_back().copied()
+    }
+
+    /// The encoded VDI of `step`.
+    ///
+    /// # Errors
+    /// If it is not held, or its file cannot be read.
+    pub fn encoded(&self, step: u64) -> Result<Arc<Vec<u8>>, StoreError> {
+        let state = self.state();
+        if !state.rows.contains_key(&step) {
+            return Err(StoreError::NoStep(step));
+        }
+        match &state.folder {
+            Some(folder) => folder.read(step).map(Arc::new),
+            None => state.in_memory.get(&step).cloned().ok_or(StoreError::NoStep(step)),
+        }
+    }
+
+    /// The VDI of `step`, decoded.
+    ///
+    /// # Errors
+    /// If it is not held or damaged.
+    pub fn vdi(&self, step: u64) -> Result<Arc<Vdi>, StoreError> {
+        if let Some((_, vdi)) = self.state().decoded.iter().find(|(s, _)| *s == step) {
+            return Ok(vdi.clone());
+        }
+        let bytes = self.encoded(step)?;
+        let vdi = codec::decode(&bytes, &self.limits).map_err(|reason| StoreError::Damaged { step, reason })?;
+        let vdi = Arc::new(vdi);
+        let mut state = self.state();
+        state.decoded.push_front((step, vdi.clone()));
+        state.decoded.truncate(DECODED);
+        Ok(vdi)
+    }
+}

@@ -1,0 +1,40 @@
+//! `/metrics` in Prometheus text format 0.0.4.
+
+use super::Web;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::IntoResponse;
+use std::fmt::Write;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// All figures of this viz-node.
+pub async fn metrics(State(web): State<Web>) -> impl IntoResponse {
+    let mut text = String::new();
+    let mut say = |name: &str, kind: &str, help: &str, value: f64| {
+        // Writing to a String cannot fail.
+        let _ = write!(text, "# HELP lamina_{name} {help}\n# TYPE lamina_{name} {kind}\nlamina_{name} {value}\n");
+    };
+    let count = |c: &AtomicU64| c.load(Ordering::Relaxed) as f64;
+    let c = &web.meter.counters;
+    say("frames_total", "counter", "Steps received and recorded.", count(&c.frames));
+    say("frame_bytes_total", "counter", "Bytes of encoded VDIs received.", count(&c.frame_bytes));
+    say("trials_total", "counter", "Trials measured for the tuner.", count(&c.trials));
+    say("refused_total", "counter", "Deliveries that could not be used.", count(&c.refused));
+    say("connections_total", "counter", "Connections made to the generator-node.", count(&c.connections));
+    let connected = f64::from(u8::from(web.connected.load(Ordering::Relaxed)));
+    say("connected", "gauge", "1 while subscribed to the generator-node.", connected);
+    if let Some(row) = web.store.rows().last() {
+        say("step", "gauge", "Newest step.", row.step as f64);
+        say("dropped_steps", "gauge", "Steps of the run that the generator-node dropped.", row.dropped_steps as f64);
+        say("vdi_size_bytes", "gauge", "Encoded size of the newest step.", row.size_bytes as f64);
+        say("vdi_supersegments", "gauge", "Supersegments of the newest step.", row.supersegments as f64);
+        say("generation_seconds", "gauge", "Generation time of the newest step.", row.generation_ms / 1e3);
+        say("encode_seconds", "gauge", "Encoding time of the newest step.", row.encode_ms / 1e3);
+        say("resolution", "gauge", "Rays per side of the newest step.", f64::from(row.resolution));
+        say("gamma", "gauge", "Interrupt parameter of the newest step.", row.gamma);
+        if let Some(psnr_db) = row.psnr_db {
+            say("psnr_db", "gauge", "Pooled PSNR of the newest step.", psnr_db.into());
+        }
+    }
+    ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text.replace(" inf\n", " +Inf\n"))
+}

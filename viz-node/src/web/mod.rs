@@ -1,0 +1,146 @@
+//! The page and what it asks for: state, events, pictures; and metrics for Prometheus.
+
+mod metrics;
+
+use crate::measure::Meter;
+use crate::store::{Event, Run, StepRow, Store};
+use crate::view::{Orbit, ViewError, picture};
+use axum::extract::{Query, State};
+use axum::http::{StatusCode, header};
+use axum::response::sse::{self, Sse};
+use axum::response::{IntoResponse, Response};
+use axum::{Json, Router, routing::get};
+use futures::{Stream, StreamExt, stream};
+use serde::{Deserialize, Serialize};
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use tokio::sync::{Semaphore, broadcast::error::RecvError};
+
+/// What the handlers share.
+#[derive(Clone)]
+pub struct Web {
+    store: Arc<Store>,
+    meter: Arc<Meter>,
+    connected: Arc<AtomicBool>,
+    /// Pictures rendered at once: each uses all cores already.
+    renders: Arc<Semaphore>,
+}
+
+impl Web {
+    /// Serves from `store`.
+    pub fn new(store: Arc<Store>, meter: Arc<Meter>, connected: Arc<AtomicBool>) -> Self {
+        Self { store, meter, connected, renders: Arc::new(Semaphore::new(1)) }
+    }
+
+    /// All routes.
+    pub fn router(self) -> Router {
+        let text =
+            |mime: &'static str, body: &'static str| get(move || async move { ([(header::CONTENT_TYPE, mime)], body) });
+        Router::new()
+            .route("/", text("text/html; charset=utf-8", include_str!("../page/index.html")))
+            .route("/page.js", text("text/javascript; charset=utf-8", include_str!("../page/page.js")))
+            .route("/page.css", text("text/css; charset=utf-8", include_str!("../page/page.css")))
+            .route("/api/state", get(state))
+            .route("/api/events", get(events))
+            .route("/api/image", get(image))
+            .route("/metrics", get(metrics::metrics))
+            .with_state(self)
+    }
+}
+
+#[derive(Serialize)]
+struct Limit {
+    size_bytes: Option<u64>,
+    time_ms: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct PageState {
+    run: Option<Run>,
+    limit: Limit,
+    steps: Vec<StepRow>,
+    missed_steps: u64,
+    connected: bool,
+}
+
+async fn state(State(web): State<Web>) -> Json<PageState> {
+    let steps = web.store.rows();
+    let last = steps.last();
+    let limit =
+        Limit { size_bytes: last.and_then(|r| r.size_limit_bytes), time_ms: last.and_then(|r| r.time_limit_ms) };
+    let missed_steps = last.map_or(0, |r| r.dropped_steps);
+    let connected = web.connected.load(std::sync::atomic::Ordering::Relaxed);
+    Json(PageState { run: web.store.run(), limit, missed_steps, connected, steps })
+}
+
+async fn events(State(web): State<Web>) -> Sse<impl Stream<Item = Result<sse::Event, Infallible>>> {
+    let changes = stream::unfold(web.store.events(), |mut events| async move {
+        loop {
+            match events.recv().await {
+                Ok(event) => return Some((event, events)),
+                // A page that fell behind fetches the state anew when the next run or step comes.
+                Err(RecvError::Lagged(_)) => {}
+                Err(RecvError::Closed) => return None,
+            }
+        }
+    });
+    let to_sse = |event| {
+        let (name, data) = match &event {
+            Event::Run(run) => ("run", serde_json::to_string(run)),
+            Event::Step(row) => ("step", serde_json::to_string(row)),
+        };
+        Ok(sse::Event::default().event(name).data(data.unwrap_or_default()))
+    };
+    Sse::new(changes.map(to_sse)).keep_alive(sse::KeepAlive::default())
+}
+
+#[derive(Deserialize)]
+struct ImageQuery {
+    step: String,
+    #[serde(default)]
+    azimuth: f64,
+    #[serde(default)]
+    elevation: f64,
+    #[serde(default = "one")]
+    zoom: f64,
+    #[serde(default = "default_size")]
+    size: u32,
+}
+
+fn one() -> f64 {
+    1.0
+}
+fn default_size() -> u32 {
+    512
+}
+
+async fn image(State(web): State<Web>, Query(query): Query<ImageQuery>) -> Response {
+    let step = match query.step.as_str() {
+        "newest" => web.store.newest_step(),
+        number => match number.parse() {
+            Ok(step) => Some(step),
+            Err(_) => return (StatusCode::BAD_REQUEST, "step: a number, or newest").into_response(),
+        },
+    };
+    let Some(step) = step else { return (StatusCode::NOT_FOUND, "no step yet").into_response() };
+    let orbit =
+        Orbit { azimuth_deg: query.azimuth, elevation_deg: query.elevation, zoom: query.zoom, size: query.size };
+    let Ok(_permit) = web.renders.acquire().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
+    let store = web.store.clone();
+    match tokio::task::spawn_blocking(move || picture(&store, step, orbit)).await {
+        Ok(Ok(p)) => {
+            let millis = format!("{:.1}", p.render_time.as_secs_f64() * 1e3);
+            let headers = [
+                ("content-type", "image/png".to_owned()),
+                ("cache-control", "no-store".to_owned()),
+                ("x-lamina-step", p.step.to_string()),
+                ("x-lamina-render-ms", millis),
+            ];
+            (headers, p.png).into_response()
+        }
+        Ok(Err(ViewError::Invalid(e))) => (StatusCode::BAD_REQUEST, e.to_string()).into_response(),
+        Ok(Err(ViewError::Store(e))) => (StatusCode::NOT_FOUND, e.to_string()).into_response(),
+        Err(e) => (StatusCode::INTERNAL_SERVER_ERROR, e.to_string()).into_response(),
+    }
+}
