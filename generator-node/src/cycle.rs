@@ -31,7 +31,7 @@ impl Prepared {
         let start = Instant::now();
         let vdi = generate(&self.field, &self.scene, params)?;
         let generated = Instant::now();
-        let bytes = codec::encode(&vdi, options);
+        let bytes = codec::encode(&vdi, options).map_err(|e| Invalid::new("vdi", e.to_string()))?;
         let cost = v1::Cost {
             size_bytes: bytes.len() as u64,
             generation_ns: (generated - start).as_nanos() as u64,

@@ -15,6 +15,12 @@ struct Arguments {
     /// Address to listen on, instead of the configuration's.
     #[arg(long, value_name = "IP:PORT")]
     listen: Option<SocketAddr>,
+    /// The generator-node, instead of the configuration's.
+    #[arg(long, value_name = "http://HOST:PORT")]
+    generator: Option<String>,
+    /// The viz-node, instead of the configuration's.
+    #[arg(long, value_name = "http://HOST:PORT")]
+    viz: Option<String>,
 }
 
 #[tokio::main]
@@ -22,7 +28,12 @@ async fn main() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
     log_to_stderr("info");
     let config: Config = load_config(arguments.config.as_deref())?;
-    let config = Config { listen: arguments.listen.unwrap_or(config.listen), ..config };
+    let config = Config {
+        listen: arguments.listen.unwrap_or(config.listen),
+        generator: arguments.generator.unwrap_or(config.generator),
+        viz: arguments.viz.unwrap_or(config.viz),
+        ..config
+    };
     config.candidates()?;
     let listener = listen(config.listen).await?;
     Ok(run(config, listener, stop_signal()).await?)

@@ -15,6 +15,9 @@ struct Arguments {
     /// Address to listen on, instead of the configuration's.
     #[arg(long, value_name = "IP:PORT")]
     listen: Option<SocketAddr>,
+    /// The generator-node, instead of the configuration's.
+    #[arg(long, value_name = "http://HOST:PORT")]
+    generator: Option<String>,
 }
 
 #[tokio::main]
@@ -22,7 +25,12 @@ async fn main() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
     log_to_stderr("info");
     let config: Config = load_config(arguments.config.as_deref())?;
-    let config = Config { listen: arguments.listen.unwrap_or(config.listen), ..config }.check()?;
+    let config = Config {
+        listen: arguments.listen.unwrap_or(config.listen),
+        generator: arguments.generator.unwrap_or(config.generator),
+        ..config
+    }
+    .check()?;
     let listener = listen(config.listen).await?;
     let store = open_store(&config)?;
     Ok(run(config, store, listener, stop_signal()).await?)

@@ -62,7 +62,7 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
         cli::CodecName::Bzip2 => Codec::Bzip2,
         cli::CodecName::Zstd => Codec::Zstd,
     };
-    let bytes = codec::encode(&vdi, &EncodeOptions { codec, layout });
+    let bytes = codec::encode(&vdi, &EncodeOptions { codec, layout })?;
     println!("supersegments {}", vdi.segments().len());
     println!("generation_ms {:.1}", (generated - start).as_secs_f64() * 1e3);
     println!("encode_ms {:.1}", generated.elapsed().as_secs_f64() * 1e3);

@@ -1,0 +1,357 @@
+//! The VDI codec: what comes back, what stays the same byte for byte, and that no input breaks it.
+
+#![allow(clippy::unwrap_used)]
+
+use glam::DVec3;
+use lamina_model::composite::Accumulator;
+use lamina_model::{Aabb, Camera, GenerationParams, Supersegment, Vdi, VdiHeader};
+use lamina_wire::codec::{Codec, CodecError, DecodeLimits, EncodeOptions, Layout, decode, encode, peek, quantize};
+use proptest::prelude::*;
+
+/// Where the header and the section table start.
+const HEADER_AT: usize = 8;
+const TABLE_AT: usize = 202;
+
+const ALL_OPTIONS: [EncodeOptions; 4] = [
+    EncodeOptions { codec: Codec::Bzip2, layout: Layout::Columns },
+    EncodeOptions { codec: Codec::Zstd, layout: Layout::Columns },
+    EncodeOptions { codec: Codec::Bzip2, layout: Layout::Plain },
+    EncodeOptions { codec: Codec::Zstd, layout: Layout::Plain },
+];
+
+fn header(resolution: u32) -> VdiHeader {
+    VdiHeader {
+        camera: Camera::new(DVec3::new(1.0, 2.0, 9.0), DVec3::ZERO, DVec3::Y, 35.0).unwrap(),
+        bounds: Aabb::new(DVec3::splat(-2.0), DVec3::splat(2.0)).unwrap(),
+        step_length: 0.03,
+        params: GenerationParams::new(resolution, 0.02).unwrap(),
+        transfer_id: 0x0123_4567_89ab_cdef,
+        background: [0.0, 0.5, 1.0],
+    }
+}
+
+fn vdi(resolution: u32, lists: Vec<Vec<Supersegment>>) -> Vdi {
+    let mut offsets = vec![0];
+    lists.iter().for_each(|l| offsets.push(offsets[offsets.len() - 1] + l.len() as u32));
+    Vdi::new(header(resolution), offsets, lists.concat()).unwrap()
+}
+
+/// A generator of numbers that are the same on every machine.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ z >> 31
+    }
+    fn below(&mut self, n: u64) -> u64 {
+        self.next() % n
+    }
+    fn unit(&mut self) -> f32 {
+        self.below(1 << 24) as f32 / (1 << 24) as f32
+    }
+}
+
+/// Lists of every kind: empty, thin, opaque, adjacent, apart, long.
+fn assorted(resolution: u32, seed: u64) -> Vdi {
+    let mut random = Random(seed);
+    let list = |random: &mut Random| {
+        let mut depth = random.below(40) as u32;
+        (0..random.below(12))
+            .map(|_| {
+                let start = depth + if random.below(3) == 0 { random.below(300) as u32 } else { 0 };
+                let longest = [1, 4, 90, 70_000][random.below(4) as usize];
+                depth = start + 1 + random.below(longest) as u32;
+                let color = [random.unit(), random.unit(), random.unit()];
+                let optical_depth = match random.below(8) {
+                    0 => f32::INFINITY,
+                    1 => 0.0,
+                    2 => 1e-20,
+                    3 => 8.0 * random.unit(),
+                    _ => 0.05 * random.unit(),
+                };
+                Supersegment { start, end: depth, color, optical_depth }
+            })
+            .collect()
+    };
+    vdi(resolution, (0..resolution * resolution).map(|_| list(&mut random)).collect())
+}
+
+fn with_crc(mut bytes: Vec<u8>) -> Vec<u8> {
+    let body = bytes.len() - 4;
+    let crc = crc32fast::hash(&bytes[..body]).to_le_bytes();
+    bytes[body..].copy_from_slice(&crc);
+    bytes
+}
+
+#[test]
+fn depths_come_back_exactly_and_colours_within_half_a_code() {
+    for options in ALL_OPTIONS {
+        let original = assorted(9, 1);
+        let back = decode(&encode(&original, &options).unwrap(), &DecodeLimits::default()).unwrap();
+        assert_eq!(back.header(), original.header());
+        assert_eq!(back.offsets(), original.offsets());
+        for (a, b) in original.segments().iter().zip(back.segments()) {
+            assert_eq!((a.start, a.end), (b.start, b.end));
+            assert!((0..3).all(|c| (a.color[c] - b.color[c]).abs() <= 0.501 / 255.0));
+            assert!((a.opacity() - b.opacity()).abs() < 1.5 / 255.0, "{a:?} {b:?}");
+            assert_eq!(a.optical_depth == 0.0, b.optical_depth == 0.0, "{a:?} {b:?}");
+        }
+    }
+}
+
+#[test]
+fn encoding_what_was_decoded_gives_the_same_bytes() {
+    for options in ALL_OPTIONS {
+        let once = encode(&assorted(9, 2), &options).unwrap();
+        let back = decode(&once, &DecodeLimits::default()).unwrap();
+        assert_eq!(once, encode(&back, &options).unwrap());
+        if options.layout == Layout::Columns {
+            assert_eq!(back, quantize(&assorted(9, 2)));
+            assert_eq!(back, quantize(&back));
+        }
+    }
+}
+
+#[test]
+fn an_image_without_content_and_one_of_many_blocks_come_back() {
+    for options in ALL_OPTIONS {
+        for original in [vdi(3, vec![vec![]; 9]), assorted(1, 4), assorted(250, 3)] {
+            let bytes = encode(&original, &options).unwrap();
+            let back = decode(&bytes, &DecodeLimits::default()).unwrap();
+            assert_eq!(back.offsets(), original.offsets());
+            assert_eq!(encode(&back, &options).unwrap(), bytes);
+            let told = peek(&bytes[..TABLE_AT]).unwrap();
+            assert_eq!(told.header, *original.header());
+            assert_eq!((told.codec, told.layout), (options.codec, options.layout));
+            assert_eq!(told.segments as usize, original.segments().len());
+        }
+    }
+}
+
+/// A uniform field at gamma = 0: every sample its own supersegment. The worst case for rounding, since all errors agree.
+#[test]
+fn rounding_keeps_50_db_of_thin_uniform_media() {
+    for opacity in [0.0005_f64, 0.003, 0.015, 0.0152, 0.0156, 0.05] {
+        let optical_depth = -(-opacity).ln_1p() as f32;
+        let piece = |start| Supersegment { start, end: start + 1, color: [1.0, 0.5, 0.25], optical_depth };
+        let original = vdi(16, (1..=256).map(|n| (0..n).map(piece).collect()).collect());
+        let back = quantize(&original);
+        let image = |v: &Vdi| -> Vec<f32> {
+            let ray = |w: &[u32]| {
+                let mut light = Accumulator::default();
+                for s in &v.segments()[w[0] as usize..w[1] as usize] {
+                    light.add(s.color.map(f64::from), f64::from(s.optical_depth));
+                }
+                light.over([0.0; 3])
+            };
+            v.offsets().windows(2).flat_map(ray).collect()
+        };
+        let (a, b) = (image(&original), image(&back));
+        let mse = a.iter().zip(&b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / a.len() as f64;
+        let db = -10.0 * mse.log10();
+        assert!(db > 49.0, "opacity {opacity}: {db:.1} dB");
+    }
+}
+
+/// Version 1 is frozen. If this fails, the format changed: give it a new version number.
+#[test]
+fn golden_bytes_of_version_1() {
+    let piece = |start, end, optical_depth| Supersegment { start, end, color: [1.0, 0.2, 0.0], optical_depth };
+    let original =
+        vdi(2, vec![vec![piece(3, 5, 0.1), piece(9, 400, f32::INFINITY)], vec![], vec![piece(2, 3, 1.0)], vec![]]);
+    let bytes = encode(&original, &EncodeOptions { codec: Codec::Zstd, layout: Layout::Columns }).unwrap();
+    let hex = |b: &[u8]| b.iter().map(|b| format!("{b:02x}")).collect::<String>();
+    let header = concat!(
+        "4c5644490100c200",
+        "000000000000f03f00000000000000400000000000002240",
+        "000000000000000000000000000000000000000000000000",
+        "0000000000000000000000000000f03f0000000000000000",
+        "0000000000804140",
+        "00000000000000c000000000000000c000000000000000c0",
+        "000000000000004000000000000000400000000000000040",
+        "b81e85eb51b89e3f",
+        "02000000",
+        "7b14ae47e17a943f",
+        "000000000000f03f",
+        "000000000000e03f",
+        "efcdab8967452301",
+        "000000000000003f0000803f",
+        "01",
+        "00",
+        "03000000",
+        "02000000",
+    );
+    assert_eq!(hex(&bytes[..TABLE_AT]), header);
+    // Every block this small is stored by zstd as it is: magic, descriptor, size, 3 bytes of block header, then the data.
+    // Counts 2, 0, 1, 0 differ by 2, -2, 1, -1; first starts 3, 2; one gap of 4; one length of 391 = 256 + 134 + 1.
+    let stored = |raw: &[u8]| [&[0x28, 0xb5, 0x2f, 0xfd, 0x20, raw.len() as u8, 8 * raw.len() as u8 + 1, 0, 0], raw].concat();
+    let raw: [&[u8]; 5] = [
+        &[4, 3, 2, 1],
+        &[6, 1],
+        &[4],
+        &[0, 1, 0],
+        &[255, 51, 0, 56, 1, 255, 51, 0, 255, 134, 255, 51, 0, 160, 0],
+    ];
+    let table: Vec<u8> = raw.iter().zip([1, 1, 1, 1, 5]).flat_map(|(r, w)| [w, 9 + r.len() as u8, 0, 0, 0]).collect();
+    let expected = [table, raw.map(stored).concat()].concat();
+    assert_eq!(hex(&bytes[TABLE_AT..bytes.len() - 4]), hex(&expected));
+    assert_eq!(bytes, with_crc(bytes.clone()));
+}
+
+#[test]
+fn every_kind_of_failure_is_told_apart() {
+    let good = encode(&assorted(4, 5), &EncodeOptions::default()).unwrap();
+    let refuse = |bytes: &[u8]| decode(bytes, &DecodeLimits::default()).unwrap_err();
+    assert!(matches!(refuse(b""), CodecError::NotAVdi));
+    assert!(matches!(refuse(b"LVDX--------"), CodecError::NotAVdi));
+    assert!(matches!(refuse(b"LVDI\x01"), CodecError::Damaged(_)));
+    let mut newer = good.clone();
+    newer[4] = 2;
+    assert!(matches!(refuse(&newer), CodecError::NewerVersion { found: 2, newest: 1 }));
+    assert!(matches!(peek(&newer), Err(CodecError::NewerVersion { .. })));
+    assert!(matches!(refuse(&good[..good.len() - 1]), CodecError::Damaged(_)));
+    assert!(matches!(refuse(&[good.clone(), vec![0]].concat()), CodecError::Damaged(_)));
+    let mut trailing = good.clone();
+    trailing.splice(good.len() - 4..good.len() - 4, [0]);
+    assert!(matches!(refuse(&with_crc(trailing)), CodecError::Invalid(_)));
+    let small = DecodeLimits { max_decoded_bytes: 100 };
+    assert!(matches!(decode(&good, &small), Err(CodecError::TooLarge { limit_bytes: 100, .. })));
+    for (at, value) in [(6, 0), (192, 7), (193, 7), (TABLE_AT, 9), (147, 255)] {
+        let mut bad = good.clone();
+        bad[at] = value;
+        assert!(matches!(refuse(&with_crc(bad)), CodecError::Invalid(_)), "byte {at}");
+    }
+}
+
+#[test]
+fn depths_that_plain_floats_cannot_hold_are_refused_with_the_remedy() {
+    let far = Supersegment { start: (1 << 24) - 1, end: 1 << 24, color: [0.0; 3], optical_depth: 1.0 };
+    let tiny = VdiHeader {
+        bounds: Aabb::new(DVec3::splat(-1e-300), DVec3::splat(1e-300)).unwrap(),
+        step_length: 1e-301,
+        ..header(1)
+    };
+    let original = Vdi::new(tiny, vec![0, 1], vec![far]).unwrap();
+    let plain = EncodeOptions { layout: Layout::Plain, ..EncodeOptions::default() };
+    let error = encode(&original, &plain).unwrap_err();
+    assert!(matches!(error, CodecError::Unrepresentable(_)) && error.to_string().contains("Layout::Columns"));
+    let columns = encode(&original, &EncodeOptions::default()).unwrap();
+    assert_eq!(decode(&columns, &DecodeLimits::default()).unwrap(), quantize(&original));
+}
+
+/// A file of a few hundred bytes that claims most of a gigabyte of lists; a block that holds more than is due.
+#[test]
+fn bombs_stop_at_the_limit_or_at_the_block() {
+    let options = EncodeOptions { codec: Codec::Zstd, layout: Layout::Columns };
+    let good = encode(&assorted(2, 6), &options).unwrap();
+    let mut bomb = good.clone();
+    bomb[194..198].copy_from_slice(&40_000_000_u32.to_le_bytes());
+    let bomb = with_crc(bomb);
+    assert!(matches!(decode(&bomb, &DecodeLimits::default()), Err(CodecError::Invalid(_))));
+    let limits = DecodeLimits { max_decoded_bytes: 1 << 20 };
+    assert!(matches!(decode(&bomb, &limits), Err(CodecError::TooLarge { .. })));
+    // One block that holds a mebibyte of zeros where 16 bytes are due.
+    let zeros = zstd::bulk::compress(&vec![0; 1 << 20], 3).unwrap();
+    let empty = encode(&vdi(2, vec![vec![]; 4]), &options).unwrap();
+    let mut bytes = empty[..TABLE_AT].to_vec();
+    bytes.push(4);
+    bytes.extend((zeros.len() as u32).to_le_bytes());
+    bytes.extend([0, 0, 0, 5]);
+    bytes.extend(zeros);
+    bytes.extend([0; 4]);
+    let error = decode(&with_crc(bytes), &limits).unwrap_err();
+    assert!(error.to_string().contains("block of counts"), "{error}");
+}
+
+/// Flips, overwrites, cuts and header fields at random; most with the checksum put right, so that the inner checks meet
+/// them. LAMINA_CODEC_MUTATIONS runs more of them.
+#[test]
+fn mutated_bytes_never_panic_or_exceed_the_limits() {
+    let cases = std::env::var("LAMINA_CODEC_MUTATIONS").ok().and_then(|n| n.parse().ok()).unwrap_or(20_000);
+    let seeds: Vec<Vec<u8>> = ALL_OPTIONS.iter().map(|o| encode(&assorted(5, 7), o).unwrap()).collect();
+    let limits = DecodeLimits { max_decoded_bytes: 1 << 20 };
+    let mut random = Random(8);
+    let mut accepted = 0;
+    for case in 0..cases {
+        // zstd carries no checksum of its own, so three in four are of that kind.
+        let seed = &seeds[[1, 3, 1, 0, 3, 1, 1, 2][case % 8]];
+        let mut bytes = mutate(seed, &mut random);
+        if random.below(16) > 0 && bytes.len() >= 4 {
+            bytes = with_crc(bytes);
+        }
+        let _ = peek(&bytes);
+        if let Ok(vdi) = decode(&bytes, &limits) {
+            assert!(vdi.segments().len() * size_of::<Supersegment>() <= 1 << 20);
+            accepted += 1;
+        }
+    }
+    assert!(accepted > 0 && accepted < cases, "{accepted} of {cases} were accepted: the mutations do not bite");
+}
+
+fn mutate(seed: &[u8], random: &mut Random) -> Vec<u8> {
+    let mut bytes = seed.to_vec();
+    let at = |random: &mut Random, n: usize| random.below(n as u64) as usize;
+    for _ in 0..=random.below(3) {
+        if bytes.len() < TABLE_AT {
+            break;
+        }
+        match random.below(6) {
+            0 | 1 => {
+                let k = at(random, bytes.len());
+                bytes[k] ^= 1 << random.below(8);
+            }
+            2 => {
+                let k = at(random, bytes.len());
+                bytes[k] = random.next() as u8;
+            }
+            3 => {
+                let fields = [8, 80, 136, 144, 148, 156, 164, 180, 192, 193, 194, 198];
+                let k = fields[at(random, fields.len())];
+                let n = 1 + at(random, 8);
+                bytes[k..k + n.min(TABLE_AT - k)].fill_with(|| [0, 255, random.next() as u8][random.below(3) as usize]);
+            }
+            4 => {
+                let k = HEADER_AT + at(random, bytes.len() - HEADER_AT);
+                if random.below(4) == 0 {
+                    bytes.truncate(k);
+                } else {
+                    bytes.insert(k, random.next() as u8);
+                }
+            }
+            _ => {
+                let k = TABLE_AT + at(random, 26.min(bytes.len() - TABLE_AT + 1));
+                if let Some(byte) = bytes.get_mut(k) {
+                    *byte = [0, 1, 4, 5, 12, 255][random.below(6) as usize];
+                }
+            }
+        }
+    }
+    bytes
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_vdi_comes_back_as_its_quantised_self(resolution in 1_u32..12, seed: u64) {
+        let original = assorted(resolution, seed);
+        for codec in [Codec::Bzip2, Codec::Zstd] {
+            let bytes = encode(&original, &EncodeOptions { codec, layout: Layout::Columns }).unwrap();
+            let back = decode(&bytes, &DecodeLimits::default()).unwrap();
+            prop_assert_eq!(&back, &quantize(&original));
+            prop_assert_eq!(&quantize(&back), &back);
+            prop_assert_eq!(encode(&back, &EncodeOptions { codec, layout: Layout::Columns }).unwrap(), bytes);
+        }
+    }
+
+    #[test]
+    fn any_bytes_are_refused_without_a_panic(tail in proptest::collection::vec(any::<u8>(), 0..600)) {
+        let bytes = [b"LVDI\x01\x00\xc2\x00".as_slice(), &tail, &[0; 4]].concat();
+        let limits = DecodeLimits { max_decoded_bytes: 1 << 20 };
+        prop_assert!(decode(&with_crc(bytes), &limits).is_err());
+        prop_assert!(decode(&tail, &DecodeLimits::default()).is_err());
+    }
+}
