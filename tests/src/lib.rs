@@ -1,5 +1,7 @@
 //! What the suites share: small scenes with known answers.
 
+pub mod processes;
+
 use glam::DVec3;
 use lamina_model::{Camera, ControlPoint, Grid, ScalarRange, Scale, Scene, TransferFunction, Volume, Voxels};
 

@@ -18,7 +18,7 @@ fn read_vdi(bytes: &[u8]) -> Output {
     reader.expect("python3 must be installed: it reads VDI files independently of the codec")
 }
 
-/// Twelve by twelve rays: empty ones, opaque and invisible pieces, pieces of every length, gaps, and ends at 2^24.
+/// Twelve by twelve rays: empty ones, opaque and invisible pieces, pieces of every length, gaps, and one of 2^22 steps.
 fn assorted() -> Vdi {
     let resolution = 12;
     let header = VdiHeader {

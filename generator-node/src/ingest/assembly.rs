@@ -36,7 +36,7 @@ impl Assembly {
             let first = self.time;
             return Err(Status::invalid_argument(format!("step {step}: rank {rank} says time {time}, others {first}")));
         }
-        if self.parts.iter().any(|p| p.rank == rank) {
+        if self.has(rank) {
             return Err(Status::already_exists(format!("step {step}: rank {rank} pushed twice")));
         }
         if let Some(other) = self.parts.iter().find(|p| p.brick.overlaps(&brick)) {
@@ -53,6 +53,11 @@ impl Assembly {
         }
         self.parts.push(Part { rank, brick, bytes: None });
         Ok(())
+    }
+
+    /// True if `rank` has reserved its part.
+    pub fn has(&self, rank: u32) -> bool {
+        self.parts.iter().any(|p| p.rank == rank)
     }
 
     /// Gives up `rank`'s reservation; true if none is left.

@@ -43,6 +43,7 @@ struct Run {
     id: String,
     spec: RunSpec,
     attached: BTreeSet<u32>,
+    closed: BTreeSet<u32>,
     last_step: Vec<Option<u64>>,
     steps: BTreeMap<u64, Assembly>,
     dropped: BTreeSet<u64>,
@@ -114,8 +115,9 @@ impl Core {
         check_spec(&spec, rank, self.memory_bytes)?;
         if let Some(run) = &mut self.run {
             let resumes = !resume.is_empty() && run.id == resume;
-            let joins =
-                resume.is_empty() && run.spec.name == spec.name && !run.attached.contains(&rank) && !run.ended();
+            // Late ranks, and those whose id is from before another rank opened the run anew: ranks meet in one run.
+            let same_name = run.spec.name == spec.name;
+            let joins = same_name && !run.attached.contains(&rank) && !run.ended();
             if (resumes || joins) && run.spec != spec {
                 let name = &spec.name;
                 return Err(Status::failed_precondition(format!(
@@ -124,11 +126,19 @@ impl Core {
             }
             if resumes || joins {
                 run.attached.insert(rank);
+                run.closed.remove(&rank);
                 run.last_heard = now;
                 return Ok(run.id.clone());
             }
             let silent = now.duration_since(run.last_heard);
-            if run.spec.name != spec.name && !run.ended() && silent < self.idle {
+            let live = !run.ended() && silent < self.idle;
+            if live && same_name && !resume.is_empty() {
+                return Err(Status::failed_precondition(format!(
+                    "run \"{}\": rank {rank} comes with id \"{resume}\", but a newer start of the simulation serves this rank as \"{}\"; stop one of the two",
+                    spec.name, run.id
+                )));
+            }
+            if live && !same_name {
                 return Err(Status::failed_precondition(format!(
                     "this generator-node serves run \"{}\", last heard {:.0} s ago; close that run, wait until it is silent for {:.0} s, or use another node",
                     run.spec.name,
@@ -144,6 +154,7 @@ impl Core {
             id: id.clone(),
             spec,
             attached: BTreeSet::from([rank]),
+            closed: BTreeSet::new(),
             last_step,
             steps: BTreeMap::new(),
             dropped: BTreeSet::new(),
@@ -179,28 +190,31 @@ impl Core {
         dims: [u64; 3],
         now: Instant,
     ) -> Result<Admit, Status> {
-        let (memory_bytes, used_bytes) = (self.memory_bytes, self.used_bytes);
         let run = self.run(run_id)?;
         run.last_heard = now;
         let brick = run.check_push(step, time, rank, start, dims)?;
         let bytes = brick.voxels() * run.spec.voxel_type.size_bytes();
-        if run.dropped.contains(&step) {
+        if run.cannot_complete(step) {
             run.last_step[rank as usize] = Some(step);
+            run.drop_step(step);
             return Ok(Admit::Dropped);
         }
-        if !run.steps.contains_key(&step) {
-            let need = run.spec.step_bytes();
-            if used_bytes + need + run.spec.working_bytes() > memory_bytes {
-                let policy = run.spec.full_policy;
+        let (need, working, policy) = (run.spec.step_bytes(), run.spec.working_bytes(), run.spec.full_policy);
+        while let Some(passed) = self.run(run_id)?.passed_by(rank, step) {
+            self.forget(passed);
+            self.run(run_id)?.drop_step(passed);
+        }
+        if !self.run(run_id)?.steps.contains_key(&step) {
+            while self.used_bytes + need + working > self.memory_bytes {
                 if policy == FullPolicy::DropNewest {
+                    let run = self.run(run_id)?;
                     run.last_step[rank as usize] = Some(step);
                     run.drop_step(step);
                     return Ok(Admit::Dropped);
                 }
-                if policy == FullPolicy::DropOldest && self.drop_oldest() {
-                    return self.admit(run_id, step, time, rank, start, dims, now);
+                if policy != FullPolicy::DropOldest || !self.drop_oldest() {
+                    return Ok(Admit::Wait);
                 }
-                return Ok(Admit::Wait);
             }
             self.used_bytes += need;
             self.run(run_id)?.steps.insert(step, Assembly::new(time));
@@ -303,7 +317,10 @@ impl Core {
     /// Detaches `rank`; gives the number of steps dropped.
     pub fn close(&mut self, run_id: &str, rank: u32) -> Result<u64, Status> {
         let run = self.run(run_id)?;
-        run.attached.remove(&rank);
+        // A rank that closed does not join again: who comes in its place is a new start of the simulation.
+        if run.attached.contains(&rank) {
+            run.closed.insert(rank);
+        }
         if run.ended() {
             let incomplete: Vec<u64> = run.steps.keys().copied().collect();
             for step in incomplete {
@@ -320,15 +337,31 @@ const REMEMBERED_DROPS: usize = 1024;
 
 impl Run {
     fn ended(&self) -> bool {
-        self.attached.is_empty()
+        self.closed.len() == self.attached.len()
     }
 
+    /// Counts `step` as dropped, once however many ranks still bring their bricks of it.
     fn drop_step(&mut self, step: u64) {
+        let full = self.dropped.len() == REMEMBERED_DROPS;
+        let forgotten = full && self.dropped.first().is_some_and(|&oldest| step < oldest);
+        if forgotten || !self.dropped.insert(step) {
+            return;
+        }
         self.dropped_steps += 1;
-        self.dropped.insert(step);
-        if self.dropped.len() > REMEMBERED_DROPS {
+        if full {
             self.dropped.pop_first();
         }
+    }
+
+    /// True if `step` was dropped, or if nothing of it is here though some rank is past it: steps ascend.
+    fn cannot_complete(&self, step: u64) -> bool {
+        let passed = || self.last_step.iter().any(|last| last.is_some_and(|last| last >= step));
+        self.dropped.contains(&step) || !self.steps.contains_key(&step) && passed()
+    }
+
+    /// An incomplete step that lacks the brick of `rank`, which is at `step` now: its memory is better used.
+    fn passed_by(&self, rank: u32, step: u64) -> Option<u64> {
+        self.steps.range(..step).find(|(_, assembly)| !assembly.has(rank)).map(|(passed, _)| *passed)
     }
 
     fn check_push(&self, step: u64, time: f64, rank: u32, start: [u64; 3], dims: [u64; 3]) -> Result<Brick, Status> {

@@ -4,6 +4,8 @@ mod assembly;
 mod brick;
 mod core;
 mod service;
+#[cfg(test)]
+mod tests;
 
 pub use brick::Brick;
 pub use core::{Admit, CompleteStep, Core, RunSpec};

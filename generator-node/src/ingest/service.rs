@@ -46,12 +46,16 @@ impl Ingest {
             let room = self.room.notified();
             tokio::pin!(room);
             room.as_mut().enable();
-            match self.core().admit(&h.run_id, h.step, h.time, h.rank, start, dims, Instant::now())? {
+            let admitted = self.core().admit(&h.run_id, h.step, h.time, h.rank, start, dims, Instant::now());
+            if !matches!(admitted, Ok(Admit::Wait)) {
+                // Deciding may have dropped other steps.
+                self.room.notify_waiters();
+            }
+            match admitted? {
                 Admit::Granted(bytes) => return Ok(Some(bytes)),
                 Admit::Dropped => return Ok(None),
-                Admit::Wait => {}
+                Admit::Wait => room.await,
             }
-            room.await;
         }
     }
 }
@@ -177,8 +181,9 @@ fn spec_from(r: &v1::OpenRequest) -> Result<RunSpec, lamina_model::Invalid> {
 fn fresh_run_id(name: &str) -> String {
     let safe: String =
         name.chars().map(|c| if c.is_ascii_alphanumeric() || "-_".contains(c) { c } else { '_' }).collect();
-    let millis = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_millis());
-    format!("{}-{millis}", &safe[..safe.len().min(80)])
+    // Two starts may share a millisecond, and their steps must not mix.
+    let micros = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_micros());
+    format!("{}-{micros}", &safe[..safe.len().min(80)])
 }
 
 fn check_run_id(id: &str) -> Result<&str, Status> {

@@ -5,7 +5,7 @@
 //! sample whose cell touches one is empty.
 
 use glam::DVec3;
-use lamina_model::{Grid, ScalarRange, Volume, for_voxels};
+use lamina_model::{Grid, ScalarRange, TransferFunction, Volume, for_voxels};
 use rayon::prelude::*;
 
 /// Mapped voxels on their grid.
@@ -14,6 +14,32 @@ pub struct Field {
     grid: Grid,
     values: Vec<f32>,
     empty_voxels: u64,
+    /// Least and greatest finite value in each block of cells.
+    blocks: Vec<[f32; 2]>,
+}
+
+/// Cells per side of a block.
+const BLOCK: usize = 4;
+
+/// Blocks per axis: cells are one fewer than voxels.
+fn block_dims(grid: &Grid) -> [usize; 3] {
+    grid.dims().map(|d| (d - 1).max(1).div_ceil(BLOCK))
+}
+
+/// Which blocks of cells show nothing under a transfer function.
+pub struct Occupancy {
+    dims: [usize; 3],
+    visible: Vec<bool>,
+}
+
+impl Occupancy {
+    /// True if the block around `index` (units of sample points, inside the grid) may show something.
+    #[inline]
+    pub fn is_visible(&self, index: DVec3) -> bool {
+        let block = |x: f64, n: usize| (x.max(0.0) as usize / BLOCK).min(n - 1);
+        let [nx, ny, nz] = self.dims;
+        self.visible[(block(index.z, nz) * ny + block(index.y, ny)) * nx + block(index.x, nx)]
+    }
 }
 
 impl Field {
@@ -22,7 +48,17 @@ impl Field {
         let values: Vec<f32> =
             for_voxels!(volume.voxels(), v => v.par_iter().map(|&x| range.unit_from_value(x.into())).collect());
         let empty_voxels = values.par_iter().filter(|v| v.is_nan()).count() as u64;
-        Self { grid: *volume.grid(), values, empty_voxels }
+        let grid = *volume.grid();
+        let blocks = block_ranges(&grid, &values);
+        Self { grid, values, empty_voxels, blocks }
+    }
+
+    /// Which blocks `transfer` shows: a sample in any other is transparent, since interpolation stays within the block's
+    /// range.
+    pub fn occupancy(&self, transfer: &TransferFunction) -> Occupancy {
+        // An empty range (no finite value) is never visible.
+        let shows = |&[lo, hi]: &[f32; 2]| lo <= hi && !transfer.is_transparent(lo, hi);
+        Occupancy { dims: block_dims(&self.grid), visible: self.blocks.par_iter().map(shows).collect() }
     }
 
     /// Where the voxels lie.
@@ -65,10 +101,28 @@ impl Field {
     }
 }
 
+/// Least and greatest finite value of the voxels that the cells of each block touch.
+fn block_ranges(grid: &Grid, values: &[f32]) -> Vec<[f32; 2]> {
+    let ([nx, ny, nz], [bx, by, bz]) = (grid.dims(), block_dims(grid));
+    let range = |b: usize| {
+        let (x, y, z) = (b % bx * BLOCK, b / bx % by * BLOCK, b / (bx * by) * BLOCK);
+        let mut range = [f32::INFINITY, f32::NEG_INFINITY];
+        for (k, j) in (z..nz.min(z + BLOCK + 1)).flat_map(|k| (y..ny.min(y + BLOCK + 1)).map(move |j| (k, j))) {
+            let row = (k * ny + j) * nx;
+            for &v in &values[row + x..row + nx.min(x + BLOCK + 1)] {
+                // NaN changes neither.
+                range = [range[0].min(v), range[1].max(v)];
+            }
+        }
+        range
+    };
+    (0..bx * by * bz).into_par_iter().with_min_len(64).map(range).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lamina_model::{Scale, Voxels};
+    use lamina_model::{ControlPoint, Scale, Voxels};
 
     fn field(dims: [usize; 3], f: impl Fn(usize, usize, usize) -> f32) -> Field {
         let mut v = Vec::new();
@@ -100,6 +154,23 @@ mod tests {
         assert_eq!(f.empty_voxels(), 1);
         assert!(f.sample(DVec3::splat(0.5)).is_nan());
         assert_eq!(f.sample(DVec3::splat(1.5)), 0.5);
+    }
+
+    #[test]
+    fn no_block_that_shows_something_is_called_empty() {
+        let f = field([11, 6, 9], |x, y, z| if (x, y, z) == (4, 5, 8) { 1.0 } else { 0.0 });
+        let points = [(0.5, 0.0), (1.0, 1.0)].map(|(at, opacity)| ControlPoint { at, color: [1.0; 3], opacity });
+        let range = ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap();
+        let transfer = TransferFunction::new(range, None, points.to_vec()).unwrap();
+        let occupancy = f.occupancy(&transfer);
+        let mut hidden = 0;
+        for n in 0..11 * 6 * 9 * 8 {
+            let p = DVec3::new((n % 22) as f64, (n / 22 % 12) as f64, (n / 264) as f64) * 0.5;
+            let shows = transfer.at(f.sample(p)).1 > 0.0;
+            assert!(!shows || occupancy.is_visible(p), "{p}");
+            hidden += usize::from(!occupancy.is_visible(p));
+        }
+        assert!(hidden > 1000);
     }
 
     #[test]

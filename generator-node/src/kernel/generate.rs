@@ -82,9 +82,11 @@ impl Open {
     /// Composites a sample behind; the straight colour stays a mean of sample colours, weighted by what each shows.
     fn add(&mut self, s: &Sample) {
         let optical_depth = s.classified.extinction * s.length;
-        let shown = (-self.optical_depth).exp() * opacity_from_optical_depth(optical_depth);
+        let (before, this) =
+            (opacity_from_optical_depth(self.optical_depth), opacity_from_optical_depth(optical_depth));
         self.optical_depth += optical_depth;
-        let all = opacity_from_optical_depth(self.optical_depth);
+        let shown = (1.0 - before) * this;
+        let all = before + shown;
         if all > 0.0 {
             for (mean, c) in self.color.iter_mut().zip(s.classified.color) {
                 *mean += (c - *mean) * (shown / all);
@@ -109,12 +111,9 @@ fn cluster_ray(march: &March, params: &GenerationParams, ray: &Ray, out: &mut Ve
     let mut optical_depth = 0.0;
     let cutoff = params.opacity_cutoff();
     march.samples(ray, |s| {
-        if s.classified.extinction <= 0.0 {
-            out.extend(open.take().map(|o| o.close()));
-            return ControlFlow::Continue(());
-        }
         match &mut open {
-            Some(o) if o.difference(&s, march.unit_length()) < params.gamma() => o.add(&s),
+            // Transparent steps are not visited: a gap ends a supersegment.
+            Some(o) if o.end == s.step && o.difference(&s, march.unit_length()) < params.gamma() => o.add(&s),
             _ => out.extend(open.replace(Open::new(&s)).map(|o| o.close())),
         }
         optical_depth += s.classified.extinction * s.length;

@@ -1,6 +1,7 @@
 //! The one loop that samples the field along a ray; raycast and generate differ only in what they do with a sample.
 
 use super::Field;
+use super::field::Occupancy;
 use lamina_model::transfer::Classified;
 use lamina_model::{Aabb, Ray, TransferFunction, vdi};
 use std::ops::ControlFlow;
@@ -19,6 +20,7 @@ pub struct Sample {
 pub struct March<'a> {
     field: &'a Field,
     transfer: &'a TransferFunction,
+    occupancy: Occupancy,
     bounds: Aabb,
     unit_length: f64,
     step_length: f64,
@@ -28,7 +30,8 @@ impl<'a> March<'a> {
     /// Samples `field` through `transfer` every `step_length` (world units).
     pub fn new(field: &'a Field, transfer: &'a TransferFunction, step_length: f64) -> Self {
         let unit_length = transfer.unit_length(field.grid());
-        Self { field, transfer, bounds: field.grid().bounds(), unit_length, step_length }
+        let occupancy = field.occupancy(transfer);
+        Self { field, transfer, occupancy, bounds: field.grid().bounds(), unit_length, step_length }
     }
 
     /// World length that opacities refer to.
@@ -36,7 +39,7 @@ impl<'a> March<'a> {
         self.unit_length
     }
 
-    /// Visits the samples of `ray` front to back until `visit` breaks. Samples sit in the middle of their steps (second
+    /// Visits the samples of `ray` that are not transparent, front to back until `visit` breaks. Samples sit in the middle of their steps (second
     /// order); the last step is cut at the box, so that the whole length is covered whatever the step.
     #[inline]
     pub fn samples(&self, ray: &Ray, mut visit: impl FnMut(Sample) -> ControlFlow<()>) {
@@ -46,9 +49,12 @@ impl<'a> March<'a> {
         for step in 0..vdi::steps(t_out - t_in, self.step_length) {
             let start = t_in + f64::from(step) * self.step_length;
             let length = self.step_length.min(t_out - start);
-            let value = self.field.sample(origin + (start + 0.5 * length) * direction);
-            let classified = self.transfer.classify(value, self.unit_length);
-            if visit(Sample { step, length, classified }).is_break() {
+            let index = origin + (start + 0.5 * length) * direction;
+            if !self.occupancy.is_visible(index) {
+                continue;
+            }
+            let classified = self.transfer.classify(self.field.sample(index), self.unit_length);
+            if classified.extinction > 0.0 && visit(Sample { step, length, classified }).is_break() {
                 return;
             }
         }

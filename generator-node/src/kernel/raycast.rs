@@ -52,9 +52,7 @@ pub fn reference_samples(
 fn cast(march: &March, ray: &Ray) -> Accumulator {
     let mut light = Accumulator::default();
     march.samples(ray, |s| {
-        if s.classified.extinction > 0.0 {
-            light.add(s.classified.color, s.classified.extinction * s.length);
-        }
+        light.add(s.classified.color, s.classified.extinction * s.length);
         if light.transmittance < TRANSMITTANCE_FLOOR { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     light

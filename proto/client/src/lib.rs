@@ -111,10 +111,13 @@ pub enum Receipt {
 pub struct Summary {
     /// Bricks handed over.
     pub pushed: u64,
-    /// Bricks whose steps the node dropped by policy.
+    /// Bricks that the node did not take, because it had dropped their steps by policy.
     pub dropped: u64,
     /// Bricks that could not be handed over.
     pub lost: u64,
+    /// Steps of the whole run that were dropped, also after all their bricks were in, or left incomplete; known if the node
+    /// answered the close.
+    pub run_dropped_steps: Option<u64>,
 }
 
 /// A simulation's connection to its generator-node.
@@ -157,7 +160,7 @@ impl Client {
             retry_at: Instant::now(),
             backoff: FIRST_BACKOFF,
         };
-        match client.ensure_session() {
+        match client.ensure_session(Instant::now()) {
             Err(error @ (ClientError::Unreachable { .. } | ClientError::Deadline(_))) => tracing::warn!("{error}"),
             other => other?,
         }
@@ -181,22 +184,28 @@ impl Client {
     }
 
     fn push_within_deadline(&mut self, step: u64, time: f64, brick: &Brick) -> Result<Receipt, ClientError> {
-        self.ensure_session()?;
-        match self.try_push(step, time, brick) {
+        let started = Instant::now();
+        self.ensure_session(started)?;
+        match self.try_push(started, step, time, brick) {
             // The node was restarted: it no longer knows the run. Open it again under its old id, once.
             Err(status) if status.code() == Code::NotFound => {
                 self.session = None;
-                self.ensure_session()?;
-                self.try_push(step, time, brick).map_err(|status| self.failed(&status))
+                self.ensure_session(started)?;
+                self.try_push(started, step, time, brick).map_err(|status| self.failed(&status))
             }
             other => other.map_err(|status| self.failed(&status)),
         }
     }
 
-    fn try_push(&mut self, step: u64, time: f64, brick: &Brick) -> Result<Receipt, Status> {
+    /// What is left of the deadline of a call that began at `started`.
+    fn remaining(&self, started: Instant) -> Duration {
+        self.options.deadline.saturating_sub(started.elapsed())
+    }
+
+    fn try_push(&mut self, started: Instant, step: u64, time: f64, brick: &Brick) -> Result<Receipt, Status> {
         let Some(session) = &self.session else { return Err(Status::unavailable("not connected")) };
         let push = session.push(&self.run_id, self.options.rank, step, time, brick);
-        let deadline = self.options.deadline;
+        let deadline = self.remaining(started);
         self.runtime
             .block_on(async { tokio::time::timeout(deadline, push).await })
             .unwrap_or_else(|_| Err(Status::deadline_exceeded("push")))
@@ -208,8 +217,9 @@ impl Client {
             let close = session.close(&self.run_id, self.options.rank);
             let deadline = self.options.deadline;
             let closed = self.runtime.block_on(async { tokio::time::timeout(deadline, close).await });
-            if !matches!(closed, Ok(Ok(()))) {
-                tracing::warn!("the generator-node did not hear of the run's end");
+            match closed {
+                Ok(Ok(dropped_steps)) => self.summary.run_dropped_steps = Some(dropped_steps),
+                _ => tracing::warn!("the generator-node did not hear of the run's end"),
             }
         }
         self.summary
@@ -225,14 +235,14 @@ impl Client {
         (!self.run_id.is_empty()).then_some(&self.run_id)
     }
 
-    fn ensure_session(&mut self) -> Result<(), ClientError> {
+    fn ensure_session(&mut self, started: Instant) -> Result<(), ClientError> {
         if self.session.is_some() {
             return Ok(());
         }
         if Instant::now() < self.retry_at {
             return Err(self.unreachable("waiting before the next try"));
         }
-        let (deadline, runtime) = (self.options.deadline, &self.runtime);
+        let (deadline, runtime) = (self.remaining(started), &self.runtime);
         let open = Session::open(&self.endpoint, &self.options, &self.run_id);
         let opened = runtime.block_on(async { tokio::time::timeout(deadline, open).await });
         match opened.unwrap_or_else(|_| Err(Status::deadline_exceeded("open"))) {

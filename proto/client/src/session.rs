@@ -74,9 +74,10 @@ impl Session {
         })
     }
 
-    /// Detaches the rank.
-    pub async fn close(mut self, run_id: &str, rank: u32) -> Result<(), Status> {
-        self.ingest.close(v1::CloseRequest { run_id: run_id.to_owned(), rank }).await.map(drop)
+    /// Detaches the rank; gives the number of the run's steps that were dropped.
+    pub async fn close(mut self, run_id: &str, rank: u32) -> Result<u64, Status> {
+        let reply = self.ingest.close(v1::CloseRequest { run_id: run_id.to_owned(), rank }).await?;
+        Ok(reply.into_inner().dropped_steps)
     }
 }
 

@@ -55,6 +55,7 @@ impl Aabb {
     ///
     /// Slab test. A ray that lies in a slab's plane direction (component 0) is inside that slab or misses it, so no
     /// product of 0 and infinity is ever formed.
+    #[inline]
     pub fn clip(&self, ray: &Ray) -> Option<(f64, f64)> {
         let (mut t_in, mut t_out) = (0.0_f64, f64::INFINITY);
         for axis in 0..3 {
@@ -156,6 +157,7 @@ impl Camera {
         self.fov_y_deg
     }
     /// Tangent of half the vertical opening angle.
+    #[inline]
     pub fn tan_half_fov(&self) -> f64 {
         self.tan_half
     }
@@ -166,12 +168,14 @@ impl Camera {
     }
 
     /// A direction in this camera's frame.
+    #[inline]
     pub fn view_from_world_direction(&self, d: DVec3) -> DVec3 {
         DVec3::new(d.dot(self.right), d.dot(self.true_up), d.dot(self.forward))
     }
 
     /// The direction, with component 1 along the view, through image position (`x`, `y`) in pixels from the upper left
     /// of a `width` x `height` image. Pixel (i, j) has its centre at (i + 0.5, j + 0.5).
+    #[inline]
     pub fn direction(&self, x: f64, y: f64, width: u32, height: u32) -> DVec3 {
         let (w, h) = (f64::from(width), f64::from(height));
         let sx = self.tan_half * (2.0 * x - w) / h;
@@ -180,6 +184,7 @@ impl Camera {
     }
 
     /// The ray through the centre of pixel (`i`, `j`).
+    #[inline]
     pub fn pixel_ray(&self, i: u32, j: u32, width: u32, height: u32) -> Ray {
         let direction = self.direction(f64::from(i) + 0.5, f64::from(j) + 0.5, width, height).normalize();
         Ray { origin: self.position, direction }

@@ -95,6 +95,7 @@ impl GenerationParams {
 
     /// Rays per side, r.
     #[doc(alias = "r")]
+    #[inline]
     pub fn resolution(&self) -> u32 {
         self.resolution
     }

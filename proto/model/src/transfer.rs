@@ -112,7 +112,12 @@ pub struct TransferFunction {
     range: ScalarRange,
     unit_length: Option<f64>,
     points: Vec<ControlPoint>,
+    /// Per 1/256 of the range, the number of points at or before its start: where the search for a position begins.
+    starts: Vec<u16>,
 }
+
+/// Intervals of [`TransferFunction::starts`].
+const BINS: usize = 256;
 
 /// A transfer function as written in files.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -184,7 +189,9 @@ impl TransferFunction {
         if unit_length.is_some_and(|l| !(l.is_finite() && l > 0.0)) {
             return Err(Invalid::new("transfer.unit_length", format!("{unit_length:?} must be finite and positive")));
         }
-        Ok(Self { range, unit_length, points })
+        let before = |u: f64| points.partition_point(|p| p.at <= u) as u16;
+        let starts = (0..=BINS).map(|b| before(b as f64 / BINS as f64)).collect();
+        Ok(Self { range, unit_length, points, starts })
     }
 
     /// The scalars shown.
@@ -206,12 +213,16 @@ impl TransferFunction {
 
     /// Colour and opacity at position `u` of the range; NaN is transparent. Two points at one position make a jump, which
     /// takes the later point's value.
+    #[inline]
     pub fn at(&self, u: f32) -> ([f64; 3], f64) {
         if u.is_nan() {
             return ([0.0; 3], 0.0);
         }
         let u = f64::from(u);
-        let next = self.points.partition_point(|p| p.at <= u);
+        let mut next = if u < 0.0 { 0 } else { usize::from(self.starts[((u * BINS as f64) as usize).min(BINS)]) };
+        while self.points.get(next).is_some_and(|p| p.at <= u) {
+            next += 1;
+        }
         let (Some(a), Some(b)) = (next.checked_sub(1).map(|i| &self.points[i]), self.points.get(next)) else {
             let end = if next == 0 { &self.points[0] } else { &self.points[next - 1] };
             return (end.color, end.opacity);
@@ -222,12 +233,21 @@ impl TransferFunction {
     }
 
     /// Colour and extinction at position `u`, with opacities referring to `unit_length`.
+    #[inline]
     pub fn classify(&self, u: f32, unit_length: f64) -> Classified {
         let (color, opacity) = self.at(u);
         if opacity <= 0.0 {
             return Classified::EMPTY;
         }
         Classified { color, opacity, extinction: composite::optical_depth_from_opacity(opacity) / unit_length }
+    }
+
+    /// True if everything from `lo` to `hi` of the range is transparent.
+    pub fn is_transparent(&self, lo: f32, hi: f32) -> bool {
+        let (a, b) = (f64::from(lo), f64::from(hi));
+        let corner = self.points.iter().any(|p| p.at >= a && p.at <= b && p.opacity > 0.0);
+        // Of two corners at one position `at` sees the later; just below, the earlier may still shine in.
+        !corner && self.at(lo).1 <= 0.0 && self.at(hi).1 <= 0.0
     }
 
     /// An identity: equal for equal transfer functions (64-bit FNV-1a over all numbers in order).
@@ -264,6 +284,25 @@ mod tests {
         assert_eq!(ramp().at(0.5).1, 1.0);
         assert_eq!(ramp().at(7.0), ([1.0, 0.5, 1.0], 1.0));
         assert_eq!(ramp().at(f32::NAN).1, 0.0);
+    }
+
+    #[test]
+    fn an_interval_is_transparent_only_if_all_of_it_is() {
+        let p = |at, opacity| ControlPoint { at, color: [1.0; 3], opacity };
+        let range = ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap();
+        let tf =
+            TransferFunction::new(range, None, vec![p(0.2, 0.0), p(0.4, 0.0), p(0.5, 0.3), p(0.6, 0.0), p(0.8, 0.0)])
+                .unwrap();
+        for (lo, hi, transparent) in [
+            (0.0, 0.4, true),
+            (0.0, 0.41, false),
+            (0.3, 0.7, false),
+            (0.6, 9.0, true),
+            (-3.0, 0.1, true),
+            (0.45, 0.46, false),
+        ] {
+            assert_eq!(tf.is_transparent(lo, hi), transparent, "{lo}..{hi}");
+        }
     }
 
     #[test]

@@ -128,10 +128,12 @@ impl Vdi {
     }
 
     /// Where its rays and depths lie.
+    #[inline]
     pub fn header(&self) -> &VdiHeader {
         &self.header
     }
     /// Rays per side.
+    #[inline]
     pub fn resolution(&self) -> u32 {
         self.header.params.resolution()
     }
@@ -144,6 +146,7 @@ impl Vdi {
         &self.segments
     }
     /// The list of ray (`i`, `j`), nearest first.
+    #[inline]
     pub fn list(&self, i: u32, j: u32) -> &[Supersegment] {
         let n = j as usize * self.resolution() as usize + i as usize;
         &self.segments[self.offsets[n] as usize..self.offsets[n + 1] as usize]

@@ -66,8 +66,8 @@ impl<'a> Walk<'a> {
         let hair = 1e-9 * (self.leave - self.enter);
         let (first, last) = (self.pixel_at(self.enter + hair), self.pixel_at(self.leave - hair));
         let (mut pixel, mut from) = (first, self.enter);
+        let mut next = [0, 1].map(|axis| self.crossing(axis, pixel[axis], last[axis]));
         loop {
-            let next = [0, 1].map(|axis| self.crossing(axis, pixel[axis], last[axis]));
             let axis = usize::from(next[1] < next[0]);
             let at_end = pixel == last;
             // Rounding may put a crossing a hair before the previous one: then the stretch is empty.
@@ -77,6 +77,7 @@ impl<'a> Walk<'a> {
                 return;
             }
             pixel[axis] = if pixel[axis] < last[axis] { pixel[axis] + 1 } else { pixel[axis] - 1 };
+            next[axis] = self.crossing(axis, pixel[axis], last[axis]);
             from = to;
         }
     }

@@ -31,10 +31,7 @@ pub(super) fn write(vdi: &Vdi) -> Result<Vec<Section>, CodecError> {
         records.extend(quantize::color_codes(s.color));
         records.push(opacity_code(s.optical_depth));
     }
-    Ok(vec![
-        Section { width: COUNT_BYTES as u8, bytes: counts },
-        Section { width: RECORD_BYTES as u8, bytes: records },
-    ])
+    Ok(vec![Section { width: COUNT_BYTES as u8, bytes: counts }, Section { width: RECORD_BYTES as u8, bytes: records }])
 }
 
 pub(super) fn read(sections: &[Section], contents: &Contents) -> Result<Vdi, CodecError> {

@@ -1,0 +1,111 @@
+//! The real binaries as processes, on free ports, ended with the value that holds them.
+
+use std::net::{Ipv4Addr, SocketAddr, TcpListener};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// The built binary `name`, beside this test's own.
+///
+/// # Panics
+/// If the workspace's binaries have not been built.
+pub fn binary(name: &str) -> PathBuf {
+    let test = std::env::current_exe().expect("a running test has a path");
+    let path = test.ancestors().nth(2).expect("tests lie in target/*/deps").join(name);
+    assert!(path.exists(), "{} is missing: run `cargo build --workspace --release` first", path.display());
+    path
+}
+
+/// A port nobody listens on now.
+///
+/// # Panics
+/// If there is none.
+pub fn free_port() -> u16 {
+    let any = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
+    any.local_addr().expect("a bound listener has an address").port()
+}
+
+/// A daemon that is killed when dropped.
+pub struct Daemon {
+    child: Child,
+    /// Where it listens.
+    pub address: SocketAddr,
+}
+
+impl Daemon {
+    /// Starts `name --listen 127.0.0.1:port arguments...` and waits until it accepts connections.
+    ///
+    /// # Panics
+    /// If it does not come up within a minute.
+    pub fn start(name: &str, port: u16, arguments: &[&str]) -> Self {
+        let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+        let mut command = Command::new(binary(name));
+        command.arg("--listen").arg(address.to_string()).args(arguments).stdin(Stdio::null()).stderr(Stdio::inherit());
+        let mut daemon = Self { child: command.spawn().expect("the binary starts"), address };
+        let up = wait_for(Duration::from_secs(60), || {
+            assert!(daemon.child.try_wait().expect("a child").is_none(), "{name} ended early");
+            std::net::TcpStream::connect(address).is_ok()
+        });
+        assert!(up, "{name} does not listen on {address}");
+        daemon
+    }
+
+    /// `http://HOST:PORT`.
+    pub fn url(&self) -> String {
+        format!("http://{}", self.address)
+    }
+
+    /// SIGKILL.
+    pub fn kill(mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+
+    /// SIGTERM; gives the exit code.
+    ///
+    /// # Panics
+    /// If it does not end within 20 seconds.
+    pub fn terminate(mut self) -> Option<i32> {
+        let pid = self.child.id().to_string();
+        Command::new("kill").args(["-TERM", &pid]).status().expect("kill runs");
+        let mut status = None;
+        let ended = wait_for(Duration::from_secs(20), || {
+            status = self.child.try_wait().expect("a child");
+            status.is_some()
+        });
+        assert!(ended, "did not stop on SIGTERM");
+        status.and_then(|s| s.code())
+    }
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Runs `name arguments...` to its end.
+///
+/// # Panics
+/// If it cannot be started.
+pub fn run(name: &str, arguments: &[&str]) -> Output {
+    Command::new(binary(name)).args(arguments).stdin(Stdio::null()).output().expect("the binary starts")
+}
+
+/// Polls `condition` until it holds or `patience` ends; says which.
+pub fn wait_for(patience: Duration, mut condition: impl FnMut() -> bool) -> bool {
+    let start = Instant::now();
+    while start.elapsed() < patience {
+        if condition() {
+            return true;
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    condition()
+}
+
+/// The series recorded by the project's own example simulation.
+pub fn recorded_series() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("data/blast.pvd")
+}

@@ -1,0 +1,158 @@
+//! The binary `lamina` as its user runs it.
+
+use lamina_tests::processes::{recorded_series, run};
+use lamina_viz_node::store::StepRow;
+use std::path::Path;
+
+fn lamina(arguments: &[&str]) -> String {
+    let output = run("lamina", arguments);
+    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "lamina {arguments:?}: {out}{err}");
+    out.into_owned()
+}
+
+fn refused(arguments: &[&str], words: &[&str]) {
+    let output = run("lamina", arguments);
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success(), "lamina {arguments:?} went through");
+    assert!(words.iter().all(|w| text.contains(w)), "lamina {arguments:?} said: {text}");
+    assert!(!text.contains("panicked"), "{text}");
+}
+
+fn text(path: &Path) -> String {
+    path.display().to_string()
+}
+
+/// The number behind `name` in `output`.
+fn figure(output: &str, name: &str) -> f64 {
+    let line = output.lines().find_map(|l| l.strip_prefix(name)).unwrap_or_else(|| panic!("no {name} in {output}"));
+    line.trim().parse().unwrap()
+}
+
+#[test]
+fn a_headless_live_run_leaves_what_it_promises() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("run");
+    let printed = lamina(&[
+        "live", "--cells", "24", "--steps", "3", "--headless", "--size-limit", "60kB", "--out", &text(&out),
+    ]);
+    assert!(printed.contains("3 steps, 0 above their limit"), "{printed}");
+    let csv = std::fs::read_to_string(out.join("steps.csv")).unwrap();
+    assert!(csv.starts_with("step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,"));
+    let rows: Vec<StepRow> = csv.lines().skip(1).map(|l| StepRow::from_csv(l).unwrap()).collect();
+    assert_eq!(rows.iter().map(|r| r.step).collect::<Vec<_>>(), [0, 1, 2]);
+    assert_eq!(rows[0].size_limit_bytes, None, "nothing is tuned before the first step");
+    assert!(rows[1..].iter().all(|r| r.size_limit_bytes == Some(60_000) && r.size_bytes <= 60_000), "{rows:?}");
+    assert!(rows.iter().all(|r| r.psnr_db.is_some() && r.views.len() == 6));
+    let trials = std::fs::read_to_string(out.join("trials.csv")).unwrap();
+    assert_eq!(trials.lines().filter(|l| l.ends_with(",true")).count(), 1, "{trials}");
+    let report = std::fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(report.contains("<svg") && report.contains("data:image/png;base64,"));
+    assert!(!report.contains("src=\"http") && !report.contains("<link"), "self-contained");
+    for kind in ["vdi", "reference"] {
+        let picture = out.join(format!("pictures/step_000002_view_30_{kind}.png"));
+        assert!(picture.exists(), "{}", picture.display());
+    }
+    let again = ["live", "--steps", "1", "--headless", "--out", &text(&out)];
+    refused(&again, &[&text(&out), "--out"]);
+    assert_eq!(std::fs::read_to_string(out.join("steps.csv")).unwrap(), csv, "what was recorded is untouched");
+}
+
+#[test]
+fn the_parts_agree_at_the_generation_view() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| text(&folder.path().join(name));
+    let series = text(&recorded_series());
+    let (vdi, a, b) = (file("x.vdi"), file("a.pfm"), file("b.pfm"));
+    let made = lamina(&["generate", &series, "--time-step", "5", "--resolution", "160", "--gamma", "0", "--out", &vdi]);
+    assert_eq!(figure(&made, "size_bytes "), std::fs::metadata(&vdi).unwrap().len() as f64);
+    lamina(&["raycast", &series, "--time-step", "5", "--size", "160", "--out", &a]);
+    lamina(&["render", &vdi, "--size", "160", "--out", &b]);
+    let printed = lamina(&["compare", &a, &b]);
+    let last = printed.lines().last().unwrap();
+    assert!(figure(last, "psnr_db ") > 45.0, "8-bit colours at the generation view: {last}");
+    assert_eq!(figure(&lamina(&["compare", &a, &a]), "psnr_db "), f64::INFINITY);
+
+    let size = |arguments: &[&str]| {
+        let common = ["generate", &series, "--time-step", "5", "--resolution", "128", "--gamma", "0.02", "--out", &vdi];
+        figure(&lamina(&[&common[..], arguments].concat()), "size_bytes ")
+    };
+    assert!(size(&[]) < size(&["--layout", "plain"]), "columns take fewer bytes than plain records");
+    assert!(size(&["--codec", "zstd"]) > 0.0);
+    lamina(&["render", &vdi, "--view", "-40", "--size", "64", "--out", &file("c.png")]);
+}
+
+#[test]
+fn wrong_arguments_and_files_are_refused_with_the_remedy() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, bytes: &[u8]| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        text(&path)
+    };
+    let series = text(&recorded_series());
+    let vdi = text(&folder.path().join("x.vdi"));
+    lamina(&["generate", &series, "--resolution", "32", "--out", &vdi]);
+    let mut damaged = std::fs::read(&vdi).unwrap();
+    let middle = damaged.len() / 2;
+    damaged[middle] ^= 1;
+    let png = text(&folder.path().join("x.png"));
+
+    refused(&["render", &file("cut.vdi", &damaged[..middle]), "--out", &png], &["cut.vdi"]);
+    refused(&["render", &file("flip.vdi", &damaged), "--out", &png], &["flip.vdi", "checksum"]);
+    refused(&["render", &file("not.vdi", b"hello"), "--out", &png], &["not.vdi"]);
+    refused(&["render", &vdi, "--out", "x.jpg"], &[".png or .pfm"]);
+    refused(&["render", &vdi, "--size", "0", "--out", &png], &["image size"]);
+    refused(&["render", &vdi, "--view", "NaN", "--out", &png], &["camera"]);
+    refused(&["generate", &series, "--resolution", "0", "--out", &vdi], &["resolution"]);
+    refused(&["generate", &series, "--gamma", "-1", "--out", &vdi], &["gamma"]);
+    refused(&["generate", &series, "--gamma", "NaN", "--out", &vdi], &["gamma"]);
+    refused(&["generate", &series, "--time-step", "99", "--out", &vdi], &["--time-step 99", "8 steps"]);
+    refused(&["generate", &series, "--step", "0", "--out", &vdi], &["step_voxels"]);
+    refused(&["raycast", "nowhere.vti", "--out", &png], &["nowhere.vti"]);
+    refused(&["raycast", &file("x.txt", b"?"), "--out", &png], &["x.txt"]);
+    refused(&["raycast", &file("x.raw", b"123"), "--out", &png], &["--dims", "--dtype"]);
+    refused(&["raycast", &file("y.raw", b"123"), "--dims", "2x2x2", "--dtype", "uint8", "--out", &png], &["y.raw"]);
+    refused(&["raycast", &series, "--size", "32", "--out", "/proc/nowhere/x.png"], &["/proc/nowhere"]);
+    refused(&["replay", &series, "--size-limit", "300 parsecs"], &["300kB"]);
+    refused(&["replay", &series, "--headless", "--out", "/proc/nowhere"], &["/proc/nowhere", "--out"]);
+    refused(&["live", "--headless"], &["--steps"]);
+    refused(&["live", "--cells", "1", "--steps", "1"], &["cells"]);
+    refused(&["compare", &png, &png], &["x.png"]);
+
+    let scene = |body: &str| file("scene.toml", body.as_bytes());
+    let scene_refused = |body: &str, words: &[&str]| refused(&["raycast", &series, "--scene", &scene(body), "--out", &png], words);
+    scene_refused("colour = 3", &["scene.toml", "colour"]);
+    let camera = |p: &str, u: &str| format!("[camera]\nposition = {p}\ntarget = [0.0, 0.0, 0.0]\nup = {u}\nfov_y_deg = 30.0\n");
+    scene_refused(&camera("[0.0, 0.0, 0.0]", "[0.0, 1.0, 0.0]"), &["camera.position"]);
+    scene_refused(&camera("[0.0, 3.0, 0.0]", "[0.0, 1.0, 0.0]"), &["camera.up"]);
+    let points = "points = [{ at = 0.9, color = [1, 1, 1], opacity = 0.1 }, { at = 0.1, color = [1, 1, 1], opacity = 0.1 }]";
+    scene_refused(&format!("[transfer]\nrange = {{ lo = 0.0, hi = 1.0, scale = \"linear\" }}\n{points}\n"), &["not sorted"]);
+    scene_refused("[transfer]\nrange = { lo = 0.0, hi = 1.0, scale = \"log10\" }\npoints = []\n", &["log10"]);
+}
+
+#[test]
+fn voxels_that_are_not_finite_are_drawn_as_empty_and_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut values = vec![0.5_f32; 16 * 16 * 16];
+    values[1] = f32::NAN;
+    values[77] = f32::NEG_INFINITY;
+    let path = folder.path().join("holes_16x16x16_float32.raw");
+    std::fs::write(&path, values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>()).unwrap();
+    let out = text(&folder.path().join("x.png"));
+    let output = run("lamina", &["raycast", &text(&path), "--size", "32", "--out", &out]);
+    assert!(output.status.success());
+    assert!(String::from_utf8_lossy(&output.stderr).contains("2 voxels are NaN or infinite"));
+    let run_out = text(&folder.path().join("run"));
+    lamina(&["replay", &text(&path), "--headless", "--resolution", "32", "--gamma", "0.1", "--out", &run_out]);
+    let csv = std::fs::read_to_string(folder.path().join("run/steps.csv")).unwrap();
+    assert_eq!(StepRow::from_csv(csv.lines().nth(1).unwrap()).unwrap().empty_voxels, 2);
+}
+
+#[test]
+fn doctor_names_what_the_machine_has() {
+    let printed = lamina(&["doctor"]);
+    for word in ["cores", "vectors", "memory", "port 7101", "gpu"] {
+        assert!(printed.contains(word), "{printed}");
+    }
+}

@@ -1,0 +1,232 @@
+//! The three daemons as processes, a recorded series through the real client: every figure is traced to its source.
+
+use lamina_generator_node::kernel::{Field, reference_samples};
+use lamina_model::{SamplePlan, Scene, suggest::suggest};
+use lamina_read::{Options, Series};
+use lamina_tests::processes::{Daemon, free_port, recorded_series, run, wait_for};
+use lamina_viz_node::kernel::quality;
+use lamina_viz_node::store::StepRow;
+use lamina_wire::codec;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+const LIMIT_BYTES: u64 = 40_000;
+
+/// The daemons around one store, on ports they keep over restarts.
+struct Cluster {
+    folder: tempfile::TempDir,
+    ports: [u16; 3],
+    generator: Option<Daemon>,
+    viz: Option<Daemon>,
+    tuner: Option<Daemon>,
+}
+
+impl Cluster {
+    fn start() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: String| std::fs::write(folder.path().join(name), text).unwrap();
+        write("generator-node.toml", "[samples]\nimage_size = 256\ntile = 4\nangles_deg = [10.0, 30.0, 60.0]\n".into());
+        write("viz-node.toml", format!("store = \"{}\"\n", folder.path().join("store").display()));
+        let grid = "resolution = { from = 32, to = 128, step = 32 }\ngamma = { from = 0.01, to = 0.11, step = 0.05 }";
+        write("tuner.toml", format!("retune_every = 4\n[utility.size]\nlimit_bytes = {LIMIT_BYTES}\n[grid]\n{grid}\n"));
+        let mut cluster =
+            Self { folder, ports: [(); 3].map(|()| free_port()), generator: None, viz: None, tuner: None };
+        cluster.start_generator();
+        cluster.start_viz();
+        cluster.start_tuner();
+        cluster
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.folder.path().join(name).display().to_string()
+    }
+    fn url(&self, node: usize) -> String {
+        format!("http://127.0.0.1:{}", self.ports[node])
+    }
+    fn start_generator(&mut self) {
+        let config = self.path("generator-node.toml");
+        self.generator = Some(Daemon::start("generator-node", self.ports[0], &["--config", &config]));
+    }
+    fn start_viz(&mut self) {
+        let (config, generator) = (self.path("viz-node.toml"), self.url(0));
+        self.viz = Some(Daemon::start("viz-node", self.ports[1], &["--config", &config, "--generator", &generator]));
+    }
+    fn start_tuner(&mut self) {
+        let (config, generator, viz) = (self.path("tuner.toml"), self.url(0), self.url(1));
+        let arguments = ["--config", &config, "--generator", &generator, "--viz", &viz];
+        self.tuner = Some(Daemon::start("tuner", self.ports[2], &arguments));
+    }
+
+    /// The run's folder in the store, once there is one.
+    fn run_folder(&self) -> Option<PathBuf> {
+        let store = self.folder.path().join("store");
+        std::fs::read_dir(store).ok()?.flatten().map(|e| e.path()).find(|p| p.join("run.json").exists())
+    }
+
+    fn rows(&self) -> Vec<StepRow> {
+        let Some(folder) = self.run_folder() else { return Vec::new() };
+        read_rows(&folder.join("steps.csv"))
+    }
+}
+
+fn read_rows(csv: &Path) -> Vec<StepRow> {
+    let text = std::fs::read_to_string(csv).unwrap_or_default();
+    text.lines().skip(1).filter_map(StepRow::from_csv).collect()
+}
+
+/// The scene `lamina replay` chooses for the series: from its first, middle and last step.
+fn chosen_scene(series: &Series) -> Scene {
+    let volumes = [0, (series.len() - 1) / 2, series.len() - 1].map(|n| series.read(n).unwrap());
+    suggest(&volumes.iter().collect::<Vec<_>>()).unwrap()
+}
+
+#[test]
+fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
+    let cluster = Cluster::start();
+    let series = Series::open(&recorded_series(), &Options::default()).unwrap();
+    let path = recorded_series().display().to_string();
+    let pushed = run("lamina", &["replay", &path, "--generator", &cluster.url(0)]);
+    assert!(pushed.status.success(), "{}", String::from_utf8_lossy(&pushed.stderr));
+    assert!(String::from_utf8_lossy(&pushed.stdout).ends_with("pushed 8  dropped 0  lost 0\n"));
+    assert!(wait_for(Duration::from_secs(120), || cluster.rows().len() == series.len()), "{:?}", cluster.rows());
+
+    let (rows, folder, scene) = (cluster.rows(), cluster.run_folder().unwrap(), chosen_scene(&series));
+    let plan = SamplePlan { image_size: 256, tile: 4, angles_deg: vec![10.0, 30.0, 60.0] };
+    for (n, row) in rows.iter().enumerate() {
+        let bytes = std::fs::read(folder.join(format!("step_{n:06}.vdi"))).unwrap();
+        let vdi = codec::decode(&bytes, &codec::DecodeLimits::default()).unwrap();
+        assert_eq!((row.step, row.time), (n as u64, series.time(n)));
+        assert_eq!(row.size_bytes, bytes.len() as u64, "sigma is the file's size");
+        assert_eq!(row.supersegments, vdi.segments().len() as u64);
+        assert_eq!((row.resolution, row.gamma), (vdi.resolution(), vdi.header().params.gamma()), "echoed parameters");
+        assert_eq!(vdi.header().transfer_id, scene.transfer.id());
+        assert!(row.generation_ms > 0.0 && row.encode_ms > 0.0);
+        assert_eq!((row.dropped_steps, row.empty_voxels), (0, 0));
+        // q again, from the recorded volume and the recorded VDI alone.
+        let field = Field::new(&series.read(n).unwrap(), scene.transfer.range());
+        let reference = reference_samples(&field, &scene, &plan, row.step).unwrap();
+        let q = quality(&vdi, &reference).unwrap();
+        assert!((f64::from(row.psnr_db.unwrap()) - q.psnr_db).abs() < 0.01, "step {n}: {row:?} but {q:?}");
+        assert_eq!(row.views.len(), 3);
+        if row.size_limit_bytes.is_some() {
+            assert!(row.limit_kept && row.size_bytes <= LIMIT_BYTES, "{row:?}");
+        }
+    }
+    let tuned = |rows: &[StepRow]| rows.last().is_some_and(|r| r.size_limit_bytes == Some(LIMIT_BYTES));
+    assert!(tuned(&rows) || rows.len() < 3, "the tuner's limit reaches the frames: {rows:?}");
+
+    // The page's state and the metrics say the same as the file.
+    let get = |path: &str| ureq::get(format!("{}{path}", cluster.url(1))).call().unwrap().body_mut().read_to_string().unwrap();
+    let state: serde_json::Value = serde_json::from_str(&get("/api/state")).unwrap();
+    assert_eq!(state["run"]["field"], "density");
+    assert_eq!(state["steps"].as_array().unwrap().len(), rows.len());
+    let last = rows.last().unwrap();
+    assert_eq!(state["steps"][rows.len() - 1]["size_bytes"], last.size_bytes);
+    let metrics = get("/metrics");
+    assert!(metrics.contains(&format!("\nlamina_vdi_size_bytes {}\n", last.size_bytes)), "{metrics}");
+    assert!(metrics.contains(&format!("\nlamina_frames_total {}\n", rows.len())), "{metrics}");
+}
+
+/// One push a call, like a simulation that takes its time.
+fn pushes(cluster: &Cluster, name: &str) -> impl FnMut(u64) -> bool + use<> {
+    let volume = Series::open(&recorded_series(), &Options::default()).unwrap().read(3).unwrap();
+    let (grid, voxel_type) = (*volume.grid(), volume.voxels().voxel_type());
+    let options = lamina_client::RunOptions::new(&cluster.url(0), name, "density", grid, voxel_type);
+    let mut client = lamina_client::Client::connect(options).unwrap();
+    move |step| {
+        let brick = lamina_client::Brick::new([0; 3], volume.grid().dims(), volume.voxels());
+        let pushed = client.push(step, step as f64, &brick).is_ok();
+        std::thread::sleep(Duration::from_millis(50));
+        pushed
+    }
+}
+
+#[test]
+fn killing_each_daemon_in_turn_stops_nobody_and_loses_nothing_recorded() {
+    let mut cluster = Cluster::start();
+    let mut push = pushes(&cluster, "survivor");
+    let mut step = 0;
+    let mut go_on = |until: &mut dyn FnMut() -> bool| {
+        wait_for(Duration::from_secs(120), || {
+            push(step);
+            step += 1;
+            until()
+        })
+    };
+    let newest = |cluster: &Cluster| cluster.rows().last().map_or(0, |r| r.step);
+    assert!(go_on(&mut || cluster.rows().len() >= 3), "the run is recorded");
+
+    let before = cluster.rows();
+    cluster.generator.take().unwrap().kill();
+    let mut tries = 0;
+    assert!(go_on(&mut || {
+        tries += 1;
+        tries == 10
+    }), "the simulation goes on without its generator-node");
+    cluster.start_generator();
+    let seen = newest(&cluster);
+    assert!(go_on(&mut || newest(&cluster) > seen + 2), "a restarted generator-node is found again by all");
+    assert_eq!(cluster.rows()[..before.len()], before, "rows recorded before stay as they were");
+
+    let before = cluster.rows();
+    cluster.viz.take().unwrap().kill();
+    let mut tries = 0;
+    assert!(go_on(&mut || {
+        tries += 1;
+        tries == 5
+    }));
+    cluster.start_viz();
+    let seen = newest(&cluster);
+    assert!(go_on(&mut || newest(&cluster) > seen + 2), "a restarted viz-node goes on with its store");
+    assert_eq!(cluster.rows()[..before.len()], before);
+    let at = |k: usize| cluster.rows()[k].step;
+    let steps: Vec<u64> = (before.len() - 1..cluster.rows().len()).map(at).collect();
+    assert!(steps.windows(2).all(|w| w[0] < w[1]));
+
+    cluster.tuner.take().unwrap().kill();
+    let seen = newest(&cluster);
+    assert!(go_on(&mut || newest(&cluster) > seen + 2), "steps go on without the tuner");
+    cluster.start_tuner();
+    let seen = newest(&cluster);
+    assert!(go_on(&mut || newest(&cluster) > seen + 2));
+
+    // Every recorded step is whole.
+    let folder = cluster.run_folder().unwrap();
+    for row in cluster.rows() {
+        let bytes = std::fs::read(folder.join(format!("step_{:06}.vdi", row.step))).unwrap();
+        assert_eq!(bytes.len() as u64, row.size_bytes);
+        codec::decode(&bytes, &codec::DecodeLimits::default()).unwrap();
+    }
+}
+
+#[test]
+fn daemons_stop_cleanly_and_refuse_bad_configurations_by_name() {
+    let mut cluster = Cluster::start();
+    let in_use = cluster.ports[0];
+    let refused = |name: &str, arguments: &[&str], words: &[&str]| {
+        let output = run(name, arguments);
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success(), "{name} {arguments:?}");
+        assert!(words.iter().all(|w| text.contains(w)), "{name} {arguments:?} said: {text}");
+    };
+    let taken = format!("127.0.0.1:{in_use}");
+    for name in ["generator-node", "viz-node", "tuner"] {
+        refused(name, &["--listen", &taken], &[&taken, "in use", "--listen"]);
+        refused(name, &["--config", "/nowhere/x.toml"], &["/nowhere/x.toml"]);
+        assert!(run(name, &["--help"]).status.success());
+    }
+    let file = |name: &str, text: &str| {
+        let path = cluster.path(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    };
+    refused("generator-node", &["--config", &file("a.toml", "memry_bytes = 3")], &["memry_bytes", "memory_bytes"]);
+    refused("generator-node", &["--config", &file("b.toml", "[params]\nresolution = 0\ngamma = 0.1")], &["resolution"]);
+    refused("generator-node", &["--config", &file("c.toml", "memory_bytes = 5")], &["memory_bytes"]);
+    refused("tuner", &["--config", &file("d.toml", "[utility.size]\nlimit_bytes = 0")], &["limit_bytes"]);
+    refused("tuner", &["--config", &file("e.toml", "[grid]\ngamma = { from = 1, to = 0, step = 1 }")], &["grid.gamma"]);
+    refused("viz-node", &["--config", &file("f.toml", "store = \"/proc/nowhere\"\nlisten = \"127.0.0.1:0\"")], &["/proc/nowhere"]);
+    for daemon in [cluster.generator.take(), cluster.viz.take(), cluster.tuner.take()] {
+        assert_eq!(daemon.unwrap().terminate(), Some(0));
+    }
+}
