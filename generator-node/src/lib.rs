@@ -13,16 +13,16 @@ mod schedule;
 
 pub use config::Config;
 
-use lamina_wire::node::{NodeError, serve};
+use lamina_wire::node::{NodeError, Shutdown, serve};
 use lamina_wire::{MAX_MESSAGE_BYTES, v1};
-use std::{future::Future, sync::Arc, time::Duration};
+use std::{sync::Arc, time::Duration};
 use tokio::net::TcpListener;
 
 /// Runs the node on `listener` until `shutdown` completes.
 ///
 /// # Errors
 /// If the transport fails.
-pub async fn run(config: Config, listener: TcpListener, shutdown: impl Future<Output = ()>) -> Result<(), NodeError> {
+pub async fn run(config: Config, listener: TcpListener, shutdown: Shutdown) -> Result<(), NodeError> {
     let ingest = Arc::new(ingest::Ingest::new(config.memory_bytes, Duration::from_secs_f64(config.idle_secs)));
     let publisher = Arc::new(publish::Publisher::new(config.history_bytes));
     let shared =

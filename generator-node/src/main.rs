@@ -24,5 +24,5 @@ async fn main() -> anyhow::Result<()> {
     let config: Config = load_config(arguments.config.as_deref())?;
     let config = Config { listen: arguments.listen.unwrap_or(config.listen), ..config }.check()?;
     let listener = listen(config.listen).await?;
-    Ok(run(config, listener, stop_signal()).await?)
+    Ok(run(config, listener, Box::pin(stop_signal())).await?)
 }

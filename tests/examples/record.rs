@@ -11,8 +11,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut simulation = Simulation::new(Config { cells: 32, ..Config::default() })?;
     let mut entries = Vec::new();
     for step in 0..8 {
-        let grid =
-            Grid::new([32; 3], DVec3::splat(simulation.spacing()), DVec3::splat(simulation.origin()))?;
+        let grid = Grid::new([32; 3], DVec3::splat(simulation.spacing()), DVec3::splat(simulation.origin()))?;
         let name = format!("blast_{step}.vti");
         write_vti(&dir.join(&name), &Volume::new(grid, Voxels::F32(simulation.density()))?, "density")?;
         entries.push((simulation.time(), name));

@@ -38,9 +38,18 @@ impl Daemon {
     /// # Panics
     /// If it does not come up within a minute.
     pub fn start(name: &str, port: u16, arguments: &[&str]) -> Self {
+        let listen = format!("127.0.0.1:{port}");
+        Self::start_plain(name, port, &[&["--listen", &listen], arguments].concat())
+    }
+
+    /// Starts `name arguments...`, which are to make it listen on `port`, and waits until it accepts connections.
+    ///
+    /// # Panics
+    /// If it does not come up within a minute.
+    pub fn start_plain(name: &str, port: u16, arguments: &[&str]) -> Self {
         let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
         let mut command = Command::new(binary(name));
-        command.arg("--listen").arg(address.to_string()).args(arguments).stdin(Stdio::null()).stderr(Stdio::inherit());
+        command.args(arguments).stdin(Stdio::null()).stdout(Stdio::null());
         let mut daemon = Self { child: command.spawn().expect("the binary starts"), address };
         let up = wait_for(Duration::from_secs(60), || {
             assert!(daemon.child.try_wait().expect("a child").is_none(), "{name} ended early");

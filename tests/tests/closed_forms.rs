@@ -1,5 +1,7 @@
 //! Images of media whose light is known in closed form.
 
+#![allow(clippy::unwrap_used)]
+
 use glam::DVec3;
 use lamina_generator_node::kernel::{Field, generate, raycast, raycast_pixels};
 use lamina_model::{GenerationParams, Image, Scene, SquaredError};

@@ -1,5 +1,7 @@
 //! The binary `lamina` as its user runs it.
 
+#![allow(clippy::unwrap_used)]
+
 use lamina_tests::processes::{recorded_series, run};
 use lamina_viz_node::store::StepRow;
 use std::path::Path;
@@ -33,9 +35,8 @@ fn figure(output: &str, name: &str) -> f64 {
 fn a_headless_live_run_leaves_what_it_promises() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("run");
-    let printed = lamina(&[
-        "live", "--cells", "24", "--steps", "3", "--headless", "--size-limit", "60kB", "--out", &text(&out),
-    ]);
+    let printed =
+        lamina(&["live", "--cells", "24", "--steps", "3", "--headless", "--size-limit", "60kB", "--out", &text(&out)]);
     assert!(printed.contains("3 steps, 0 above their limit"), "{printed}");
     let csv = std::fs::read_to_string(out.join("steps.csv")).unwrap();
     assert!(csv.starts_with("step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,"));
@@ -121,13 +122,19 @@ fn wrong_arguments_and_files_are_refused_with_the_remedy() {
     refused(&["compare", &png, &png], &["x.png"]);
 
     let scene = |body: &str| file("scene.toml", body.as_bytes());
-    let scene_refused = |body: &str, words: &[&str]| refused(&["raycast", &series, "--scene", &scene(body), "--out", &png], words);
+    let scene_refused =
+        |body: &str, words: &[&str]| refused(&["raycast", &series, "--scene", &scene(body), "--out", &png], words);
     scene_refused("colour = 3", &["scene.toml", "colour"]);
-    let camera = |p: &str, u: &str| format!("[camera]\nposition = {p}\ntarget = [0.0, 0.0, 0.0]\nup = {u}\nfov_y_deg = 30.0\n");
+    let camera =
+        |p: &str, u: &str| format!("[camera]\nposition = {p}\ntarget = [0.0, 0.0, 0.0]\nup = {u}\nfov_y_deg = 30.0\n");
     scene_refused(&camera("[0.0, 0.0, 0.0]", "[0.0, 1.0, 0.0]"), &["camera.position"]);
     scene_refused(&camera("[0.0, 3.0, 0.0]", "[0.0, 1.0, 0.0]"), &["camera.up"]);
-    let points = "points = [{ at = 0.9, color = [1, 1, 1], opacity = 0.1 }, { at = 0.1, color = [1, 1, 1], opacity = 0.1 }]";
-    scene_refused(&format!("[transfer]\nrange = {{ lo = 0.0, hi = 1.0, scale = \"linear\" }}\n{points}\n"), &["not sorted"]);
+    let points =
+        "points = [{ at = 0.9, color = [1, 1, 1], opacity = 0.1 }, { at = 0.1, color = [1, 1, 1], opacity = 0.1 }]";
+    scene_refused(
+        &format!("[transfer]\nrange = {{ lo = 0.0, hi = 1.0, scale = \"linear\" }}\n{points}\n"),
+        &["not sorted"],
+    );
     scene_refused("[transfer]\nrange = { lo = 0.0, hi = 1.0, scale = \"log10\" }\npoints = []\n", &["log10"]);
 }
 

@@ -1,5 +1,7 @@
 //! What a VDI shows against what the volume shows.
 
+#![allow(clippy::unwrap_used)]
+
 use glam::DVec3;
 use lamina_generator_node::kernel::{Field, generate, raycast, reference_samples};
 use lamina_model::{Camera, GenerationParams, Image, SamplePlan, Scene, Vdi, psnr};

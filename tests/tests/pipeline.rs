@@ -1,5 +1,7 @@
 //! The three daemons as processes, a recorded series through the real client: every figure is traced to its source.
 
+#![allow(clippy::unwrap_used)]
+
 use lamina_generator_node::kernel::{Field, reference_samples};
 use lamina_model::{SamplePlan, Scene, suggest::suggest};
 use lamina_read::{Options, Series};
@@ -7,6 +9,7 @@ use lamina_tests::processes::{Daemon, free_port, recorded_series, run, wait_for}
 use lamina_viz_node::kernel::quality;
 use lamina_viz_node::store::StepRow;
 use lamina_wire::codec;
+use lamina_wire::v1::{TunerStatusRequest, tuning_client::TuningClient};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -57,10 +60,33 @@ impl Cluster {
         self.tuner = Some(Daemon::start("tuner", self.ports[2], &arguments));
     }
 
-    /// The run's folder in the store, once there is one.
+    /// The newest run's folder in the store: ids end with the time of opening.
     fn run_folder(&self) -> Option<PathBuf> {
         let store = self.folder.path().join("store");
-        std::fs::read_dir(store).ok()?.flatten().map(|e| e.path()).find(|p| p.join("run.json").exists())
+        std::fs::read_dir(store).ok()?.flatten().map(|e| e.path()).filter(|p| p.join("run.json").exists()).max()
+    }
+
+    /// True once the tuner has dealt with as many steps and rests.
+    fn tuner_rests_after(&self, steps: u64) -> bool {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let status = runtime.block_on(async {
+            let mut tuner = TuningClient::connect(self.url(2)).await.unwrap();
+            tuner.status(TunerStatusRequest { with_trials: false }).await.unwrap().into_inner()
+        });
+        assert_eq!(status.last_error, "");
+        !status.busy && status.steps_seen >= steps
+    }
+
+    /// Replays the recorded series from another process, and waits until all of it is recorded.
+    fn replay(&self, steps: usize) {
+        let before = self.run_folder();
+        let path = recorded_series().display().to_string();
+        let pushed = run("lamina", &["replay", &path, "--generator", &self.url(0)]);
+        assert!(pushed.status.success(), "{}", String::from_utf8_lossy(&pushed.stderr));
+        let expected = format!("pushed {steps}  dropped 0  lost 0\n");
+        assert!(String::from_utf8_lossy(&pushed.stdout).ends_with(&expected));
+        let whole = || self.run_folder() != before && self.rows().len() == steps;
+        assert!(wait_for(Duration::from_secs(120), whole), "{:?}", self.rows());
     }
 
     fn rows(&self) -> Vec<StepRow> {
@@ -84,12 +110,11 @@ fn chosen_scene(series: &Series) -> Scene {
 fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
     let cluster = Cluster::start();
     let series = Series::open(&recorded_series(), &Options::default()).unwrap();
-    let path = recorded_series().display().to_string();
-    let pushed = run("lamina", &["replay", &path, "--generator", &cluster.url(0)]);
-    assert!(pushed.status.success(), "{}", String::from_utf8_lossy(&pushed.stderr));
-    assert!(String::from_utf8_lossy(&pushed.stdout).ends_with("pushed 8  dropped 0  lost 0\n"));
-    assert!(wait_for(Duration::from_secs(120), || cluster.rows().len() == series.len()), "{:?}", cluster.rows());
-
+    cluster.replay(series.len());
+    assert!(cluster.rows().iter().any(|r| r.size_bytes > LIMIT_BYTES), "untuned, the limit would be broken");
+    assert!(wait_for(Duration::from_secs(120), || cluster.tuner_rests_after(series.len() as u64)));
+    // The second run of the same simulation is tuned from its first step on.
+    cluster.replay(series.len());
     let (rows, folder, scene) = (cluster.rows(), cluster.run_folder().unwrap(), chosen_scene(&series));
     let plan = SamplePlan { image_size: 256, tile: 4, angles_deg: vec![10.0, 30.0, 60.0] };
     for (n, row) in rows.iter().enumerate() {
@@ -108,15 +133,14 @@ fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
         let q = quality(&vdi, &reference).unwrap();
         assert!((f64::from(row.psnr_db.unwrap()) - q.psnr_db).abs() < 0.01, "step {n}: {row:?} but {q:?}");
         assert_eq!(row.views.len(), 3);
-        if row.size_limit_bytes.is_some() {
-            assert!(row.limit_kept && row.size_bytes <= LIMIT_BYTES, "{row:?}");
-        }
+        assert_eq!(row.size_limit_bytes, Some(LIMIT_BYTES), "the tuner's limit reaches the frames");
+        assert!(row.limit_kept && row.size_bytes <= LIMIT_BYTES, "{row:?}");
     }
-    let tuned = |rows: &[StepRow]| rows.last().is_some_and(|r| r.size_limit_bytes == Some(LIMIT_BYTES));
-    assert!(tuned(&rows) || rows.len() < 3, "the tuner's limit reaches the frames: {rows:?}");
 
     // The page's state and the metrics say the same as the file.
-    let get = |path: &str| ureq::get(format!("{}{path}", cluster.url(1))).call().unwrap().body_mut().read_to_string().unwrap();
+    let get = |path: &str| {
+        ureq::get(format!("{}{path}", cluster.url(1))).call().unwrap().body_mut().read_to_string().unwrap()
+    };
     let state: serde_json::Value = serde_json::from_str(&get("/api/state")).unwrap();
     assert_eq!(state["run"]["field"], "density");
     assert_eq!(state["steps"].as_array().unwrap().len(), rows.len());
@@ -124,7 +148,7 @@ fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
     assert_eq!(state["steps"][rows.len() - 1]["size_bytes"], last.size_bytes);
     let metrics = get("/metrics");
     assert!(metrics.contains(&format!("\nlamina_vdi_size_bytes {}\n", last.size_bytes)), "{metrics}");
-    assert!(metrics.contains(&format!("\nlamina_frames_total {}\n", rows.len())), "{metrics}");
+    assert!(metrics.contains(&format!("\nlamina_frames_total {}\n", 2 * rows.len())), "{metrics}");
 }
 
 /// One push a call, like a simulation that takes its time.
@@ -159,10 +183,13 @@ fn killing_each_daemon_in_turn_stops_nobody_and_loses_nothing_recorded() {
     let before = cluster.rows();
     cluster.generator.take().unwrap().kill();
     let mut tries = 0;
-    assert!(go_on(&mut || {
-        tries += 1;
-        tries == 10
-    }), "the simulation goes on without its generator-node");
+    assert!(
+        go_on(&mut || {
+            tries += 1;
+            tries == 10
+        }),
+        "the simulation goes on without its generator-node"
+    );
     cluster.start_generator();
     let seen = newest(&cluster);
     assert!(go_on(&mut || newest(&cluster) > seen + 2), "a restarted generator-node is found again by all");
@@ -225,7 +252,11 @@ fn daemons_stop_cleanly_and_refuse_bad_configurations_by_name() {
     refused("generator-node", &["--config", &file("c.toml", "memory_bytes = 5")], &["memory_bytes"]);
     refused("tuner", &["--config", &file("d.toml", "[utility.size]\nlimit_bytes = 0")], &["limit_bytes"]);
     refused("tuner", &["--config", &file("e.toml", "[grid]\ngamma = { from = 1, to = 0, step = 1 }")], &["grid.gamma"]);
-    refused("viz-node", &["--config", &file("f.toml", "store = \"/proc/nowhere\"\nlisten = \"127.0.0.1:0\"")], &["/proc/nowhere"]);
+    refused(
+        "viz-node",
+        &["--config", &file("f.toml", "store = \"/proc/nowhere\"\nlisten = \"127.0.0.1:0\"")],
+        &["/proc/nowhere"],
+    );
     for daemon in [cluster.generator.take(), cluster.viz.take(), cluster.tuner.take()] {
         assert_eq!(daemon.unwrap().terminate(), Some(0));
     }

@@ -15,16 +15,16 @@ pub mod utility;
 pub use config::Config;
 pub use utility::Utility;
 
-use lamina_wire::node::{NodeError, serve};
+use lamina_wire::node::{NodeError, Shutdown, serve};
 use lamina_wire::v1::tuning_server::TuningServer;
-use std::{future::Future, sync::Arc};
+use std::sync::Arc;
 use tokio::net::TcpListener;
 
 /// Runs the tuner, its status served on `listener`, until `shutdown` completes.
 ///
 /// # Errors
 /// If the configuration cannot be used or the transport fails.
-pub async fn run(config: Config, listener: TcpListener, shutdown: impl Future<Output = ()>) -> Result<(), NodeError> {
+pub async fn run(config: Config, listener: TcpListener, shutdown: Shutdown) -> Result<(), NodeError> {
     let bad = |e: lamina_model::Invalid| NodeError::Config { path: "tuner".to_owned(), reason: e.to_string() };
     let candidates = config.candidates().map_err(bad)?;
     let status = Arc::new(status::Status::default());

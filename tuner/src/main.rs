@@ -36,5 +36,5 @@ async fn main() -> anyhow::Result<()> {
     };
     config.candidates()?;
     let listener = listen(config.listen).await?;
-    Ok(run(config, listener, stop_signal()).await?)
+    Ok(run(config, listener, Box::pin(stop_signal())).await?)
 }

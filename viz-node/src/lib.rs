@@ -14,8 +14,8 @@ pub use config::Config;
 pub use store::Store;
 
 use lamina_wire::codec::DecodeLimits;
+use lamina_wire::node::Shutdown;
 use lamina_wire::v1::quality_server::QualityServer;
-use std::future::Future;
 use std::sync::{Arc, atomic::AtomicBool};
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -43,7 +43,7 @@ pub async fn run(
     config: Config,
     store: Arc<Store>,
     listener: TcpListener,
-    shutdown: impl Future<Output = ()>,
+    shutdown: Shutdown,
 ) -> std::io::Result<()> {
     let meter = Arc::new(measure::Meter::new(store.clone(), limits(&config)));
     let connected = Arc::new(AtomicBool::new(false));

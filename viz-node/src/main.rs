@@ -33,5 +33,5 @@ async fn main() -> anyhow::Result<()> {
     .check()?;
     let listener = listen(config.listen).await?;
     let store = open_store(&config)?;
-    Ok(run(config, store, listener, stop_signal()).await?)
+    Ok(run(config, store, listener, Box::pin(stop_signal())).await?)
 }

@@ -93,7 +93,7 @@ pub struct Watch {
     #[arg(long, value_name = "R", requires = "gamma", conflicts_with_all = ["size_limit", "time_limit"])]
     pub resolution: Option<u32>,
     /// Interrupt parameter, with --resolution: no tuning
-    #[arg(long, value_name = "G", requires = "resolution")]
+    #[arg(long, value_name = "G", requires = "resolution", allow_negative_numbers = true)]
     pub gamma: Option<f64>,
     /// Tune again every n-th step (0: only when the limit is broken)
     #[arg(long, default_value_t = 20, value_name = "N")]
@@ -145,7 +145,7 @@ pub struct Input {
     #[arg(long, value_name = "FILE")]
     pub scene: Option<PathBuf>,
     /// Sampling step in voxels, instead of the scene's
-    #[arg(long, value_name = "VOXELS")]
+    #[arg(long, value_name = "VOXELS", allow_negative_numbers = true)]
     pub step: Option<f64>,
 }
 
@@ -179,7 +179,7 @@ pub struct Generate {
     #[arg(long, default_value_t = 256, value_name = "R")]
     pub resolution: u32,
     /// Interrupt parameter: 0 keeps every sample
-    #[arg(long, default_value_t = 0.02, value_name = "G")]
+    #[arg(long, default_value_t = 0.02, value_name = "G", allow_negative_numbers = true)]
     pub gamma: f64,
     /// End rays at this opacity; 1 never
     #[arg(long, default_value_t = 1.0, value_name = "ALPHA")]

@@ -6,7 +6,7 @@ use lamina_tuner::Utility;
 use lamina_tuner::search::Grid;
 use lamina_viz_node::Store;
 use lamina_viz_node::store::StepRow;
-use lamina_wire::node::listen;
+use lamina_wire::node::{Shutdown, listen};
 use lamina_wire::v1::{self, tuning_client::TuningClient};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
@@ -61,9 +61,9 @@ impl Nodes {
     pub fn start(setup: Setup, scene: &Scene) -> anyhow::Result<Self> {
         let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
         let (stop, _) = watch::channel(false);
-        let stopped = || {
+        let stopped = || -> Shutdown {
             let mut stopped = stop.subscribe();
-            async move { drop(stopped.wait_for(|s| *s).await) }
+            Box::pin(async move { drop(stopped.wait_for(|s| *s).await) })
         };
         let any_port = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
 

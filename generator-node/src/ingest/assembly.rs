@@ -1,6 +1,6 @@
 //! One time step while its ranks' bricks arrive.
 
-use super::Brick;
+use super::{Brick, Offer};
 use tonic::Status;
 
 struct Part {
@@ -22,16 +22,9 @@ impl Assembly {
         Self { time, parts: Vec::new() }
     }
 
-    /// Reserves `brick` for `rank` if it agrees with what is there; `voxels` is the whole grid's number.
-    pub fn reserve(
-        &mut self,
-        step: u64,
-        time: f64,
-        rank: u32,
-        ranks: u32,
-        brick: Brick,
-        voxels: usize,
-    ) -> Result<(), Status> {
+    /// Reserves the offered `brick` for its rank if it agrees with what is there; `voxels` is the whole grid's number.
+    pub fn reserve(&mut self, offer: &Offer, ranks: u32, brick: Brick, voxels: usize) -> Result<(), Status> {
+        let Offer { step, time, rank, .. } = *offer;
         if time.to_bits() != self.time.to_bits() {
             let first = self.time;
             return Err(Status::invalid_argument(format!("step {step}: rank {rank} says time {time}, others {first}")));

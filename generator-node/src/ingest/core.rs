@@ -76,6 +76,21 @@ impl CompleteStep {
     }
 }
 
+/// A brick that a rank would push, as it announces it.
+#[derive(Debug, Clone, Copy)]
+pub struct Offer {
+    /// The step.
+    pub step: u64,
+    /// Simulation time.
+    pub time: f64,
+    /// Whose brick.
+    pub rank: u32,
+    /// First sample point.
+    pub start: [u64; 3],
+    /// Sample points per axis.
+    pub dims: [u64; 3],
+}
+
 /// The answer to a rank that wants to push.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Admit {
@@ -179,20 +194,12 @@ impl Core {
         })
     }
 
-    /// Decides on `rank`'s brick of `step`, and reserves its memory if granted.
-    pub fn admit(
-        &mut self,
-        run_id: &str,
-        step: u64,
-        time: f64,
-        rank: u32,
-        start: [u64; 3],
-        dims: [u64; 3],
-        now: Instant,
-    ) -> Result<Admit, Status> {
+    /// Decides on a brick, and reserves its memory if granted.
+    pub fn admit(&mut self, run_id: &str, offer: &Offer, now: Instant) -> Result<Admit, Status> {
+        let Offer { step, rank, .. } = *offer;
         let run = self.run(run_id)?;
         run.last_heard = now;
-        let brick = run.check_push(step, time, rank, start, dims)?;
+        let brick = run.check_push(offer)?;
         let bytes = brick.voxels() * run.spec.voxel_type.size_bytes();
         if run.cannot_complete(step) {
             run.last_step[rank as usize] = Some(step);
@@ -217,12 +224,12 @@ impl Core {
                 }
             }
             self.used_bytes += need;
-            self.run(run_id)?.steps.insert(step, Assembly::new(time));
+            self.run(run_id)?.steps.insert(step, Assembly::new(offer.time));
         }
         let run = self.run(run_id)?;
         let (ranks, voxels) = (run.spec.ranks, run.spec.grid.voxels());
         if let Some(assembly) = run.steps.get_mut(&step)
-            && let Err(refusal) = assembly.reserve(step, time, rank, ranks, brick, voxels)
+            && let Err(refusal) = assembly.reserve(offer, ranks, brick, voxels)
         {
             // Bricks that disagree can never make a step; a second push of the same brick harms nothing.
             if refusal.code() != tonic::Code::AlreadyExists {
@@ -308,7 +315,7 @@ impl Core {
     }
 
     /// The oldest complete step; its memory counts as working memory from here on.
-    pub fn next(&mut self) -> Option<CompleteStep> {
+    pub fn take_complete(&mut self) -> Option<CompleteStep> {
         let step = self.queue.pop_front()?;
         self.used_bytes -= step.spec.step_bytes();
         Some(step)
@@ -364,7 +371,8 @@ impl Run {
         self.steps.range(..step).find(|(_, assembly)| !assembly.has(rank)).map(|(passed, _)| *passed)
     }
 
-    fn check_push(&self, step: u64, time: f64, rank: u32, start: [u64; 3], dims: [u64; 3]) -> Result<Brick, Status> {
+    fn check_push(&self, offer: &Offer) -> Result<Brick, Status> {
+        let Offer { step, time, rank, start, dims } = *offer;
         if rank >= self.spec.ranks {
             return Err(Status::invalid_argument(format!(
                 "rank {rank}: the run has {} ranks, counted from 0",

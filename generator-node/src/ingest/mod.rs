@@ -8,5 +8,5 @@ mod service;
 mod tests;
 
 pub use brick::Brick;
-pub use core::{Admit, CompleteStep, Core, RunSpec};
+pub use core::{Admit, CompleteStep, Core, Offer, RunSpec};
 pub use service::{Ingest, IngestService};

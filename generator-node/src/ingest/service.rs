@@ -1,6 +1,6 @@
 //! The ingest service: the state machine behind a lock, and waiting where the run's policy is to block.
 
-use super::{Admit, CompleteStep, Core, RunSpec};
+use super::{Admit, CompleteStep, Core, Offer, RunSpec};
 use futures::{Stream, StreamExt};
 use lamina_wire::v1::{self, ingest_server, push_part::Part};
 use lamina_wire::{chunks::CHUNK_BYTES, invalid, required};
@@ -32,7 +32,7 @@ impl Ingest {
     pub async fn next(&self) -> CompleteStep {
         loop {
             let ready = self.ready.notified();
-            if let Some(step) = self.core().next() {
+            if let Some(step) = self.core().take_complete() {
                 self.room.notify_waiters();
                 return step;
             }
@@ -42,11 +42,12 @@ impl Ingest {
 
     async fn admit(&self, h: &v1::BrickHeader) -> Result<Option<usize>, Status> {
         let (start, dims) = ([h.x0, h.y0, h.z0], [h.nx, h.ny, h.nz]);
+        let offer = Offer { step: h.step, time: h.time, rank: h.rank, start, dims };
         loop {
             let room = self.room.notified();
             tokio::pin!(room);
             room.as_mut().enable();
-            let admitted = self.core().admit(&h.run_id, h.step, h.time, h.rank, start, dims, Instant::now());
+            let admitted = self.core().admit(&h.run_id, &offer, Instant::now());
             if !matches!(admitted, Ok(Admit::Wait)) {
                 // Deciding may have dropped other steps.
                 self.room.notify_waiters();

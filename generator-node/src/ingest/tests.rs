@@ -1,6 +1,6 @@
 //! The ingest state machine, held to its promises: admission before bytes, a bound on memory, one run of agreeing ranks.
 
-use super::{Admit, CompleteStep, Core, RunSpec};
+use super::{Admit, CompleteStep, Core, Offer, RunSpec};
 use glam::DVec3;
 use lamina_model::{Grid, Volume, VoxelType, Voxels};
 use lamina_wire::v1::FullPolicy;
@@ -46,7 +46,7 @@ impl Node {
     }
 
     fn admit_box(&mut self, step: u64, rank: u32, z0: u64, nz: u64) -> Result<Admit, Status> {
-        self.core.admit("a", step, step as f64, rank, [0, 0, z0], [DIMS[0], DIMS[1], nz], self.start)
+        self.core.admit("a", &offer(step, step as f64, rank, [0, 0, z0], [DIMS[0], DIMS[1], nz]), self.start)
     }
 
     /// Asks for a rank's own slab of three.
@@ -82,8 +82,12 @@ impl Node {
     }
 
     fn next_number(&mut self) -> Option<u64> {
-        self.core.next().map(|complete| complete.step)
+        self.core.take_complete().map(|complete| complete.step)
     }
+}
+
+fn offer(step: u64, time: f64, rank: u32, start: [u64; 3], dims: [u64; 3]) -> Offer {
+    Offer { step, time, rank, start, dims }
 }
 
 /// Planes `z0..z0 + nz` of a field whose value is the voxel's own index.
@@ -111,7 +115,7 @@ fn three_uneven_slabs_in_any_order_make_the_exact_volume() {
     assert_eq!(node.push(0, 2), Some(false));
     assert_eq!(node.push(0, 0), Some(false));
     assert_eq!(node.push(0, 1), Some(true));
-    let complete: CompleteStep = node.core.next().unwrap();
+    let complete: CompleteStep = node.core.take_complete().unwrap();
     assert_eq!((complete.step, complete.time, complete.run_id.as_str()), (0, 0.0, "a"));
     let expected = Voxels::U16((0..VOXELS as u16).collect());
     assert_eq!(complete.into_volume().unwrap(), Volume::new(spec(1, FullPolicy::Block).grid, expected).unwrap());
@@ -147,7 +151,7 @@ fn drop_newest_keeps_what_waits_and_counts() {
     assert_eq!(node.admit_whole(3).unwrap(), Admit::Dropped);
     assert_eq!((node.next_number(), node.next_number(), node.next_number()), (Some(0), Some(1), None));
     node.push_whole(4);
-    assert_eq!(node.core.next().unwrap().dropped_steps, 2);
+    assert_eq!(node.core.take_complete().unwrap().dropped_steps, 2);
     assert_eq!(node.core.close("a", 0).unwrap(), 2);
 }
 
@@ -202,7 +206,7 @@ fn a_rank_far_behind_evicts_nothing_and_its_drops_are_counted_once() {
         (0..FAR).for_each(|step| assert_eq!(node.admit(step, rank).unwrap(), Admit::Dropped));
     }
     assert_eq!((node.push(FAR, 1), node.push(FAR, 2)), (Some(false), Some(true)));
-    assert_eq!(node.core.next().unwrap().dropped_steps, FAR);
+    assert_eq!(node.core.take_complete().unwrap().dropped_steps, FAR);
 }
 
 #[test]
@@ -222,7 +226,7 @@ fn overlap_missing_coverage_and_disagreement_name_the_ranks() {
     node.push(1, 1);
     refused(node.admit_box(1, 2, 5, 2), Code::InvalidArgument, &["step 1", "3 ranks", "36 of 42 voxels"]);
     node.push(2, 0);
-    let late = node.core.admit("a", 2, 2.5, 1, [0, 0, 3], [2, 3, 1], node.start);
+    let late = node.core.admit("a", &offer(2, 2.5, 1, [0, 0, 3], [2, 3, 1]), node.start);
     refused(late, Code::InvalidArgument, &["rank 1", "2.5", "others 2"]);
     assert_eq!(node.admit(2, 2).unwrap(), Admit::Dropped, "a step in dispute is given up by all");
     assert_eq!(node.core.close("a", 0).unwrap(), 3);
@@ -261,7 +265,7 @@ fn a_second_push_while_the_first_is_under_way_harms_nothing() {
 fn times_ranks_boxes_and_runs_that_cannot_be_are_refused_and_cost_nothing() {
     let mut node = Node::serving(1, 1, FullPolicy::Block);
     let whole = |node: &mut Node, run: &str, time: f64, rank: u32, z0: u64| {
-        node.core.admit(run, 0, time, rank, [0, 0, z0], DIMS, node.start)
+        node.core.admit(run, &offer(0, time, rank, [0, 0, z0], DIMS), node.start)
     };
     refused(whole(&mut node, "a", f64::NAN, 0, 0), Code::InvalidArgument, &["time NaN", "finite"]);
     refused(whole(&mut node, "a", f64::INFINITY, 0, 0), Code::InvalidArgument, &["time inf"]);
@@ -303,7 +307,7 @@ fn a_step_a_rank_lost_goes_when_a_newer_one_completes() {
     node.push(0, 0);
     node.push(0, 1);
     assert_eq!((node.push(1, 0), node.push(1, 1), node.push(1, 2)), (Some(false), Some(false), Some(true)));
-    let complete = node.core.next().unwrap();
+    let complete = node.core.take_complete().unwrap();
     assert_eq!((complete.step, complete.dropped_steps), (1, 1));
     assert!(matches!(node.admit(2, 0).unwrap(), Admit::Granted(_)));
     node.receive(2, 0, slab(0));
@@ -318,7 +322,7 @@ fn a_step_a_rank_lost_does_not_block_the_next_one_for_ever() {
     assert_eq!(node.push(1, 2), Some(false), "rank 2 went past step 0, which therefore cannot complete");
     assert_eq!(node.admit(0, 1).unwrap(), Admit::Dropped);
     assert_eq!((node.push(1, 0), node.push(1, 1)), (Some(false), Some(true)));
-    assert_eq!(node.core.next().unwrap().dropped_steps, 1);
+    assert_eq!(node.core.take_complete().unwrap().dropped_steps, 1);
 }
 
 #[test]
@@ -337,7 +341,7 @@ fn another_run_gets_the_node_only_when_this_one_is_closed_or_silent() {
 
     let mut node = Node::serving(1, 1, FullPolicy::Block);
     let pushed_at = node.start + IDLE / 2;
-    node.core.admit("a", 0, 0.0, 0, [0; 3], DIMS, pushed_at).unwrap();
+    node.core.admit("a", &offer(0, 0.0, 0, [0; 3], DIMS), pushed_at).unwrap();
     assert!(node.core.open(other(), 0, "", "b".into(), node.start + IDLE).is_err(), "a push is a sign of life");
     assert_eq!(node.core.open(other(), 0, "", "b".into(), pushed_at + IDLE).unwrap(), "b");
     refused(node.admit_whole(0), Code::NotFound, &["open it again"]);
@@ -349,11 +353,12 @@ fn a_replaced_runs_incomplete_steps_free_their_memory_and_its_complete_ones_are_
     node.push_slabs(0);
     node.push(1, 0);
     assert_eq!(node.open(spec(3, FullPolicy::Block), 0, "", "b").unwrap(), "b");
-    let ask = |node: &mut Node, step| node.core.admit("b", step, 0.0, 0, [0; 3], [2, 3, 3], node.start).unwrap();
+    let ask =
+        |node: &mut Node, step| node.core.admit("b", &offer(step, 0.0, 0, [0; 3], [2, 3, 3]), node.start).unwrap();
     assert!(matches!(ask(&mut node, 0), Admit::Granted(_)));
     assert_eq!(node.core.receive("b", 0, 0, slab(0), node.start).unwrap(), Some(false));
     assert_eq!(ask(&mut node, 1), Admit::Wait, "the old run's complete step still counts");
-    assert_eq!(node.core.next().unwrap().run_id, "a");
+    assert_eq!(node.core.take_complete().unwrap().run_id, "a");
     assert!(matches!(ask(&mut node, 1), Admit::Granted(_)));
 }
 
@@ -365,7 +370,7 @@ fn a_restarted_simulation_gets_a_fresh_run_that_its_other_ranks_join() {
     assert_eq!(node.open(restarted(), 0, "", "b").unwrap(), "b");
     assert_eq!(node.open(restarted(), 1, "", "c").unwrap(), "b");
     assert_eq!(node.open(restarted(), 2, "", "d").unwrap(), "b");
-    let first = node.core.admit("b", 0, 0.0, 0, [0; 3], [2, 3, 3], node.start).unwrap();
+    let first = node.core.admit("b", &offer(0, 0.0, 0, [0; 3], [2, 3, 3]), node.start).unwrap();
     assert!(matches!(first, Admit::Granted(_)), "its steps count from the start");
 }
 

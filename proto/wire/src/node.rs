@@ -1,7 +1,7 @@
 //! What every daemon does around its services: read its configuration, log, listen, stop cleanly.
 
 use serde::de::DeserializeOwned;
-use std::{future::Future, net::SocketAddr, path::Path, time::Duration};
+use std::{future::Future, net::SocketAddr, path::Path, pin::Pin, time::Duration};
 use tokio::net::TcpListener;
 use tonic::transport::server::Router;
 
@@ -69,11 +69,14 @@ pub async fn listen(address: SocketAddr) -> Result<TcpListener, NodeError> {
 /// How long connections may finish what they are doing after a stop was asked for.
 const GRACE: Duration = Duration::from_secs(1);
 
+/// What a node stops on. A boxed future, so that a node's machinery is compiled once, in its own crate.
+pub type Shutdown = Pin<Box<dyn Future<Output = ()> + Send>>;
+
 /// Serves `router` on `listener` until `shutdown` completes, then for at most [`GRACE`] more.
 ///
 /// # Errors
 /// If the transport fails.
-pub async fn serve(router: Router, listener: TcpListener, shutdown: impl Future<Output = ()>) -> Result<(), NodeError> {
+pub async fn serve(router: Router, listener: TcpListener, shutdown: Shutdown) -> Result<(), NodeError> {
     let incoming = tonic::transport::server::TcpIncoming::from(listener).with_nodelay(Some(true));
     let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
     let server = router.serve_with_incoming_shutdown(incoming, async {

@@ -1,0 +1,123 @@
+//! The viewer in a real browser: `lamina` live, headless Chromium driven through ChromeDriver (WebDriver over HTTP).
+
+#![allow(clippy::unwrap_used)]
+
+use lamina_tests::processes::{Daemon, free_port, wait_for};
+use serde_json::{Value, json};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+/// A ChromeDriver session.
+struct Browser {
+    driver: Child,
+    session: String,
+}
+
+fn request(method: &str, url: &str, body: &Value) -> Value {
+    let agent: ureq::Agent = ureq::Agent::config_builder().http_status_as_error(false).build().into();
+    let answer = if method == "GET" { agent.get(url).call() } else { agent.post(url).send_json(body) };
+    let answer: Value = answer.unwrap().body_mut().read_json().unwrap();
+    assert!(answer["value"]["error"].is_null(), "{method} {url} {body}: {answer}");
+    answer["value"].clone()
+}
+
+impl Browser {
+    fn open(profile: &str) -> Self {
+        let port = free_port();
+        let mut command = Command::new("chromedriver");
+        command.arg(format!("--port={port}")).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        let driver = command.spawn().expect("chromedriver is installed by tests/run");
+        let base = format!("http://127.0.0.1:{port}");
+        let up = || ureq::get(format!("{base}/status")).call().is_ok();
+        assert!(wait_for(Duration::from_secs(60), up), "chromedriver does not answer");
+        let arguments = [
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-quic",
+            "--no-first-run",
+            "--disable-background-networking",
+            "--disable-component-update",
+            "--disable-sync",
+            "--window-size=1100,900",
+            &format!("--user-data-dir={profile}"),
+        ];
+        let capabilities = json!({"capabilities": {"alwaysMatch": {
+            "goog:chromeOptions": {"args": arguments},
+            "goog:loggingPrefs": {"browser": "ALL"},
+        }}});
+        let session = request("POST", &format!("{base}/session"), &capabilities);
+        let id = session["sessionId"].as_str().unwrap();
+        Self { driver, session: format!("{base}/session/{id}") }
+    }
+
+    fn post(&self, path: &str, body: &Value) -> Value {
+        request("POST", &format!("{}{path}", self.session), body)
+    }
+
+    /// What a JavaScript expression is worth.
+    fn js(&self, expression: &str) -> Value {
+        self.post("/execute/sync", &json!({"script": format!("return {expression}"), "args": []}))
+    }
+
+    fn wait_js(&self, condition: &str) {
+        let holds = wait_for(Duration::from_secs(90), || self.js(condition) == json!(true));
+        assert!(holds, "not so: {condition}; the page says {}", self.js("document.body.innerText"));
+    }
+
+    /// Presses the mouse in the middle of `selector`, moves by (`dx`, `dy`), releases.
+    fn drag(&self, selector: &str, dx: i32, dy: i32) {
+        let element = self.post("/element", &json!({"using": "css selector", "value": selector}));
+        let mouse = |x: i32, y: i32| json!({"type": "pointerMove", "duration": 50, "origin": &element, "x": x, "y": y});
+        let actions = json!([mouse(0, 0), {"type": "pointerDown", "button": 0}, mouse(dx / 2, dy / 2), mouse(dx, dy), {"type": "pointerUp", "button": 0}]);
+        let pointer =
+            json!({"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": actions});
+        self.post("/actions", &json!({"actions": [pointer]}));
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        let _ = ureq::delete(&self.session).call();
+        let _ = self.driver.kill();
+        let _ = self.driver.wait();
+    }
+}
+
+/// Share of the picture's pixels that are not black.
+const LIT: &str = "(() => { const c = document.querySelector('#picture'); \
+    const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; let n = 0; \
+    for (let i = 0; i < d.length; i += 4) n += d[i] + d[i + 1] + d[i + 2] > 30; return 4 * n / d.length })()";
+
+#[test]
+fn the_page_shows_the_newest_step_and_the_mouse_turns_it() {
+    let port = free_port();
+    let viewer = format!("127.0.0.1:{port}");
+    let lamina = Daemon::start_plain("lamina", port, &["live", "--cells", "24", "--steps", "40", "--viewer", &viewer]);
+    let profile = tempfile::tempdir().unwrap();
+    let browser = Browser::open(&profile.path().display().to_string());
+    browser.post("/url", &json!({"url": format!("{}/", lamina.url())}));
+
+    browser.wait_js("document.querySelector('#picture').dataset.step !== undefined");
+    browser.wait_js("document.querySelector('#psnr').textContent.includes('dB')");
+    assert!(browser.js(LIT).as_f64().unwrap() > 0.02, "the blast is seen");
+    let first = browser.js("Number(document.querySelector('#picture').dataset.step)").as_f64().unwrap();
+    browser.wait_js(&format!("Number(document.querySelector('#picture').dataset.step) > {first}"));
+
+    assert_eq!(browser.js("Number(document.querySelector('#picture').dataset.azimuth)"), json!(0));
+    browser.drag("#picture", 150, 40);
+    browser.wait_js("Math.abs(Number(document.querySelector('#picture').dataset.azimuth)) > 5");
+    assert!(browser.js(LIT).as_f64().unwrap() > 0.02, "the blast is seen from the side too");
+
+    // A step chosen on the time line stays.
+    browser.drag("#timeline", 0, 0);
+    browser.wait_js("document.querySelector('#picture').dataset.step !== undefined");
+    let chosen = browser.js("document.querySelector('#picture').dataset.step");
+    std::thread::sleep(Duration::from_millis(500));
+    assert_eq!(browser.js("document.querySelector('#picture').dataset.step"), chosen);
+
+    let log = browser.post("/se/log", &json!({"type": "browser"}));
+    let errors: Vec<_> = log.as_array().unwrap().iter().filter(|e| e["level"] == "SEVERE").collect();
+    assert!(errors.is_empty(), "{errors:?}");
+    assert_eq!(lamina.terminate(), Some(0));
+}
