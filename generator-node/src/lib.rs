@@ -37,6 +37,9 @@ pub async fn run(config: Config, listener: TcpListener, shutdown: Shutdown) -> R
     health.set_serving::<Frames>().await;
     health.set_serving::<Control>().await;
     let router = tonic::transport::Server::builder()
+        // A peer that vanished without a word gives its reservations back.
+        .http2_keepalive_interval(Some(Duration::from_secs(10)))
+        .http2_keepalive_timeout(Some(Duration::from_secs(10)))
         .add_service(health_service)
         .add_service(Ingest::new(ingest::IngestService(ingest)).max_decoding_message_size(MAX_MESSAGE_BYTES))
         .add_service(Frames::new(publish::FramesService(publisher)))

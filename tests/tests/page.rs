@@ -93,7 +93,7 @@ const LIT: &str = "(() => { const c = document.querySelector('#picture'); \
 fn the_page_shows_the_newest_step_and_the_mouse_turns_it() {
     let port = free_port();
     let viewer = format!("127.0.0.1:{port}");
-    let lamina = Daemon::start_plain("lamina", port, &["live", "--cells", "24", "--steps", "40", "--viewer", &viewer]);
+    let lamina = Daemon::start_plain("lamina", port, &["live", "--cells", "24", "--steps", "400", "--viewer", &viewer]);
     let profile = tempfile::tempdir().unwrap();
     let browser = Browser::open(&profile.path().display().to_string());
     browser.post("/url", &json!({"url": format!("{}/", lamina.url())}));
@@ -111,10 +111,13 @@ fn the_page_shows_the_newest_step_and_the_mouse_turns_it() {
 
     // A step chosen on the time line stays.
     browser.drag("#timeline", 0, 0);
-    browser.wait_js("document.querySelector('#picture').dataset.step !== undefined");
+    std::thread::sleep(Duration::from_secs(1));
     let chosen = browser.js("document.querySelector('#picture').dataset.step");
-    std::thread::sleep(Duration::from_millis(500));
+    let newest = "fetch('api/state').then(r => r.json()).then(s => s.steps[s.steps.length - 1].step)";
+    let before = browser.js(newest).as_u64().unwrap();
+    browser.wait_js(&format!("{newest}.then(n => n > {before})"));
     assert_eq!(browser.js("document.querySelector('#picture').dataset.step"), chosen);
+    assert!(chosen.as_str().unwrap().parse::<u64>().unwrap() < before, "{chosen} is not the newest");
 
     let log = browser.post("/se/log", &json!({"type": "browser"}));
     let errors: Vec<_> = log.as_array().unwrap().iter().filter(|e| e["level"] == "SEVERE").collect();

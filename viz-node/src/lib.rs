@@ -39,12 +39,7 @@ fn limits(config: &Config) -> DecodeLimits {
 ///
 /// # Errors
 /// If the listener fails.
-pub async fn run(
-    config: Config,
-    store: Arc<Store>,
-    listener: TcpListener,
-    shutdown: Shutdown,
-) -> std::io::Result<()> {
+pub async fn run(config: Config, store: Arc<Store>, listener: TcpListener, shutdown: Shutdown) -> std::io::Result<()> {
     let meter = Arc::new(measure::Meter::new(store.clone(), limits(&config)));
     let connected = Arc::new(AtomicBool::new(false));
     let (health, health_service) = tonic_health::server::health_reporter();

@@ -86,7 +86,8 @@ fn push_only(
         next = source.next()?;
     }
     let summary = client.close();
-    println!("pushed {}  dropped {}  lost {}", summary.pushed, summary.dropped, summary.lost);
+    let dropped = summary.run_dropped_steps.unwrap_or(summary.dropped);
+    println!("pushed {}  dropped {dropped}  lost {}", summary.pushed, summary.lost);
     Ok(())
 }
 

@@ -44,6 +44,7 @@ impl Occupancy {
 
 impl Field {
     /// Maps every voxel of `volume` through `range`.
+    #[expect(clippy::useless_conversion, reason = "one body for all voxel types, f64 among them")]
     pub fn new(volume: &Volume, range: &ScalarRange) -> Self {
         let values: Vec<f32> =
             for_voxels!(volume.voxels(), v => v.par_iter().map(|&x| range.unit_from_value(x.into())).collect());

@@ -14,8 +14,8 @@
 //! # Ok::<(), lamina_client::ClientError>(())
 //! ```
 //!
-//! Every call has a deadline. A generator-node that is dead, slow or restarted costs the simulation at most that deadline
-//! once; while it is unreachable, steps are counted as lost without waiting, and it is tried again at growing intervals.
+//! Every call has a deadline. A generator-node that is dead is noticed at once, one that is stuck after that deadline; until
+//! it is tried again, at intervals that grow to 5 s, steps are counted as lost without waiting.
 
 mod brick;
 mod session;

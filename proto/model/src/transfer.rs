@@ -290,14 +290,17 @@ mod tests {
     fn an_interval_is_transparent_only_if_all_of_it_is() {
         let p = |at, opacity| ControlPoint { at, color: [1.0; 3], opacity };
         let range = ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap();
-        let tf =
-            TransferFunction::new(range, None, vec![p(0.2, 0.0), p(0.4, 0.0), p(0.5, 0.3), p(0.6, 0.0), p(0.8, 0.0)])
-                .unwrap();
+        let tf = TransferFunction::new(
+            range,
+            None,
+            vec![p(0.25, 0.0), p(0.375, 0.0), p(0.5, 0.3), p(0.625, 0.0), p(0.75, 0.0)],
+        )
+        .unwrap();
         for (lo, hi, transparent) in [
-            (0.0, 0.4, true),
-            (0.0, 0.41, false),
+            (0.0, 0.375, true),
+            (0.0, 0.39, false),
             (0.3, 0.7, false),
-            (0.6, 9.0, true),
+            (0.625, 9.0, true),
             (-3.0, 0.1, true),
             (0.45, 0.46, false),
         ] {
