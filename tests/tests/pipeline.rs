@@ -12,6 +12,7 @@ use lamina_wire::codec;
 use lamina_wire::v1::{TunerStatusRequest, tuning_client::TuningClient};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use tonic_health::pb::{HealthCheckRequest, health_check_response::ServingStatus, health_client::HealthClient};
 
 const LIMIT_BYTES: u64 = 40_000;
 
@@ -226,6 +227,16 @@ fn killing_each_daemon_in_turn_stops_nobody_and_loses_nothing_recorded() {
     }
 }
 
+/// The answer of the standard gRPC health service.
+fn health(url: &str) -> ServingStatus {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let channel = tonic::transport::Endpoint::from_shared(url.to_owned()).unwrap().connect().await.unwrap();
+        let answer = HealthClient::new(channel).check(HealthCheckRequest::default()).await.unwrap();
+        answer.into_inner().status()
+    })
+}
+
 #[test]
 fn daemons_stop_cleanly_and_refuse_bad_configurations_by_name() {
     let mut cluster = Cluster::start();
@@ -257,6 +268,9 @@ fn daemons_stop_cleanly_and_refuse_bad_configurations_by_name() {
         &["--config", &file("f.toml", "store = \"/proc/nowhere\"\nlisten = \"127.0.0.1:0\"")],
         &["/proc/nowhere"],
     );
+    for node in 0..3 {
+        assert_eq!(health(&cluster.url(node)), ServingStatus::Serving);
+    }
     for daemon in [cluster.generator.take(), cluster.viz.take(), cluster.tuner.take()] {
         assert_eq!(daemon.unwrap().terminate(), Some(0));
     }

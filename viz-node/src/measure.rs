@@ -85,8 +85,14 @@ impl Meter {
     }
 
     fn reference_of(&self, frame: &v1::Frame) -> Option<Arc<ReferenceSamples>> {
-        let references = self.references.lock().unwrap_or_else(PoisonError::into_inner);
-        references.iter().find(|(run, r)| *run == frame.run_id && r.step == frame.step).map(|(_, r)| r.clone())
+        let mut references = self.references.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = references.iter().position(|(run, r)| *run == frame.run_id && r.step == frame.step)?;
+        let (run, samples) = references.remove(found)?;
+        // A live frame is measured once; what a study uses stays the youngest while steps go on arriving.
+        if frame.trial_id != 0 {
+            references.push_back((run, samples.clone()));
+        }
+        Some(samples)
     }
 
     fn record(&self, frame: &v1::Frame, payload: Vec<u8>) -> Result<(), String> {

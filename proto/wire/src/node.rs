@@ -1,6 +1,7 @@
 //! What every daemon does around its services: read its configuration, log, listen, stop cleanly.
 
 use serde::de::DeserializeOwned;
+use std::io::IsTerminal;
 use std::{future::Future, net::SocketAddr, path::Path, pin::Pin, time::Duration};
 use tokio::net::TcpListener;
 use tonic::transport::server::Router;

@@ -44,11 +44,11 @@ pub struct Grid {
 }
 
 impl Default for Grid {
-    /// Coarse enough to search while a simulation runs: 4 resolutions by 4 gammas.
+    /// Coarse enough to search while a simulation runs: 4 resolutions by 6 gammas.
     fn default() -> Self {
         Self {
             resolution: Axis { from: 128.0, to: 512.0, step: 128.0 },
-            gamma: Axis { from: 0.005, to: 0.14, step: 0.045 },
+            gamma: Axis { from: 0.005, to: 0.08, step: 0.015 },
         }
     }
 }
@@ -99,7 +99,7 @@ mod tests {
         assert_eq!((all[0].resolution(), all[0].gamma()), (160, 0.001));
         assert_eq!((all[3].resolution(), all[3].gamma()), (160, 0.013));
         assert_eq!((all[1299].resolution(), all[1299].gamma()), (768, 0.257));
-        assert_eq!(Grid::default().candidates(&base).unwrap().len(), 16);
+        assert_eq!(Grid::default().candidates(&base).unwrap().len(), 24);
     }
 
     #[test]
