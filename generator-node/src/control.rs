@@ -95,16 +95,21 @@ async fn serve_trials(
             let (bytes, cost) = step.measure(&params, &worker.options)?;
             let frame = step.frame(&params, cost, bytes, Purpose::Trial(request.trial_id));
             worker.publisher.publish_trial(reference.into_iter().chain([frame]).collect());
-            Ok(cost)
+            Ok::<_, lamina_model::Invalid>(cost)
         };
         let measured = tokio::task::spawn_blocking(work).await.map_err(|e| Status::internal(e.to_string()))?;
         drop(permit);
         first = false;
+        let (cost, refusal) = match measured {
+            Ok(cost) => (Some(cost), String::new()),
+            Err(invalid) => (None, invalid.to_string()),
+        };
         let reply = v1::TrialReply {
             trial_id: request.trial_id,
             run_id: held.run.run_id.clone(),
             step: held.step,
-            cost: Some(measured.map_err(|e| invalid(&e))?),
+            cost,
+            refusal,
         };
         if answers.send(Ok(reply)).await.is_err() {
             return Ok(());

@@ -171,7 +171,10 @@ impl Cycle {
         let (params, bytes, cost) = self.generate_within(&prepared, &setting)?;
         let mut items = Vec::new();
         if self.reference_every > 0 && number.is_multiple_of(self.reference_every) {
-            items.push(prepared.reference(&self.shared.plan)?);
+            match prepared.reference(&self.shared.plan) {
+                Ok(reference) => items.push(reference),
+                Err(error) => tracing::error!(step = number, %error, "no reference samples"),
+            }
         }
         items.push(prepared.frame(&params, cost, bytes, Purpose::Live { dropped_steps, setting: &setting }));
         self.shared.publisher.publish(items);
@@ -231,8 +234,10 @@ impl Cycle {
         setting: &Setting,
     ) -> Result<(GenerationParams, Vec<u8>, v1::Cost), Invalid> {
         let mut best: Option<(GenerationParams, Vec<u8>, v1::Cost)> = None;
+        let (mut generation_ns, mut encode_ns) = (0, 0);
         for params in std::iter::once(&setting.params).chain(&setting.fallbacks) {
             let (bytes, cost) = prepared.measure(params, &self.shared.options)?;
+            (generation_ns, encode_ns) = (generation_ns + cost.generation_ns, encode_ns + cost.encode_ns);
             let kept = setting.size_limit_bytes.is_none_or(|limit| cost.size_bytes <= limit);
             if best.as_ref().is_none_or(|(_, smallest, _)| bytes.len() < smallest.len()) {
                 best = Some((*params, bytes, cost));
@@ -246,6 +251,8 @@ impl Cycle {
                 "above the size limit; trying smaller parameters"
             );
         }
-        best.ok_or_else(|| Invalid::new("params", "none to generate with"))
+        // The step's cost is that of all attempts.
+        let whole = |(params, bytes, cost)| (params, bytes, v1::Cost { generation_ns, encode_ns, ..cost });
+        best.map(whole).ok_or_else(|| Invalid::new("params", "none to generate with"))
     }
 }

@@ -45,6 +45,11 @@ struct Held {
 }
 
 impl Held {
+    /// Where run `run_id` begins, for one that has recorded part of it; the oldest held for all others.
+    fn first_of(&self, run_id: &str) -> u64 {
+        self.live.iter().find(|(_, item)| item.run.run_id == run_id).map_or(0, |(seq, _)| *seq)
+    }
+
     fn first_from(&self, cursor: u64) -> Option<(u64, Item)> {
         let find = |queue: &VecDeque<(u64, Item)>| queue.get(queue.partition_point(|(seq, _)| *seq < cursor)).cloned();
         match (find(&self.live), find(&self.trials)) {
@@ -105,7 +110,8 @@ impl Publisher {
     fn follow(self: Arc<Self>, request: v1::SubscribeRequest) -> impl Stream<Item = Item> + Send {
         // Trials of the past are nobody's business any more.
         let trials_from = self.held().next;
-        let follower = (self.newest.subscribe(), 0_u64, self);
+        let first = self.held().first_of(&request.run_id);
+        let follower = (self.newest.subscribe(), first, self);
         let all = stream::unfold(follower, |(mut newest, cursor, publisher)| async move {
             loop {
                 let found = publisher.held().first_from(cursor);

@@ -23,11 +23,24 @@ struct Daemon {
     run_id: String,
     studied_step: Option<u64>,
     setting: Option<v1::SetParametersRequest>,
+    /// First step the setting holds for: earlier ones do not speak against it.
+    holds_from: u64,
+    /// The last study found something that keeps the limit.
+    feasible: bool,
 }
 
 /// Tunes for ever.
 pub async fn run(config: Config, candidates: Vec<GenerationParams>, status: Arc<Status>) {
-    let mut daemon = Daemon { config, candidates, status, run_id: String::new(), studied_step: None, setting: None };
+    let mut daemon = Daemon {
+        config,
+        candidates,
+        status,
+        run_id: String::new(),
+        studied_step: None,
+        setting: None,
+        holds_from: 0,
+        feasible: true,
+    };
     let mut reported = String::new();
     loop {
         if let Err(error) = daemon.follow().await {
@@ -74,6 +87,7 @@ impl Daemon {
         if report.run_id != self.run_id {
             self.run_id.clone_from(&report.run_id);
             self.studied_step = None;
+            self.holds_from = 0;
         }
         let Some(studied) = self.studied_step else { return true };
         let due = self.config.retune_every > 0 && report.step >= studied + self.config.retune_every;
@@ -82,7 +96,8 @@ impl Daemon {
         // Parameters other than those pushed mean that the generator-node had to fall back to keep the size limit.
         let fell_back =
             self.setting.as_ref().is_some_and(|s| s.fallbacks.iter().any(|f| report.params.as_ref() == Some(f)));
-        due || !kept || fell_back
+        // Where nothing keeps the limit, every step breaks it; asking again each time would find the same.
+        due || (report.step >= self.holds_from && self.feasible && (!kept || fell_back))
     }
 
     async fn study(&mut self, control: &ControlClient<Channel>, report: &v1::StepReport) -> Result<(), TrialError> {
@@ -104,7 +119,7 @@ impl Daemon {
             from,
             "tuned"
         );
-        self.setting = Some(setting);
+        (self.setting, self.holds_from, self.feasible) = (Some(setting), from, study.best.is_some());
         self.status.finished(&study, chosen);
         Ok(())
     }

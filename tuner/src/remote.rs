@@ -1,14 +1,14 @@
 //! Trials over gRPC: the generator-node gives sigma and tau, the viz-node q, both keyed by the trial's id.
 
 use crate::trial::{Measured, Trial, TrialError};
-use lamina_model::{GenerationParams, Indicators, Quality};
+use lamina_model::{GenerationParams, Indicators, Invalid, Quality};
 use lamina_wire::v1::{self, control_client::ControlClient, quality_client::QualityClient};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
-use tonic::transport::{Channel, Endpoint};
-use tonic::{Status, Streaming};
+use tonic::transport::Channel;
+use tonic::{Code, Status, Streaming};
 
 /// How long one node may take for one trial.
 const TRIAL_DEADLINE: Duration = Duration::from_secs(120);
@@ -27,17 +27,10 @@ fn node_error(node: &str) -> impl Fn(Status) -> TrialError {
     move |status| TrialError::Node { node: node.to_owned(), reason: status.message().to_owned() }
 }
 
-/// A connection to `address`, tried for at most two seconds.
+/// A connection to the node at `address`.
 pub async fn connect(address: &str) -> Result<Channel, TrialError> {
-    let failed = |e: tonic::transport::Error| {
-        let mut cause: &dyn std::error::Error = &e;
-        while let Some(next) = cause.source() {
-            cause = next;
-        }
-        TrialError::Node { node: address.to_owned(), reason: format!("not reachable ({cause})") }
-    };
-    let endpoint = Endpoint::from_shared(address.to_owned()).map_err(failed)?;
-    endpoint.connect_timeout(Duration::from_secs(2)).tcp_nodelay(true).connect().await.map_err(failed)
+    let failed = |reason| TrialError::Node { node: address.to_owned(), reason };
+    lamina_wire::node::connect(address).await.map_err(failed)
 }
 
 impl Remote {
@@ -81,7 +74,10 @@ impl Trial for Remote {
         let trial_id = fresh_trial_id();
         let answer = tokio::time::timeout(TRIAL_DEADLINE, self.exchange(params, trial_id)).await;
         let late = |_| Err(Status::deadline_exceeded(format!("no answer within {TRIAL_DEADLINE:?}")));
-        let (cost, quality) = answer.unwrap_or_else(late).map_err(node_error(&self.generator))?;
+        let (cost, quality) = answer.unwrap_or_else(late).map_err(|status| match status.code() {
+            Code::InvalidArgument => Invalid::new("candidate", status.message()).into(),
+            _ => node_error(&self.generator)(status),
+        })?;
         Ok(Measured {
             indicators: Indicators {
                 size_bytes: cost.size_bytes,

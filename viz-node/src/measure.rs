@@ -20,7 +20,7 @@ const TRIALS: usize = 1024;
 /// How long a question for a trial waits for its VDI to arrive.
 const TRIAL_WAIT: Duration = Duration::from_secs(60);
 
-type TrialResult = (u64, Result<Quality, String>);
+type TrialResult = (u64, Result<Quality, Status>);
 
 /// Counters for `/metrics`.
 #[derive(Default)]
@@ -100,20 +100,22 @@ impl Meter {
         let vdi = codec::decode(&payload, &self.limits).map_err(|e| format!("step {step}: {e}"))?;
         let quality = self.reference_of(frame).map(|r| kernel::quality(&vdi, &r)).transpose();
         let quality = quality.map_err(|e| format!("step {step}: {e}"))?;
-        self.counters.frames.fetch_add(1, Ordering::Relaxed);
-        self.counters.frame_bytes.fetch_add(payload.len() as u64, Ordering::Relaxed);
         let row = StepRow::new(frame, quality.as_ref());
-        let psnr_db = quality.map_or(f64::NAN, |q| q.psnr_db);
-        tracing::info!(step, bytes = row.size_bytes, psnr_db, "recorded");
-        self.store.record(row, payload, Arc::new(vdi)).map_err(|e| e.to_string())
+        let bytes = row.size_bytes;
+        self.store.record(row, payload, Arc::new(vdi)).map_err(|e| format!("step {step}: not recorded: {e}"))?;
+        self.counters.frames.fetch_add(1, Ordering::Relaxed);
+        self.counters.frame_bytes.fetch_add(bytes, Ordering::Relaxed);
+        tracing::info!(step, bytes, psnr_db = quality.map_or(f64::NAN, |q| q.psnr_db), "recorded");
+        Ok(())
     }
 
     fn measure_trial(&self, frame: &v1::Frame, payload: &[u8]) {
-        let result = codec::decode(payload, &self.limits).map_err(|e| e.to_string()).and_then(|vdi| {
-            let reference = self.reference_of(frame);
-            let reference =
-                reference.ok_or_else(|| format!("no reference samples of step {} have arrived", frame.step))?;
-            kernel::quality(&vdi, &reference).map_err(|e| e.to_string())
+        let refused = |reason: String| Status::invalid_argument(reason);
+        let result = codec::decode(payload, &self.limits).map_err(|e| refused(e.to_string())).and_then(|vdi| {
+            let missing =
+                || Status::failed_precondition(format!("no reference samples of step {} have arrived", frame.step));
+            let reference = self.reference_of(frame).ok_or_else(missing)?;
+            kernel::quality(&vdi, &reference).map_err(|e| refused(e.to_string()))
         });
         self.counters.trials.fetch_add(1, Ordering::Relaxed);
         self.trials.send_modify(|trials| {
@@ -143,7 +145,7 @@ impl quality_server::Quality for QualityService {
         };
         match found {
             Some(Ok(quality)) => Ok(Response::new((&quality).into())),
-            Some(Err(reason)) => Err(Status::failed_precondition(format!("trial {id}: {reason}"))),
+            Some(Err(status)) => Err(status),
             None => Err(Status::deadline_exceeded(format!(
                 "trial {id}: its VDI did not arrive within {TRIAL_WAIT:?}; is this viz-node subscribed to the generator-node?"
             ))),

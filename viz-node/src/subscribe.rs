@@ -5,12 +5,12 @@ use crate::measure::Meter;
 use crate::store::Store;
 use lamina_wire::MAX_MESSAGE_BYTES;
 use lamina_wire::chunks::Assembler;
+use lamina_wire::node::connect;
 use lamina_wire::v1::{self, frames_client::FramesClient};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tonic::Status;
-use tonic::transport::Endpoint;
 
 /// Pause before a lost generator-node is tried again.
 const RETRY: Duration = Duration::from_millis(500);
@@ -35,25 +35,8 @@ pub async fn run(config: Config, store: Arc<Store>, meter: Arc<Meter>, connected
 }
 
 async fn follow(config: &Config, store: &Arc<Store>, meter: &Arc<Meter>, connected: &AtomicBool) -> Result<(), Status> {
-    let unreachable = |e: tonic::transport::Error| {
-        let mut cause: &dyn std::error::Error = &e;
-        while let Some(next) = cause.source() {
-            cause = next;
-        }
-        Status::unavailable(format!("generator-node not reachable ({cause})"))
-    };
-    let endpoint = Endpoint::from_shared(config.generator.clone()).map_err(unreachable)?;
-    let channel = endpoint
-        .connect_timeout(Duration::from_secs(2))
-        .tcp_nodelay(true)
-        .initial_stream_window_size(4 << 20)
-        .initial_connection_window_size(8 << 20)
-        .http2_keep_alive_interval(Duration::from_secs(5))
-        .keep_alive_timeout(Duration::from_secs(10))
-        .keep_alive_while_idle(true)
-        .connect()
-        .await
-        .map_err(unreachable)?;
+    let unreachable = |reason: String| Status::unavailable(format!("generator-node {reason}"));
+    let channel = connect(&config.generator).await.map_err(unreachable)?;
     let mut frames = FramesClient::new(channel).max_decoding_message_size(MAX_MESSAGE_BYTES);
     let request =
         v1::SubscribeRequest { run_id: store.run().map(|r| r.id).unwrap_or_default(), after_step: store.newest_step() };
@@ -63,7 +46,17 @@ async fn follow(config: &Config, store: &Arc<Store>, meter: &Arc<Meter>, connect
     tracing::info!(generator = config.generator, "subscribed");
     let mut assembler = Assembler::new(config.max_frame_bytes);
     while let Some(delivery) = deliveries.message().await? {
-        if let Some((part, payload)) = assembler.push(delivery)? {
+        let whole = match assembler.push(delivery) {
+            Ok(whole) => whole,
+            Err(too_large) if too_large.code() == tonic::Code::ResourceExhausted => {
+                // The next delivery may well fit.
+                meter.counters.refused.fetch_add(1, Ordering::Relaxed);
+                tracing::error!("{}; raise max_frame_bytes in this viz-node's configuration", too_large.message());
+                continue;
+            }
+            Err(broken) => return Err(broken),
+        };
+        if let Some((part, payload)) = whole {
             let meter = meter.clone();
             let work = move || meter.take(part, payload);
             tokio::task::spawn_blocking(work).await.map_err(|e| Status::internal(e.to_string()))?;

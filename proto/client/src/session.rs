@@ -20,7 +20,8 @@ impl Session {
         let channel = endpoint
             .clone()
             .http2_keep_alive_interval(Duration::from_secs(5))
-            .keep_alive_timeout(options.deadline)
+            // A stuck node is noticed while a blocking push waits, however long its deadline.
+            .keep_alive_timeout(Duration::from_secs(10))
             .connect()
             .await
             .map_err(|e| Status::unavailable(innermost(&e)))?;

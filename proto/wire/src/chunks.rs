@@ -29,21 +29,28 @@ fn payload_len(announcement: &Part) -> usize {
 pub struct Assembler {
     max_bytes: u64,
     open: Option<(Part, Vec<u8>, u64)>,
+    /// Bytes still to come of a payload that was refused.
+    skip: u64,
 }
 
 impl Assembler {
     /// Refuses payloads above `max_bytes`.
     pub fn new(max_bytes: u64) -> Self {
-        Self { max_bytes, open: None }
+        Self { max_bytes, open: None, skip: 0 }
     }
 
     /// Takes one message; gives an announcement with its payload when that is whole.
     ///
     /// # Errors
-    /// If the messages are out of order or claim more than `max_bytes`.
+    /// `ResourceExhausted` if more than `max_bytes` are announced: those are passed over, and the next announcement is taken
+    /// again. Anything else if the messages are out of order.
     pub fn push(&mut self, delivery: v1::Delivery) -> Result<Option<(Part, Vec<u8>)>, Status> {
         let part = delivery.part.ok_or_else(|| Status::invalid_argument("delivery: empty message"))?;
         if let Part::Chunk(chunk) = &part {
+            if self.skip > 0 {
+                self.skip = self.skip.saturating_sub(chunk.len() as u64);
+                return Ok(None);
+            }
             let Some((_, payload, bytes)) = &mut self.open else {
                 return Err(Status::invalid_argument("delivery: a chunk without an announcement"));
             };
@@ -62,6 +69,7 @@ impl Assembler {
             let bytes = payload_len(&part) as u64;
             if bytes > self.max_bytes {
                 let max = self.max_bytes;
+                self.skip = bytes;
                 return Err(Status::resource_exhausted(format!(
                     "delivery: {bytes} bytes announced, the limit is {max}"
                 )));
@@ -103,6 +111,9 @@ mod tests {
         assert!(Assembler::new(10).push(chunk(1)).is_err());
         assert!(Assembler::new(10).push(v1::Delivery { part: None }).is_err());
         let mut a = Assembler::new(10);
+        assert_eq!(a.push(say(frame(12))).unwrap_err().code(), tonic::Code::ResourceExhausted);
+        assert!(a.push(chunk(7)).unwrap().is_none() && a.push(chunk(5)).unwrap().is_none(), "passed over");
+        assert!(a.push(say(frame(1))).unwrap().is_none() && a.push(chunk(1)).unwrap().is_some(), "the next one fits");
         assert!(a.push(say(frame(4))).unwrap().is_none());
         assert!(a.push(chunk(5)).is_err());
         assert!(a.push(say(frame(4))).is_err());

@@ -1,10 +1,10 @@
 //! What every daemon does around its services: read its configuration, log, listen, stop cleanly.
 
 use serde::de::DeserializeOwned;
-use std::io::IsTerminal;
 use std::{future::Future, net::SocketAddr, path::Path, pin::Pin, time::Duration};
 use tokio::net::TcpListener;
 use tonic::transport::server::Router;
+use tonic::transport::{Channel, Endpoint};
 
 /// Why a daemon did not start or stopped.
 #[derive(Debug, thiserror::Error)]
@@ -55,8 +55,9 @@ pub fn load_config<T: DeserializeOwned + Default>(path: Option<&Path>) -> Result
 pub fn log_to_stderr(default_level: &str) {
     let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| default_level.into());
     // A second call, in a process with several nodes, keeps the first subscriber.
-    let _ =
-        tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false).try_init();
+    let colour = std::io::IsTerminal::is_terminal(&std::io::stderr());
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let _ = log.with_target(false).with_ansi(colour).try_init();
 }
 
 /// Listens on `address`; port 0 takes a free one.
@@ -65,6 +66,34 @@ pub fn log_to_stderr(default_level: &str) {
 /// If the address is in use or not this machine's.
 pub async fn listen(address: SocketAddr) -> Result<TcpListener, NodeError> {
     TcpListener::bind(address).await.map_err(|reason| NodeError::Listen { address, reason })
+}
+
+/// A connection to the node at `address`, tried for at most two seconds. A peer that vanishes without a word is noticed
+/// within twenty.
+///
+/// # Errors
+/// If the address is none, or nobody answers there; the message is the cause at the bottom.
+pub async fn connect(address: &str) -> Result<Channel, String> {
+    let cause = |e: tonic::transport::Error| {
+        let mut cause: &dyn std::error::Error = &e;
+        while let Some(next) = cause.source() {
+            cause = next;
+        }
+        format!("not reachable ({cause})")
+    };
+    let endpoint = Endpoint::from_shared(address.to_owned()).map_err(cause)?;
+    with_keep_alive(endpoint).connect_timeout(Duration::from_secs(2)).connect().await.map_err(cause)
+}
+
+/// Windows for large payloads, and pings that tell a dead peer from a silent one.
+pub fn with_keep_alive(endpoint: Endpoint) -> Endpoint {
+    endpoint
+        .tcp_nodelay(true)
+        .initial_stream_window_size(4 << 20)
+        .initial_connection_window_size(8 << 20)
+        .http2_keep_alive_interval(Duration::from_secs(10))
+        .keep_alive_timeout(Duration::from_secs(10))
+        .keep_alive_while_idle(true)
 }
 
 /// How long connections may finish what they are doing after a stop was asked for.

@@ -26,17 +26,7 @@ impl Folder {
             let json = serde_json::to_vec_pretty(run).map_err(|e| failed(&description)(e.into()))?;
             replace(&description, &json).map_err(failed(&description))?;
         }
-        let csv_path = path.join("steps.csv");
-        let rows = read_rows(&path);
-        // A row cut short by a kill is dropped here: the file is written anew, whole, before more is appended.
-        let mut text = String::from(StepRow::CSV_HEADER);
-        for row in &rows {
-            text += "\n";
-            text += &row.to_csv();
-        }
-        text += "\n";
-        replace(&csv_path, text.as_bytes()).map_err(failed(&csv_path))?;
-        let csv = OpenOptions::new().append(true).open(&csv_path).map_err(failed(&csv_path))?;
+        let (rows, csv) = open_rows(&path)?;
         Ok((Self { path, csv }, rows))
     }
 
@@ -64,11 +54,21 @@ impl Folder {
         vdi_path(&self.path, step)
     }
 
-    /// Writes the step's bytes, then its row.
+    /// Writes the step's bytes, then its row. A folder that was removed is made again.
     pub fn record(&mut self, row: &StepRow, bytes: &[u8]) -> Result<(), StoreError> {
+        if !self.path.exists() {
+            fs::create_dir_all(&self.path).map_err(failed(&self.path))?;
+            self.csv = open_rows(&self.path)?.1;
+        }
         let path = self.vdi_path(row.step);
         replace(&path, bytes).map_err(failed(&path))?;
-        self.csv.write_all(format!("{}\n", row.to_csv()).as_bytes()).map_err(failed(&self.path))
+        let length = self.csv.metadata().map_err(failed(&self.path))?.len();
+        let written = self.csv.write_all(format!("{}\n", row.to_csv()).as_bytes());
+        if written.is_err() {
+            // Half a row would spoil the next one.
+            let _ = self.csv.set_len(length);
+        }
+        written.map_err(failed(&self.path))
     }
 
     /// The step's bytes.
@@ -82,10 +82,33 @@ fn vdi_path(folder: &Path, step: u64) -> PathBuf {
     folder.join(format!("step_{step:06}.vdi"))
 }
 
-/// Whole rows whose VDI is there.
-fn read_rows(folder: &Path) -> Vec<StepRow> {
-    let text = fs::read_to_string(folder.join("steps.csv")).unwrap_or_default();
-    text.lines().skip(1).filter_map(StepRow::from_csv).filter(|row| vdi_path(folder, row.step).exists()).collect()
+/// The rows of `folder`, and its `steps.csv` ready for more. What is in the file stays: a last line that a kill cut short is
+/// ended, a line that is no row is passed over and said.
+fn open_rows(folder: &Path) -> Result<(Vec<StepRow>, File), StoreError> {
+    let path = folder.join("steps.csv");
+    let bytes = match fs::read(&path) {
+        Ok(bytes) => bytes,
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Vec::new(),
+        Err(e) => return Err(failed(&path)(e)),
+    };
+    let text = String::from_utf8_lossy(&bytes);
+    let (mut rows, mut passed_over) = (Vec::new(), 0);
+    for line in text.lines().skip(1).filter(|l| !l.is_empty()) {
+        match StepRow::from_csv(line).filter(|row| vdi_path(folder, row.step).exists()) {
+            Some(row) => rows.push(row),
+            None => passed_over += 1,
+        }
+    }
+    if passed_over > 0 {
+        tracing::warn!(file = %path.display(), passed_over, "lines that are no row, or whose VDI is missing");
+    }
+    let mut csv = OpenOptions::new().create(true).append(true).open(&path).map_err(failed(&path))?;
+    if bytes.is_empty() {
+        writeln!(csv, "{}", StepRow::CSV_HEADER).map_err(failed(&path))?;
+    } else if !bytes.ends_with(b"\n") {
+        writeln!(csv).map_err(failed(&path))?;
+    }
+    Ok((rows, csv))
 }
 
 /// Writes a file beside its name, then gives it the name: a reader sees all of it or the old one.
@@ -93,4 +116,40 @@ fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let fresh = path.with_extension("new");
     fs::write(&fresh, bytes)?;
     fs::rename(&fresh, path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lamina_wire::v1;
+
+    #[test]
+    fn damage_to_the_rows_costs_no_other_row_and_a_removed_folder_is_made_again() {
+        let root = tempfile::tempdir().unwrap();
+        let run = Run { id: "r-1".into(), name: "r".into(), field: "f".into(), dims: [1; 3] };
+        let row = |step| StepRow::new(&v1::Frame { step, ..Default::default() }, None);
+        let (mut folder, rows) = Folder::open(root.path(), &run).unwrap();
+        assert!(rows.is_empty());
+        for step in 0..4 {
+            folder.record(&row(step), b"vdi").unwrap();
+        }
+        // A flipped byte in row 1, and a last row cut short.
+        let csv = root.path().join("r-1/steps.csv");
+        let mut bytes = fs::read(&csv).unwrap();
+        let lines: Vec<usize> = bytes.iter().enumerate().filter(|(_, b)| **b == b'\n').map(|(i, _)| i).collect();
+        bytes[lines[1] + 1] = 0xff;
+        bytes.truncate(bytes.len() - 9);
+        fs::write(&csv, &bytes).unwrap();
+        let steps = |rows: &[StepRow]| rows.iter().map(|r| r.step).collect::<Vec<_>>();
+        let (mut folder, rows) = Folder::open(root.path(), &run).unwrap();
+        assert_eq!(steps(&rows), [0, 2]);
+        folder.record(&row(9), b"vdi").unwrap();
+        let (_, rows) = Folder::open(root.path(), &run).unwrap();
+        assert_eq!(steps(&rows), [0, 2, 9]);
+        assert!(fs::read(&csv).unwrap().starts_with(&bytes), "nothing in the file was rewritten");
+
+        fs::remove_dir_all(root.path().join("r-1")).unwrap();
+        folder.record(&row(10), b"vdi").unwrap();
+        assert_eq!(folder.read(10).unwrap(), b"vdi");
+    }
 }

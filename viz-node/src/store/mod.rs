@@ -79,7 +79,7 @@ struct State {
     rows: BTreeMap<u64, StepRow>,
     in_memory: BTreeMap<u64, Arc<Vec<u8>>>,
     folder: Option<Folder>,
-    decoded: VecDeque<(u64, Arc<Vdi>)>,
+    decoded: VecDeque<(String, u64, Arc<Vdi>)>,
 }
 
 /// All steps of the current run.
@@ -162,8 +162,9 @@ impl Store {
                 held -= state.in_memory.pop_first().map_or(0, |(_, b)| b.len() as u64);
             }
         }
-        state.decoded.push_back((row.step, vdi));
-        if state.decoded.len() > DECODED {
+        let run_id = state.run.as_ref().map(|r| r.id.clone()).unwrap_or_default();
+        state.decoded.push_back((run_id, row.step, vdi));
+        while state.decoded.len() > DECODED {
             state.decoded.pop_front();
         }
         state.rows.insert(row.step, row.clone());
@@ -212,15 +213,21 @@ impl Store {
     /// # Errors
     /// If it is not held or damaged.
     pub fn vdi(&self, step: u64) -> Result<Arc<Vdi>, StoreError> {
-        if let Some((_, vdi)) = self.state().decoded.iter().find(|(s, _)| *s == step) {
+        let run_id = self.run().map(|r| r.id).unwrap_or_default();
+        let is_it = |(run, number, _): &&(String, u64, Arc<Vdi>)| *run == run_id && *number == step;
+        if let Some((_, _, vdi)) = self.state().decoded.iter().find(is_it) {
             return Ok(vdi.clone());
         }
         let bytes = self.encoded(step)?;
         let vdi = codec::decode(&bytes, &self.limits).map_err(|reason| StoreError::Damaged { step, reason })?;
         let vdi = Arc::new(vdi);
         let mut state = self.state();
-        state.decoded.push_front((step, vdi.clone()));
-        state.decoded.truncate(DECODED);
+        if state.run.as_ref().is_none_or(|r| r.id != run_id) {
+            // Another run began meanwhile; these bytes may be of either.
+            return Err(StoreError::NoStep(step));
+        }
+        state.decoded.push_front((run_id, step, vdi.clone()));
+        state.decoded.truncate(DECODED + 1);
         Ok(vdi)
     }
 }

@@ -126,9 +126,14 @@ async fn image(State(web): State<Web>, Query(query): Query<ImageQuery>) -> Respo
     let Some(step) = step else { return (StatusCode::NOT_FOUND, "no step yet").into_response() };
     let orbit =
         Orbit { azimuth_deg: query.azimuth, elevation_deg: query.elevation, zoom: query.zoom, size: query.size };
-    let Ok(_permit) = web.renders.acquire().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
-    let store = web.store.clone();
-    match tokio::task::spawn_blocking(move || picture(&store, step, orbit)).await {
+    let Ok(permit) = web.renders.acquire_owned().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
+    let store = web.store;
+    let work = move || {
+        // Held until the picture is done, even if the one who asked has gone.
+        let _permit = permit;
+        picture(&store, step, orbit)
+    };
+    match tokio::task::spawn_blocking(work).await {
         Ok(Ok(p)) => {
             let millis = format!("{:.1}", p.render_time.as_secs_f64() * 1e3);
             let headers = [
