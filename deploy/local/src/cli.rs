@@ -98,7 +98,7 @@ pub struct Watch {
     /// Tune again every n-th step (0: only when the limit is broken)
     #[arg(long, default_value_t = 20, value_name = "N")]
     pub retune_every: u64,
-    /// Parameters the tuner tries: 24 in a coarse grid, or the paper's 1300
+    /// Parameters the tuner tries: 18 in a coarse grid, or the paper's 1300
     #[arg(long, default_value = "coarse")]
     pub grid: GridName,
     /// Address of the viewer
@@ -111,7 +111,7 @@ pub struct Watch {
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum GridName {
-    /// 4 resolutions by 6 gammas
+    /// 3 resolutions by 6 gammas
     Coarse,
     /// 20 resolutions by 65 gammas
     Paper,

@@ -44,10 +44,10 @@ pub struct Grid {
 }
 
 impl Default for Grid {
-    /// Coarse enough to search while a simulation runs: 4 resolutions by 6 gammas.
+    /// Coarse enough to search while a simulation runs: 3 resolutions by 6 gammas.
     fn default() -> Self {
         Self {
-            resolution: Axis { from: 128.0, to: 512.0, step: 128.0 },
+            resolution: Axis { from: 128.0, to: 384.0, step: 128.0 },
             gamma: Axis { from: 0.005, to: 0.08, step: 0.015 },
         }
     }
@@ -99,7 +99,7 @@ mod tests {
         assert_eq!((all[0].resolution(), all[0].gamma()), (160, 0.001));
         assert_eq!((all[3].resolution(), all[3].gamma()), (160, 0.013));
         assert_eq!((all[1299].resolution(), all[1299].gamma()), (768, 0.257));
-        assert_eq!(Grid::default().candidates(&base).unwrap().len(), 24);
+        assert_eq!(Grid::default().candidates(&base).unwrap().len(), 18);
     }
 
     #[test]
