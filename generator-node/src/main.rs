@@ -2,7 +2,7 @@
 
 use clap::Parser;
 use lamina_generator_node::{Config, run};
-use lamina_wire::node::{listen, load_config, log_to_stderr, stop_signal};
+use lamina_wire::node::{exit_code, listen, load_config, log_to_stderr, stop_signal};
 use std::{net::SocketAddr, path::PathBuf};
 
 /// Stands beside a simulation: takes its time steps and publishes them as Volumetric Depth Images.
@@ -19,13 +19,7 @@ struct Arguments {
 
 #[tokio::main]
 async fn main() -> std::process::ExitCode {
-    match start().await {
-        Ok(()) => std::process::ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            std::process::ExitCode::FAILURE
-        }
-    }
+    exit_code(start().await)
 }
 
 async fn start() -> anyhow::Result<()> {

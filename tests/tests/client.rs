@@ -455,6 +455,16 @@ fn a_node_that_accepts_and_never_answers_costs_at_most_the_deadline() {
 }
 
 #[test]
+fn a_simulation_that_computes_long_between_steps_keeps_its_connection() {
+    let node = Node::generator(4);
+    let mut client = Client::connect(options(&node.url())).unwrap();
+    assert_eq!(push_whole(&mut client, 0).unwrap(), admitted(true));
+    // Longer than the node waits for the answer to a ping: 10 s, and 10 s more.
+    std::thread::sleep(Duration::from_secs(24));
+    assert_eq!(push_whole(&mut client, 1).unwrap(), admitted(true));
+}
+
+#[test]
 fn a_client_resumes_its_run_on_a_restarted_node() {
     let node = Node::generator(2);
     let mut client = Client::connect(options(&node.url())).unwrap();

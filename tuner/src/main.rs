@@ -2,7 +2,7 @@
 
 use clap::Parser;
 use lamina_tuner::{Config, run};
-use lamina_wire::node::{listen, load_config, log_to_stderr, stop_signal};
+use lamina_wire::node::{exit_code, listen, load_config, log_to_stderr, stop_signal};
 use std::{net::SocketAddr, path::PathBuf};
 
 /// Finds the generation parameters that give the best picture under the limit in its configuration.
@@ -25,13 +25,7 @@ struct Arguments {
 
 #[tokio::main]
 async fn main() -> std::process::ExitCode {
-    match start().await {
-        Ok(()) => std::process::ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            std::process::ExitCode::FAILURE
-        }
-    }
+    exit_code(start().await)
 }
 
 async fn start() -> anyhow::Result<()> {

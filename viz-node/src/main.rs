@@ -2,7 +2,7 @@
 
 use clap::Parser;
 use lamina_viz_node::{Config, open_store, run};
-use lamina_wire::node::{listen, load_config, log_to_stderr, stop_signal};
+use lamina_wire::node::{exit_code, listen, load_config, log_to_stderr, stop_signal};
 use std::{net::SocketAddr, path::PathBuf};
 
 /// Shows a run from any angle in a web page, and measures the quality of what it shows.
@@ -22,13 +22,7 @@ struct Arguments {
 
 #[tokio::main]
 async fn main() -> std::process::ExitCode {
-    match start().await {
-        Ok(()) => std::process::ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            std::process::ExitCode::FAILURE
-        }
-    }
+    exit_code(start().await)
 }
 
 async fn start() -> anyhow::Result<()> {

@@ -27,11 +27,5 @@ fn main() -> std::process::ExitCode {
         Command::Compare(arguments) => parts::compare(&arguments),
         Command::Doctor => doctor::doctor(),
     };
-    match outcome {
-        Ok(()) => std::process::ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            std::process::ExitCode::FAILURE
-        }
-    }
+    lamina_wire::node::exit_code(outcome)
 }

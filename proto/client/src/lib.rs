@@ -147,8 +147,13 @@ impl Client {
         if endpoint.uri().scheme_str() != Some("http") || endpoint.uri().port().is_none() {
             return Err(Invalid::new("generator", format!("\"{}\"; write http://HOST:PORT", options.generator)).into());
         }
-        let runtime =
-            tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(ClientError::Runtime)?;
+        // One thread of its own: it answers the node's pings while the simulation computes, and sleeps otherwise.
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(1)
+            .thread_name("lamina-client")
+            .enable_all()
+            .build()
+            .map_err(ClientError::Runtime)?;
         let endpoint = endpoint.connect_timeout(options.deadline.min(Duration::from_secs(2))).tcp_nodelay(true);
         let mut client = Self {
             options,

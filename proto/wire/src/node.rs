@@ -60,6 +60,17 @@ pub fn log_to_stderr(default_level: &str) {
     let _ = log.with_target(false).with_ansi(colour).try_init();
 }
 
+/// What a binary ends with: one line about the error, if there is one.
+pub fn exit_code(outcome: Result<(), impl std::fmt::Display>) -> std::process::ExitCode {
+    match outcome {
+        Ok(()) => std::process::ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            std::process::ExitCode::FAILURE
+        }
+    }
+}
+
 /// Listens on `address`; port 0 takes a free one.
 ///
 /// # Errors
