@@ -603,7 +603,7 @@ function stateWords() {
   if (link.phase !== "live" || !store.loaded) return ["connecting", "connecting", "Connecting", ""];
   if (!store.run) {
     return ["waiting", "waiting for a simulation", "Waiting for a simulation",
-      "Start one that sends its steps to a generator-node this viz-node subscribes to. Its first step appears here by itself."];
+      "Start one that sends its steps to the generator-node, for example: lamina live --generator http://127.0.0.1:7101. Its first step appears here by itself."];
   }
   if (store.steps.length === 0) return ["live", "live", "Waiting for the first step", "The simulation is connected and has published nothing yet."];
   return ["live", "live", picture.shown === null && picture.notice === "" ? "Rendering" : "", ""];
