@@ -1,6 +1,7 @@
 //! One connection with an open run.
 
 use crate::{Brick, Receipt, RunOptions};
+use lamina_wire::node::innermost;
 use lamina_wire::v1::{self, ingest_client::IngestClient, push_part::Part};
 use std::time::Duration;
 use tokio::sync::mpsc;
@@ -84,13 +85,4 @@ impl Session {
 
 async fn next(answers: &mut Streaming<v1::PushAnswer>) -> Result<v1::PushAnswer, Status> {
     answers.message().await?.ok_or_else(|| Status::unavailable("the connection ended before the receipt"))
-}
-
-/// The cause at the bottom: "connection refused" rather than "transport error".
-fn innermost(error: &dyn std::error::Error) -> String {
-    let mut cause = error;
-    while let Some(next) = cause.source() {
-        cause = next;
-    }
-    cause.to_string()
 }

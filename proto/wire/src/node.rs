@@ -85,19 +85,22 @@ pub async fn listen(address: SocketAddr) -> Result<TcpListener, NodeError> {
 /// # Errors
 /// If the address is none, or nobody answers there; the message is the cause at the bottom.
 pub async fn connect(address: &str) -> Result<Channel, String> {
-    let cause = |e: tonic::transport::Error| {
-        let mut cause: &dyn std::error::Error = &e;
-        while let Some(next) = cause.source() {
-            cause = next;
-        }
-        format!("not reachable ({cause})")
-    };
+    let cause = |e: tonic::transport::Error| format!("not reachable ({})", innermost(&e));
     let endpoint = Endpoint::from_shared(address.to_owned()).map_err(cause)?;
     with_keep_alive(endpoint).connect_timeout(Duration::from_secs(2)).connect().await.map_err(cause)
 }
 
+/// The cause at the bottom: "connection refused" rather than "transport error".
+pub fn innermost(error: &dyn std::error::Error) -> String {
+    let mut cause = error;
+    while let Some(next) = cause.source() {
+        cause = next;
+    }
+    cause.to_string()
+}
+
 /// Windows for large payloads, and pings that tell a dead peer from a silent one.
-pub fn with_keep_alive(endpoint: Endpoint) -> Endpoint {
+fn with_keep_alive(endpoint: Endpoint) -> Endpoint {
     endpoint
         .tcp_nodelay(true)
         .initial_stream_window_size(4 << 20)
