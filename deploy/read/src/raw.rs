@@ -65,6 +65,7 @@ impl RawFile {
             VoxelType::U8 => Scalar::U8,
             VoxelType::U16 => Scalar::U16,
             VoxelType::I16 => Scalar::I16,
+            VoxelType::F16 => Scalar::F16,
             VoxelType::F32 => Scalar::F32,
             VoxelType::F64 => Scalar::F64,
         };

@@ -2,6 +2,7 @@
 
 use crate::ascii::Words;
 use crate::error::invalid;
+use half::f16;
 use lamina_model::Voxels;
 use std::io::{self, BufRead, Read};
 
@@ -34,6 +35,7 @@ pub(crate) enum Scalar {
     U32,
     I64,
     U64,
+    F16,
     F32,
     F64,
 }
@@ -50,6 +52,7 @@ macro_rules! with_type {
             Scalar::U32 => with_type!(@ $T u32 $body),
             Scalar::I64 => with_type!(@ $T i64 $body),
             Scalar::U64 => with_type!(@ $T u64 $body),
+            Scalar::F16 => with_type!(@ $T f16 $body),
             Scalar::F32 => with_type!(@ $T f32 $body),
             Scalar::F64 => with_type!(@ $T f64 $body),
         }
@@ -119,6 +122,7 @@ stored! {
     u32 => f64, F64, |v| Some(v.into());
     i64 => f64, F64, |v| (v.unsigned_abs() <= EXACT_IN_F64).then_some(v as f64);
     u64 => f64, F64, |v| (v <= EXACT_IN_F64).then_some(v as f64);
+    f16 => f16, F16, Some;
     f32 => f32, F32, Some;
     f64 => f64, F64, Some;
 }

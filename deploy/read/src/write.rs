@@ -1,6 +1,7 @@
 //! Writers of the files that [`Series`](crate::Series) reads back, in the plainest form that ParaView opens too.
 
 use crate::ReadError;
+use crate::error::invalid;
 use crate::pvd::check_order;
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
@@ -39,8 +40,9 @@ pub fn write_pvd(path: &Path, entries: &[(f64, String)]) -> Result<(), ReadError
 }
 
 fn image_data(path: &Path, volume: &Volume, field: &str) -> io::Result<()> {
+    let header = header(volume, field)?;
     let mut file = BufWriter::new(File::create(path)?);
-    file.write_all(header(volume, field).as_bytes())?;
+    file.write_all(header.as_bytes())?;
     let table_at = file.stream_position()?;
     let block = BLOCK_BYTES / volume.voxels().voxel_type().size_bytes();
     let count = volume.voxels().len();
@@ -68,7 +70,7 @@ fn write_table(file: &mut impl Write, table: &[u64]) -> io::Result<()> {
     table.iter().try_for_each(|n| file.write_all(&n.to_le_bytes()))
 }
 
-fn header(volume: &Volume, field: &str) -> String {
+fn header(volume: &Volume, field: &str) -> io::Result<String> {
     let grid = volume.grid();
     let [x, y, z] = grid.dims().map(|n| n - 1);
     let extent = format!("0 {x} 0 {y} 0 {z}");
@@ -78,10 +80,11 @@ fn header(volume: &Volume, field: &str) -> String {
         VoxelType::U8 => "UInt8",
         VoxelType::U16 => "UInt16",
         VoxelType::I16 => "Int16",
+        VoxelType::F16 => return Err(invalid("VTK knows no 16-bit floats; write float32")),
         VoxelType::F32 => "Float32",
         VoxelType::F64 => "Float64",
     };
-    format!(
+    Ok(format!(
         r#"<?xml version="1.0"?>
 <VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64" compressor="vtkZLibDataCompressor">
   <ImageData WholeExtent="{extent}" Origin="{origin}" Spacing="{spacing}">
@@ -93,5 +96,5 @@ fn header(volume: &Volume, field: &str) -> String {
   </ImageData>
   <AppendedData encoding="raw">
    _"#
-    )
+    ))
 }

@@ -1,6 +1,7 @@
 //! A rank's part of a time step, borrowed from the simulation's memory.
 
 use crate::RunOptions;
+use half::f16;
 use lamina_model::{Invalid, VoxelType};
 
 /// Voxels in the simulation's own memory.
@@ -12,6 +13,8 @@ pub enum VoxelSlice<'a> {
     U16(&'a [u16]),
     /// Signed 16 bits.
     I16(&'a [i16]),
+    /// Half precision.
+    F16(&'a [f16]),
     /// Single precision.
     F32(&'a [f32]),
     /// Double precision.
@@ -28,7 +31,7 @@ macro_rules! from_slices {
         }
     )*};
 }
-from_slices!(U8 u8, U16 u16, I16 i16, F32 f32, F64 f64);
+from_slices!(U8 u8, U16 u16, I16 i16, F16 f16, F32 f32, F64 f64);
 
 impl<'a> From<&'a lamina_model::Voxels> for VoxelSlice<'a> {
     fn from(voxels: &'a lamina_model::Voxels) -> Self {
@@ -42,6 +45,7 @@ impl VoxelSlice<'_> {
             Self::U8(v) => v.len(),
             Self::U16(v) => v.len(),
             Self::I16(v) => v.len(),
+            Self::F16(v) => v.len(),
             Self::F32(v) => v.len(),
             Self::F64(v) => v.len(),
         }
@@ -52,6 +56,7 @@ impl VoxelSlice<'_> {
             Self::U8(_) => VoxelType::U8,
             Self::U16(_) => VoxelType::U16,
             Self::I16(_) => VoxelType::I16,
+            Self::F16(_) => VoxelType::F16,
             Self::F32(_) => VoxelType::F32,
             Self::F64(_) => VoxelType::F64,
         }
@@ -62,6 +67,7 @@ impl VoxelSlice<'_> {
             Self::U8(v) => v[range].to_vec(),
             Self::U16(v) => v[range].iter().flat_map(|x| x.to_le_bytes()).collect(),
             Self::I16(v) => v[range].iter().flat_map(|x| x.to_le_bytes()).collect(),
+            Self::F16(v) => v[range].iter().flat_map(|x| x.to_le_bytes()).collect(),
             Self::F32(v) => v[range].iter().flat_map(|x| x.to_le_bytes()).collect(),
             Self::F64(v) => v[range].iter().flat_map(|x| x.to_le_bytes()).collect(),
         }

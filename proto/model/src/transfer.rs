@@ -114,6 +114,8 @@ pub struct TransferFunction {
     points: Vec<ControlPoint>,
     /// Per 1/256 of the range, the number of points at or before its start: where the search for a position begins.
     starts: Vec<u16>,
+    /// Per point, how many before it are not transparent; one more at the end.
+    shining: Vec<u16>,
 }
 
 /// Intervals of [`TransferFunction::starts`].
@@ -191,7 +193,13 @@ impl TransferFunction {
         }
         let before = |u: f64| points.partition_point(|p| p.at <= u) as u16;
         let starts = (0..=BINS).map(|b| before(b as f64 / BINS as f64)).collect();
-        Ok(Self { range, unit_length, points, starts })
+        let count = |n: &mut u16, p: Option<&ControlPoint>| {
+            let before = *n;
+            *n += u16::from(p.is_some_and(|p| p.opacity > 0.0));
+            Some(before)
+        };
+        let shining = points.iter().map(Some).chain([None]).scan(0, count).collect();
+        Ok(Self { range, unit_length, points, starts, shining })
     }
 
     /// The scalars shown.
@@ -245,9 +253,24 @@ impl TransferFunction {
     /// True if everything from `lo` to `hi` of the range is transparent.
     pub fn is_transparent(&self, lo: f32, hi: f32) -> bool {
         let (a, b) = (f64::from(lo), f64::from(hi));
-        let corner = self.points.iter().any(|p| p.at >= a && p.at <= b && p.opacity > 0.0);
+        let first = self.points.partition_point(|p| p.at < a);
+        let beyond = first + self.points[first..].partition_point(|p| p.at <= b);
+        let corner = self.shining[first] < self.shining[beyond];
         // Of two corners at one position `at` sees the later; just below, the earlier may still shine in.
         !corner && self.at(lo).1 <= 0.0 && self.at(hi).1 <= 0.0
+    }
+
+    /// The positions outside which everything is transparent, ends included; empty (`lo > hi`) if nothing shows.
+    pub fn visible_hull(&self) -> [f32; 2] {
+        let shines = |p: &ControlPoint| p.opacity > 0.0;
+        let (Some(first), Some(last)) = (self.points.iter().position(shines), self.points.iter().rposition(shines))
+        else {
+            return [1.0, 0.0];
+        };
+        // Between points opacity is linear, so it vanishes at the neighbour; rounding outwards keeps the hull whole.
+        let lo = first.checked_sub(1).map_or(f32::NEG_INFINITY, |i| (self.points[i].at as f32).next_down());
+        let hi = self.points.get(last + 1).map_or(f32::INFINITY, |p| (p.at as f32).next_up());
+        [lo, hi]
     }
 
     /// An identity: equal for equal transfer functions (64-bit FNV-1a over all numbers in order).

@@ -2,6 +2,7 @@
 
 use crate::{Aabb, Invalid};
 use glam::DVec3;
+use half::f16;
 use serde::{Deserialize, Serialize};
 
 /// The most voxels a volume may have: 2^37 (a 5000^3 grid), so that every byte count fits 64 bits with room to spare.
@@ -17,6 +18,8 @@ pub enum VoxelType {
     U16,
     /// Signed 16 bits.
     I16,
+    /// IEEE 754 half precision.
+    F16,
     /// IEEE 754 single precision.
     F32,
     /// IEEE 754 double precision.
@@ -28,7 +31,7 @@ impl VoxelType {
     pub fn size_bytes(self) -> usize {
         match self {
             Self::U8 => 1,
-            Self::U16 | Self::I16 => 2,
+            Self::U16 | Self::I16 | Self::F16 => 2,
             Self::F32 => 4,
             Self::F64 => 8,
         }
@@ -42,9 +45,10 @@ impl std::str::FromStr for VoxelType {
             "u8" | "uint8" | "uchar" => Ok(Self::U8),
             "u16" | "uint16" | "ushort" => Ok(Self::U16),
             "i16" | "int16" | "short" => Ok(Self::I16),
+            "f16" | "float16" | "half" => Ok(Self::F16),
             "f32" | "float32" | "float" => Ok(Self::F32),
             "f64" | "float64" | "double" => Ok(Self::F64),
-            _ => Err(Invalid::new("voxel type", format!("\"{s}\" is none of uint8, uint16, int16, float32, float64"))),
+            _ => Err(Invalid::new("voxel type", format!("\"{s}\" is none of uint8, uint16, int16, float16, float32, float64"))),
         }
     }
 }
@@ -55,6 +59,7 @@ impl std::fmt::Display for VoxelType {
             Self::U8 => "uint8",
             Self::U16 => "uint16",
             Self::I16 => "int16",
+            Self::F16 => "float16",
             Self::F32 => "float32",
             Self::F64 => "float64",
         })
@@ -148,6 +153,8 @@ pub enum Voxels {
     U16(Vec<u16>),
     /// Signed 16 bits.
     I16(Vec<i16>),
+    /// Half precision.
+    F16(Vec<f16>),
     /// Single precision.
     F32(Vec<f32>),
     /// Double precision.
@@ -162,6 +169,7 @@ macro_rules! for_voxels {
             $crate::Voxels::U8($v) => $body,
             $crate::Voxels::U16($v) => $body,
             $crate::Voxels::I16($v) => $body,
+            $crate::Voxels::F16($v) => $body,
             $crate::Voxels::F32($v) => $body,
             $crate::Voxels::F64($v) => $body,
         }
@@ -183,6 +191,7 @@ impl Voxels {
             Self::U8(_) => VoxelType::U8,
             Self::U16(_) => VoxelType::U16,
             Self::I16(_) => VoxelType::I16,
+            Self::F16(_) => VoxelType::F16,
             Self::F32(_) => VoxelType::F32,
             Self::F64(_) => VoxelType::F64,
         }
@@ -193,6 +202,7 @@ impl Voxels {
             Self::U8(v) => f64::from(v[index]),
             Self::U16(v) => f64::from(v[index]),
             Self::I16(v) => f64::from(v[index]),
+            Self::F16(v) => f64::from(v[index]),
             Self::F32(v) => f64::from(v[index]),
             Self::F64(v) => v[index],
         }
@@ -204,6 +214,7 @@ impl Voxels {
             VoxelType::U8 => Self::U8(bytes.to_vec()),
             VoxelType::U16 => Self::U16(bytes.as_chunks().0.iter().map(|b| u16::from_le_bytes(*b)).collect()),
             VoxelType::I16 => Self::I16(bytes.as_chunks().0.iter().map(|b| i16::from_le_bytes(*b)).collect()),
+            VoxelType::F16 => Self::F16(bytes.as_chunks().0.iter().map(|b| f16::from_le_bytes(*b)).collect()),
             VoxelType::F32 => Self::F32(bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect()),
             VoxelType::F64 => Self::F64(bytes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect()),
         }
@@ -215,6 +226,7 @@ impl Voxels {
             Self::U8(v) => v[range].to_vec(),
             Self::U16(v) => v[range].iter().flat_map(|x| x.to_le_bytes()).collect(),
             Self::I16(v) => v[range].iter().flat_map(|x| x.to_le_bytes()).collect(),
+            Self::F16(v) => v[range].iter().flat_map(|x| x.to_le_bytes()).collect(),
             Self::F32(v) => v[range].iter().flat_map(|x| x.to_le_bytes()).collect(),
             Self::F64(v) => v[range].iter().flat_map(|x| x.to_le_bytes()).collect(),
         }
@@ -252,6 +264,10 @@ impl Volume {
     pub fn voxels(&self) -> &Voxels {
         &self.voxels
     }
+    /// The scalars, owned.
+    pub fn into_voxels(self) -> Voxels {
+        self.voxels
+    }
     /// Bytes of the scalars.
     pub fn size_bytes(&self) -> usize {
         self.voxels.len() * self.voxels.voxel_type().size_bytes()
@@ -285,6 +301,7 @@ mod tests {
             Voxels::U8(vec![1, 255]),
             Voxels::U16(vec![1, 65535]),
             Voxels::I16(vec![-1, 32767]),
+            Voxels::F16(vec![f16::from_f32(-0.5), f16::MAX]),
             Voxels::F32(vec![-0.5, f32::MAX]),
             Voxels::F64(vec![1e-300, -2.0]),
         ] {

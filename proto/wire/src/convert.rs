@@ -26,6 +26,7 @@ impl From<VoxelType> for v1::VoxelType {
             VoxelType::U8 => Self::U8,
             VoxelType::U16 => Self::U16,
             VoxelType::I16 => Self::I16,
+            VoxelType::F16 => Self::F16,
             VoxelType::F32 => Self::F32,
             VoxelType::F64 => Self::F64,
         }
@@ -40,6 +41,7 @@ impl TryFrom<v1::VoxelType> for VoxelType {
             v1::VoxelType::U8 => Ok(Self::U8),
             v1::VoxelType::U16 => Ok(Self::U16),
             v1::VoxelType::I16 => Ok(Self::I16),
+            v1::VoxelType::F16 => Ok(Self::F16),
             v1::VoxelType::F32 => Ok(Self::F32),
             v1::VoxelType::F64 => Ok(Self::F64),
         }
