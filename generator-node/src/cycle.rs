@@ -1,7 +1,7 @@
 //! The cycle: every complete step becomes a VDI, in order, one at a time.
 
 use crate::ingest::{CompleteStep, Ingest};
-use crate::kernel::{Field, generate, reference_samples};
+use crate::kernel::{Backend, Field};
 use crate::publish::{Item, Publisher};
 use crate::schedule::{Schedule, Setting};
 use lamina_model::{GenerationParams, Invalid, ReferenceSamples, SamplePlan, Scene, suggest::suggest};
@@ -20,8 +20,8 @@ pub struct Prepared {
     pub step: u64,
     /// Simulation time.
     pub time: f64,
+    backend: Backend,
     field: Field,
-    scene: Scene,
     reference: OnceLock<Result<ReferenceSamples, Invalid>>,
 }
 
@@ -29,7 +29,7 @@ impl Prepared {
     /// The step's VDI, encoded, and what it cost.
     pub fn measure(&self, params: &GenerationParams, options: &EncodeOptions) -> Result<(Vec<u8>, v1::Cost), Invalid> {
         let start = Instant::now();
-        let vdi = generate(&self.field, &self.scene, params)?;
+        let vdi = self.backend.generate(&self.field, params)?;
         let generated = Instant::now();
         let bytes = codec::encode(&vdi, options).map_err(|e| Invalid::new("vdi", e.to_string()))?;
         let cost = v1::Cost {
@@ -43,7 +43,7 @@ impl Prepared {
 
     /// The step's reference samples, cast once.
     pub fn reference(&self, plan: &SamplePlan) -> Result<Item, Invalid> {
-        let cast = || reference_samples(&self.field, &self.scene, plan, self.step);
+        let cast = || self.backend.reference_samples(&self.field, plan, self.step);
         let samples = self.reference.get_or_init(cast).as_ref().map_err(Clone::clone)?;
         let (announcement, payload) = reference::encode(&self.run.run_id, samples);
         Ok(Item::new(&self.run, Part::Reference(announcement), payload))
@@ -89,6 +89,8 @@ pub enum Purpose<'a> {
 pub struct Shared {
     /// How VDIs are encoded.
     pub options: EncodeOptions,
+    /// What casts the rays.
+    pub backend: Backend,
     /// Which pixels are reference samples.
     pub plan: SamplePlan,
     /// One generation at a time, live or trial, so that each is timed with all cores to itself.
@@ -108,10 +110,16 @@ struct State {
 
 impl Shared {
     /// Nothing generated yet.
-    pub fn new(params: GenerationParams, options: EncodeOptions, plan: SamplePlan, publisher: Arc<Publisher>) -> Self {
+    pub fn new(
+        params: GenerationParams,
+        options: EncodeOptions,
+        backend: Backend,
+        plan: SamplePlan,
+        publisher: Arc<Publisher>,
+    ) -> Self {
         let state = State { schedule: Schedule::new(params), newest: None, last_report: None };
         let reports = broadcast::Sender::new(256);
-        Self { options, plan, kernel: Semaphore::new(1), reports, publisher, state: Mutex::new(state) }
+        Self { options, backend, plan, kernel: Semaphore::new(1), reports, publisher, state: Mutex::new(state) }
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -220,11 +228,12 @@ impl Cycle {
             }
         };
         self.run = Some((run.clone(), scene.clone()));
-        let field = Field::new(&volume, scene.transfer.range());
+        let field = Field::new(volume, &scene);
         if field.empty_voxels() > 0 {
             tracing::warn!(step = number, voxels = field.empty_voxels(), "NaN or infinite voxels, drawn as empty");
         }
-        Ok(Prepared { run, step: number, time, field, scene, reference: OnceLock::new() })
+        let backend = self.shared.backend.clone();
+        Ok(Prepared { run, step: number, time, backend, field, reference: OnceLock::new() })
     }
 
     /// The VDI with the setting's parameters, or with the first fallback that keeps the size limit.

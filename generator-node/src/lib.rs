@@ -26,7 +26,13 @@ pub async fn run(config: Config, listener: TcpListener, shutdown: Shutdown) -> R
     let ingest = Arc::new(ingest::Ingest::new(config.memory_bytes, Duration::from_secs_f64(config.idle_secs)));
     let publisher = Arc::new(publish::Publisher::new(config.history_bytes));
     let shared =
-        Arc::new(cycle::Shared::new(config.params, config.encode_options(), config.samples.clone(), publisher.clone()));
+        Arc::new(cycle::Shared::new(
+        config.params,
+        config.encode_options(),
+        kernel::Backend::cpu(),
+        config.samples.clone(),
+        publisher.clone(),
+    ));
     let cycle = tokio::spawn(cycle::run(ingest.clone(), shared.clone(), config.scene.clone(), config.reference_every));
 
     type Ingest = v1::ingest_server::IngestServer<ingest::IngestService>;

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
-use lamina_generator_node::kernel::{Field, generate, raycast, raycast_pixels};
+use lamina_generator_node::kernel::{Backend, Field};
 use lamina_model::{GenerationParams, Image, Scene, SquaredError};
 use lamina_tests::{front_scene, sampled_cube, transfer};
 use lamina_viz_node::kernel::render;
@@ -35,15 +35,15 @@ fn chord(x: f64, y: f64) -> f64 {
 #[test]
 fn a_homogeneous_box_is_exact_at_any_step_even_one_that_does_not_divide_it() {
     let scene = front_scene(transfer(1.0, &[(0.0, COLOR, 0.4)]));
-    let field = Field::new(&sampled_cube(9, |_| 0.5), scene.transfer.range());
     // Opacity 0.4 per unit length: alpha = 1 - 0.6^length.
     let light = |x: f64, y: f64| COLOR.map(|c| c * (1.0 - 0.6_f64.powf(chord(x, y))));
     for step_voxels in [0.5, 0.77, 3.1] {
         let scene = Scene { step_voxels, ..scene.clone() };
-        let cast = raycast(&field, &scene, &scene.camera, SIZE, SIZE).unwrap();
+        let field = Field::new(sampled_cube(9, |_| 0.5), &scene);
+        let cast = Backend::cpu().raycast(&field, &scene.camera, SIZE, SIZE).unwrap();
         assert!(psnr_db(&cast, &scene, light) > 120.0);
         let params = GenerationParams::new(SIZE, 0.1).unwrap().with_step_voxels(step_voxels).unwrap();
-        let vdi = generate(&field, &scene, &params).unwrap();
+        let vdi = Backend::cpu().generate(&field, &params).unwrap();
         assert!(vdi.segments().len() <= (SIZE * SIZE) as usize, "one supersegment a ray");
         assert!(psnr_db(&render(&vdi, &scene.camera, SIZE, SIZE).unwrap(), &scene, light) > 120.0);
     }
@@ -52,8 +52,8 @@ fn a_homogeneous_box_is_exact_at_any_step_even_one_that_does_not_divide_it() {
 #[test]
 fn a_homogeneous_box_seen_from_the_side_keeps_its_closed_form_inside_the_silhouette() {
     let scene = front_scene(transfer(1.0, &[(0.0, COLOR, 0.4)]));
-    let field = Field::new(&sampled_cube(9, |_| 0.5), scene.transfer.range());
-    let vdi = generate(&field, &scene, &GenerationParams::new(256, 0.1).unwrap()).unwrap();
+    let field = Field::new(sampled_cube(9, |_| 0.5), &scene);
+    let vdi = Backend::cpu().generate(&field, &GenerationParams::new(256, 0.1).unwrap()).unwrap();
     let side = scene.camera.rotated_about_y(90.0).unwrap();
     let image = render(&vdi, &side, SIZE, SIZE).unwrap();
     // From +x the middle ray runs parallel to the generation image, through 2 units of the box.
@@ -70,10 +70,11 @@ fn halving_the_step_shows_second_order_on_a_ramp() {
     let a = 0.7_f64;
     let tau = 2.0 * ((1.0 - a) * (1.0 - a).ln() + a) / a;
     let scene = front_scene(transfer(1.0, &[(0.0, COLOR, 0.0), (1.0, COLOR, a)]));
-    let field = Field::new(&sampled_cube(3, |p| 0.5 * (p.z + 1.0)), scene.transfer.range());
+    let field = Field::new(sampled_cube(3, |p| 0.5 * (p.z + 1.0)), &scene);
     let error = |step_voxels: f64| {
         let scene = Scene { step_voxels, ..scene.clone() };
-        let color = raycast_pixels(&field, &scene, &scene.camera, 1, 1, &[(0, 0)])[0];
+        let field = Field::new(sampled_cube(9, |_| 0.5), &scene);
+        let color = Backend::cpu().raycast_pixels(&field, &scene.camera, 1, 1, &[(0, 0)])[0];
         (f64::from(color[0]) - COLOR[0] * (1.0 - (-tau).exp())).abs()
     };
     let errors = [0.25, 0.125, 0.0625].map(error);
@@ -96,8 +97,8 @@ fn an_emissive_sphere_has_the_light_of_its_chords() {
     };
     let psnr_at = |n: usize, step_voxels: f64| {
         let scene = Scene { step_voxels, ..front_scene(tf.clone()) };
-        let field = Field::new(&sampled_cube(n, |p| p.length()), scene.transfer.range());
-        psnr_db(&raycast(&field, &scene, &scene.camera, SIZE, SIZE).unwrap(), &scene, light)
+        let field = Field::new(sampled_cube(n, |p| p.length()), &scene);
+        psnr_db(&Backend::cpu().raycast(&field, &scene.camera, SIZE, SIZE).unwrap(), &scene, light)
     };
     let (coarse, fine) = (psnr_at(33, 0.5), psnr_at(65, 0.125));
     assert!(coarse > 35.0 && fine > coarse + 6.0, "coarse {coarse} dB, fine {fine} dB");

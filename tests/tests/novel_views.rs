@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
-use lamina_generator_node::kernel::{Field, generate, raycast, reference_samples};
+use lamina_generator_node::kernel::{Backend, Field};
 use lamina_model::{Camera, GenerationParams, Image, SamplePlan, Scene, Vdi, psnr};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
 use lamina_viz_node::kernel::{quality, render};
@@ -12,16 +12,16 @@ const SIZE: u32 = 96;
 
 fn scene_and_field() -> (Scene, Field) {
     let scene = front_scene(clumps_transfer());
-    let field = Field::new(&sampled_cube(48, clumps), scene.transfer.range());
+    let field = Field::new(sampled_cube(48, clumps), &scene);
     (scene, field)
 }
 
 fn vdi(scene: &Scene, field: &Field, resolution: u32, gamma: f64) -> Vdi {
-    generate(field, scene, &GenerationParams::new(resolution, gamma).unwrap()).unwrap()
+    Backend::cpu().generate(field, &GenerationParams::new(resolution, gamma).unwrap()).unwrap()
 }
 
 fn compare(scene: &Scene, field: &Field, vdi: &Vdi, camera: &Camera) -> f64 {
-    let reference = raycast(field, scene, camera, SIZE, SIZE).unwrap();
+    let reference = Backend::cpu().raycast(field, camera, SIZE, SIZE).unwrap();
     let lit = reference.pixels().iter().filter(|p| p[0] + p[1] + p[2] > 0.05).count();
     assert!(lit > (SIZE * SIZE / 20) as usize, "the view shows something");
     psnr(&render(vdi, camera, SIZE, SIZE).unwrap(), &reference).unwrap()
@@ -50,7 +50,7 @@ fn small_angles_do_not_collapse() {
 fn quality_rises_with_resolution_and_with_falling_gamma() {
     let (scene, field) = scene_and_field();
     let plan = SamplePlan { image_size: SIZE, tile: 1, angles_deg: vec![10.0, 30.0, 60.0] };
-    let reference = reference_samples(&field, &scene, &plan, 0).unwrap();
+    let reference = Backend::cpu().reference_samples(&field, &plan, 0).unwrap();
     let q = |r, gamma| quality(&vdi(&scene, &field, r, gamma), &reference).unwrap().psnr_db;
     let by_resolution = [32, 64, 128, 256].map(|r| q(r, 0.01));
     assert!(by_resolution.is_sorted_by(|a, b| a + 1.0 < *b), "{by_resolution:?}");
@@ -89,8 +89,8 @@ fn a_generation_camera_inside_the_volume_gives_its_own_view_exactly() {
 fn an_opacity_cutoff_saves_supersegments_and_costs_novel_views_not_its_own() {
     let (scene, field) = scene_and_field();
     let params = GenerationParams::new(SIZE, 0.005).unwrap();
-    let whole = generate(&field, &scene, &params).unwrap();
-    let cut = generate(&field, &scene, &params.with_opacity_cutoff(0.99).unwrap()).unwrap();
+    let whole = Backend::cpu().generate(&field, &params).unwrap();
+    let cut = Backend::cpu().generate(&field, &params.with_opacity_cutoff(0.99).unwrap()).unwrap();
     assert!(cut.segments().len() < whole.segments().len());
     let side = scene.camera.rotated_about_y(60.0).unwrap();
     let at = |vdi: &Vdi, camera: &Camera| compare(&scene, &field, vdi, camera);

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-use lamina_generator_node::kernel::{Field, reference_samples};
+use lamina_generator_node::kernel::{Backend, Field};
 use lamina_model::{SamplePlan, Scene, suggest::suggest};
 use lamina_read::{Options, Series};
 use lamina_tests::processes::{Daemon, free_port, recorded_series, run, wait_for};
@@ -129,8 +129,8 @@ fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
         assert!(row.generation_ms > 0.0 && row.encode_ms > 0.0);
         assert_eq!((row.dropped_steps, row.empty_voxels), (0, 0));
         // q again, from the recorded volume and the recorded VDI alone.
-        let field = Field::new(&series.read(n).unwrap(), scene.transfer.range());
-        let reference = reference_samples(&field, &scene, &plan, row.step).unwrap();
+        let field = Field::new(series.read(n).unwrap(), &scene);
+        let reference = Backend::cpu().reference_samples(&field, &plan, row.step).unwrap();
         let q = quality(&vdi, &reference).unwrap();
         assert!((f64::from(row.psnr_db.unwrap()) - q.psnr_db).abs() < 0.01, "step {n}: {row:?} but {q:?}");
         assert_eq!(row.views.len(), 3);

@@ -4,7 +4,7 @@ use crate::report::{self, Limit, PicturePair, Report, TrialRow};
 use crate::source::Source;
 use crate::units::show_bytes;
 use anyhow::{Context, ensure};
-use lamina_generator_node::kernel::{Field, raycast};
+use lamina_generator_node::kernel::{Backend, Field};
 use lamina_model::{Scene, Volume, psnr};
 use lamina_viz_node::kernel::render;
 use lamina_viz_node::store::{StepRow, Store};
@@ -67,11 +67,11 @@ impl Outputs {
         if !spread {
             return Ok(());
         }
-        let field = Field::new(volume, scene.transfer.range());
+        let field = Field::new(volume.clone(), scene);
         let vdi = store.vdi(row.step)?;
         for angle_deg in ANGLES_DEG {
             let camera = scene.camera.rotated_about_y(angle_deg)?;
-            let reference = raycast(&field, scene, &camera, PICTURE_SIZE, PICTURE_SIZE)?;
+            let reference = Backend::cpu().raycast(&field, &camera, PICTURE_SIZE, PICTURE_SIZE)?;
             let rendered = render(&vdi, &camera, PICTURE_SIZE, PICTURE_SIZE)?;
             let pair = PicturePair {
                 step: row.step,

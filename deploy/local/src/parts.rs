@@ -5,7 +5,7 @@ use crate::picture_file;
 use crate::scene_file::scene_for;
 use crate::source::read_options;
 use anyhow::{Context, ensure};
-use lamina_generator_node::kernel::{self, Field};
+use lamina_generator_node::kernel::{Backend, Field};
 use lamina_model::{GenerationParams, Scene, Volume, psnr};
 use lamina_read::Series;
 use lamina_wire::codec::{self, Codec, DecodeLimits, EncodeOptions, Layout};
@@ -25,8 +25,8 @@ fn open(input: &cli::Input) -> anyhow::Result<(Volume, Scene)> {
     Ok((volume, scene))
 }
 
-fn prepare(volume: &Volume, scene: &Scene) -> Field {
-    let field = Field::new(volume, scene.transfer.range());
+fn prepare(volume: Volume, scene: &Scene) -> Field {
+    let field = Field::new(volume, scene);
     if field.empty_voxels() > 0 {
         eprintln!("warning: {} voxels are NaN or infinite; they are drawn as empty", field.empty_voxels());
     }
@@ -36,10 +36,10 @@ fn prepare(volume: &Volume, scene: &Scene) -> Field {
 /// `lamina raycast`.
 pub fn raycast(arguments: &cli::Raycast) -> anyhow::Result<()> {
     let (volume, scene) = open(&arguments.input)?;
-    let field = prepare(&volume, &scene);
+    let field = prepare(volume, &scene);
     let (camera, size) = (scene.camera.rotated_about_y(arguments.view.view)?, arguments.view.size);
     let start = Instant::now();
-    let image = kernel::raycast(&field, &scene, &camera, size, size)?;
+    let image = Backend::cpu().raycast(&field, &camera, size, size)?;
     println!("raycast_ms {:.1}", start.elapsed().as_secs_f64() * 1e3);
     picture_file::write(&arguments.view.out, &image)
 }
@@ -50,9 +50,9 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
     let params = GenerationParams::new(arguments.resolution, arguments.gamma)?
         .with_opacity_cutoff(arguments.opacity_cutoff)?
         .with_step_voxels(scene.step_voxels)?;
-    let field = prepare(&volume, &scene);
+    let field = prepare(volume, &scene);
     let start = Instant::now();
-    let vdi = kernel::generate(&field, &scene, &params)?;
+    let vdi = Backend::cpu().generate(&field, &params)?;
     let generated = Instant::now();
     let layout = match arguments.layout {
         cli::LayoutName::Columns => Layout::Columns,

@@ -1,75 +1,108 @@
-//! A volume made ready for sampling: every voxel mapped into the transfer function's range.
+//! A volume made ready for sampling under a scene: voxels kept as narrow as they came, and where to skip.
 //!
-//! The field drawn is the mapped one, interpolated trilinearly between sample points: under a logarithmic range that is
-//! the logarithm of the data, so that a steep front keeps its decades. Voxels that are not finite are NaN here, and any
-//! sample whose cell touches one is empty.
+//! The field drawn is the position in the transfer function's range, interpolated trilinearly between sample points.
+//! Under a linear range whole numbers and half floats are stored as they are, and the range is applied after
+//! interpolation; single and double precision are mapped first and stored as f32 (in place, if f32 came). Under a
+//! logarithmic range all are mapped first: what is interpolated is the logarithm, so that a steep front keeps its
+//! decades. Voxels that are not finite are NaN, and any sample whose cell touches one is empty.
 
+use super::skip::{self, SkipMap};
 use glam::DVec3;
-use lamina_model::{Grid, ScalarRange, TransferFunction, Volume, for_voxels};
+use half::f16;
+use lamina_model::{Grid, ScalarRange, Scale, Scene, Volume, Voxels, for_voxels};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Mapped voxels on their grid.
-#[derive(Debug, Clone)]
+/// Voxels under a scene.
+#[derive(Debug)]
 pub struct Field {
+    id: u64,
     grid: Grid,
-    values: Vec<f32>,
+    scene: Scene,
+    stored: Stored,
+    /// Position in the range = `scale` * stored + `offset`.
+    scale: f64,
+    offset: f64,
     empty_voxels: u64,
-    /// Least and greatest finite value in each block of cells.
-    blocks: Vec<[f32; 2]>,
+    skip: SkipMap,
 }
 
-/// Cells per side of a block.
-const BLOCK: usize = 4;
-
-/// Blocks per axis: cells are one fewer than voxels.
-fn block_dims(grid: &Grid) -> [usize; 3] {
-    grid.dims().map(|d| (d - 1).max(1).div_ceil(BLOCK))
+/// Scalars as they are kept for sampling, x fastest.
+#[derive(Debug)]
+pub enum Stored {
+    /// Unsigned 8 bits.
+    U8(Vec<u8>),
+    /// Unsigned 16 bits; signed ones are moved up by 32768.
+    U16(Vec<u16>),
+    /// Half precision.
+    F16(Vec<f16>),
+    /// Single precision, mapped into the range.
+    F32(Vec<f32>),
 }
 
-/// Which blocks of cells show nothing under a transfer function.
-pub struct Occupancy {
-    dims: [usize; 3],
-    visible: Vec<bool>,
-}
-
-impl Occupancy {
-    /// True if the block around `index` (units of sample points, inside the grid) may show something.
-    #[inline]
-    pub fn is_visible(&self, index: DVec3) -> bool {
-        let block = |x: f64, n: usize| (x.max(0.0) as usize / BLOCK).min(n - 1);
-        let [nx, ny, nz] = self.dims;
-        self.visible[(block(index.z, nz) * ny + block(index.y, ny)) * nx + block(index.x, nx)]
-    }
+/// Runs `$body` with `$v` bound to the typed vector inside `$stored`.
+macro_rules! for_stored {
+    ($stored:expr, $v:ident => $body:expr) => {
+        match $stored {
+            Stored::U8($v) => $body,
+            Stored::U16($v) => $body,
+            Stored::F16($v) => $body,
+            Stored::F32($v) => $body,
+        }
+    };
 }
 
 impl Field {
-    /// Maps every voxel of `volume` through `range`.
-    #[expect(clippy::useless_conversion, reason = "one body for all voxel types, f64 among them")]
-    pub fn new(volume: &Volume, range: &ScalarRange) -> Self {
-        let values: Vec<f32> =
-            for_voxels!(volume.voxels(), v => v.par_iter().map(|&x| range.unit_from_value(x.into())).collect());
-        let empty_voxels = values.par_iter().filter(|v| v.is_nan()).count() as u64;
+    /// Maps `volume` into the range of the scene's transfer function, and finds what the function leaves empty.
+    pub fn new(volume: Volume, scene: &Scene) -> Self {
+        static FIELDS: AtomicU64 = AtomicU64::new(0);
+        let id = FIELDS.fetch_add(1, Ordering::Relaxed);
         let grid = *volume.grid();
-        let blocks = block_ranges(&grid, &values);
-        Self { grid, values, empty_voxels, blocks }
+        let range = scene.transfer.range();
+        let (stored, empty_voxels) = stored(volume.into_voxels(), range);
+        let moved = if let (Stored::U16(_), true) = (&stored.0, stored.1) { f64::from(i16::MIN) } else { 0.0 };
+        let (scale, offset) = match stored.0 {
+            Stored::F32(_) => (1.0, 0.0),
+            _ => (1.0 / (range.hi() - range.lo()), (moved - range.lo()) / (range.hi() - range.lo())),
+        };
+        let unit = |x: f32| (scale * f64::from(x) + offset) as f32;
+        let skip = for_stored!(&stored.0, v => SkipMap::new(&grid, v, |lo, hi| {
+            !scene.transfer.is_transparent(unit(lo), unit(hi))
+        }));
+        Self { id, grid, scene: scene.clone(), stored: stored.0, scale, offset, empty_voxels, skip }
     }
 
-    /// Which blocks `transfer` shows: a sample in any other is transparent, since interpolation stays within the block's
-    /// range.
-    pub fn occupancy(&self, transfer: &TransferFunction) -> Occupancy {
-        // An empty range (no finite value) is never visible.
-        let shows = |&[lo, hi]: &[f32; 2]| lo <= hi && !transfer.is_transparent(lo, hi);
-        Occupancy { dims: block_dims(&self.grid), visible: self.blocks.par_iter().map(shows).collect() }
+    /// Tells fields apart for as long as the process lives.
+    pub fn id(&self) -> u64 {
+        self.id
     }
-
     /// Where the voxels lie.
     pub fn grid(&self) -> &Grid {
         &self.grid
     }
-
+    /// What they are seen under.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+    /// The scalars as kept.
+    pub fn stored(&self) -> &Stored {
+        &self.stored
+    }
+    /// `(scale, offset)`: the position in the range is `scale` times the stored scalar plus `offset`.
+    pub fn unit_from_stored(&self) -> (f64, f64) {
+        (self.scale, self.offset)
+    }
+    /// Where rays may skip.
+    pub fn skip(&self) -> &SkipMap {
+        &self.skip
+    }
     /// Voxels that are NaN or infinite in the data, drawn as empty.
     pub fn empty_voxels(&self) -> u64 {
         self.empty_voxels
+    }
+    /// World length that opacities refer to.
+    pub fn unit_length(&self) -> f64 {
+        self.scene.transfer.unit_length(&self.grid)
     }
 
     /// `point` of the world in units of sample points.
@@ -77,105 +110,58 @@ impl Field {
         (point - self.grid.origin()) / self.grid.spacing()
     }
 
-    /// The trilinear value at `index` (units of sample points), which is clamped into the grid.
+    /// The trilinear value at `index` (units of sample points), which is clamped into the grid. Double precision: what the
+    /// fast levels are compared with.
     #[inline]
     pub fn sample(&self, index: DVec3) -> f32 {
         let dims = self.grid.dims();
         let mut base = 0;
         let mut stride = 1;
         let mut next = [0; 3];
-        let mut w = [0.0_f32; 3];
+        let mut w = [0.0; 3];
         for axis in 0..3 {
             let last = dims[axis] - 1;
             let x = index[axis].clamp(0.0, last as f64);
             let cell = (x as usize).min(last.saturating_sub(1));
-            w[axis] = (x - cell as f64) as f32;
+            w[axis] = x - cell as f64;
             base += cell * stride;
             next[axis] = if last > 0 { stride } else { 0 };
             stride *= dims[axis];
         }
-        let v = |i: usize| self.values[i];
-        let lerp = |a: f32, b: f32, w: f32| a + w * (b - a);
-        let along_x = |i: usize| lerp(v(i), v(i + next[0]), w[0]);
-        let along_y = |i: usize| lerp(along_x(i), along_x(i + next[1]), w[1]);
-        lerp(along_y(base), along_y(base + next[2]), w[2])
-    }
-}
-
-/// Least and greatest finite value of the voxels that the cells of each block touch.
-fn block_ranges(grid: &Grid, values: &[f32]) -> Vec<[f32; 2]> {
-    let ([nx, ny, nz], [bx, by, bz]) = (grid.dims(), block_dims(grid));
-    let range = |b: usize| {
-        let (x, y, z) = (b % bx * BLOCK, b / bx % by * BLOCK, b / (bx * by) * BLOCK);
-        let mut range = [f32::INFINITY, f32::NEG_INFINITY];
-        for (k, j) in (z..nz.min(z + BLOCK + 1)).flat_map(|k| (y..ny.min(y + BLOCK + 1)).map(move |j| (k, j))) {
-            let row = (k * ny + j) * nx;
-            for &v in &values[row + x..row + nx.min(x + BLOCK + 1)] {
-                // NaN changes neither.
-                range = [range[0].min(v), range[1].max(v)];
-            }
-        }
-        range
-    };
-    (0..bx * by * bz).into_par_iter().with_min_len(64).map(range).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use lamina_model::{ControlPoint, Scale, Voxels};
-
-    fn field(dims: [usize; 3], f: impl Fn(usize, usize, usize) -> f32) -> Field {
-        let mut v = Vec::new();
-        for z in 0..dims[2] {
-            for y in 0..dims[1] {
-                v.extend((0..dims[0]).map(|x| f(x, y, z)));
-            }
-        }
-        let grid = Grid::new(dims, DVec3::ONE, DVec3::ZERO).unwrap();
-        let range = ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap();
-        Field::new(&Volume::new(grid, Voxels::F32(v)).unwrap(), &range)
-    }
-
-    #[test]
-    fn a_trilinear_function_is_reproduced_and_clamped_at_the_faces() {
-        let f = field([4, 3, 5], |x, y, z| {
-            (x as f32) * 0.1 + (y as f32) * 0.2 - (z as f32) * 0.05 + (x * y * z) as f32 * 0.01
+        let lerp = |a: f64, b: f64, w: f64| a + w * (b - a);
+        let value = for_stored!(&self.stored, v => {
+            let along_x = |i: usize| lerp(skip::Scalar::wide(v[i]), skip::Scalar::wide(v[i + next[0]]), w[0]);
+            let along_y = |i: usize| lerp(along_x(i), along_x(i + next[1]), w[1]);
+            lerp(along_y(base), along_y(base + next[2]), w[2])
         });
-        let exact = |p: DVec3| p.x * 0.1 + p.y * 0.2 - p.z * 0.05 + p.x * p.y * p.z * 0.01;
-        for p in [DVec3::new(1.3, 0.7, 2.9), DVec3::new(3.0, 2.0, 4.0), DVec3::ZERO, DVec3::new(0.0, 1.5, 3.999)] {
-            assert!((f64::from(f.sample(p)) - exact(p)).abs() < 1e-6);
+        (self.scale * value + self.offset) as f32
+    }
+}
+
+/// The scalars to keep and whether they were moved up, and how many are not finite.
+fn stored(voxels: Voxels, range: &ScalarRange) -> ((Stored, bool), u64) {
+    if range.scale() == Scale::Linear {
+        match voxels {
+            Voxels::U8(v) => return ((Stored::U8(v), false), 0),
+            Voxels::U16(v) => return ((Stored::U16(v), false), 0),
+            Voxels::I16(v) => {
+                return ((Stored::U16(v.into_iter().map(|x| (x as u16) ^ 0x8000).collect()), true), 0);
+            }
+            Voxels::F16(mut v) => {
+                v.par_iter_mut().filter(|x| !x.is_finite()).for_each(|x| *x = f16::NAN);
+                let empty = v.par_iter().filter(|x| x.is_nan()).count() as u64;
+                return ((Stored::F16(v), false), empty);
+            }
+            Voxels::F32(_) | Voxels::F64(_) => {}
         }
-        assert_eq!(f.sample(DVec3::new(-5.0, 9.0, 7.0)), f.sample(DVec3::new(0.0, 2.0, 4.0)));
     }
-
-    #[test]
-    fn what_is_not_finite_is_counted_and_empties_the_cells_around_it() {
-        let f = field([3, 3, 3], |x, y, z| if (x, y, z) == (0, 0, 0) { f32::INFINITY } else { 0.5 });
-        assert_eq!(f.empty_voxels(), 1);
-        assert!(f.sample(DVec3::splat(0.5)).is_nan());
-        assert_eq!(f.sample(DVec3::splat(1.5)), 0.5);
-    }
-
-    #[test]
-    fn no_block_that_shows_something_is_called_empty() {
-        let f = field([11, 6, 9], |x, y, z| if (x, y, z) == (4, 5, 8) { 1.0 } else { 0.0 });
-        let points = [(0.5, 0.0), (1.0, 1.0)].map(|(at, opacity)| ControlPoint { at, color: [1.0; 3], opacity });
-        let range = ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap();
-        let transfer = TransferFunction::new(range, None, points.to_vec()).unwrap();
-        let occupancy = f.occupancy(&transfer);
-        let mut hidden = 0;
-        for n in 0..11 * 6 * 9 * 8 {
-            let p = DVec3::new((n % 22) as f64, (n / 22 % 12) as f64, (n / 264) as f64) * 0.5;
-            let shows = transfer.at(f.sample(p)).1 > 0.0;
-            assert!(!shows || occupancy.is_visible(p), "{p}");
-            hidden += usize::from(!occupancy.is_visible(p));
+    let mapped = match voxels {
+        Voxels::F32(mut v) => {
+            v.par_iter_mut().for_each(|x| *x = range.unit_from_value((*x).into()));
+            v
         }
-        assert!(hidden > 1000);
-    }
-
-    #[test]
-    fn one_voxel_is_constant_everywhere() {
-        assert_eq!(field([1, 1, 1], |_, _, _| 0.25).sample(DVec3::new(0.3, -0.4, 9.0)), 0.25);
-    }
+        other => for_voxels!(&other, v => v.par_iter().map(|&x| range.unit_from_value(x.into())).collect()),
+    };
+    let empty = mapped.par_iter().filter(|x| x.is_nan()).count() as u64;
+    ((Stored::F32(mapped), false), empty)
 }

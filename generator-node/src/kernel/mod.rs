@@ -1,10 +1,14 @@
-//! R and the reference: pure functions from a scalar field and a scene to a VDI or to colours.
+//! R and the reference: pure functions from a scalar field under a scene to a VDI or to colours.
+//!
+//! One algorithm at three levels: [`scalar`] is the oracle, `lanes` runs eight rays at a time on the CPU, `gpu` is its
+//! twin in WGSL. [`Backend`] is what the rest of the node calls.
 
+mod backend;
 mod field;
-mod generate;
-mod march;
-mod raycast;
+mod rows;
+pub mod scalar;
+mod skip;
+mod table;
 
+pub use backend::Backend;
 pub use field::Field;
-pub use generate::generate;
-pub use raycast::{raycast, raycast_pixels, reference_samples};

@@ -1,9 +1,10 @@
 //! R: one march per ray, its samples clustered into supersegments by the interrupt parameter gamma.
 
-use super::{Field, march::March, march::Sample};
+use super::march::{March, Sample};
+use crate::kernel::Field;
+use crate::kernel::rows::{Band, Join, header, in_order};
 use lamina_model::composite::opacity_from_optical_depth;
-use lamina_model::{GenerationParams, Invalid, Ray, Scene, Supersegment, Vdi, VdiHeader};
-use rayon::prelude::*;
+use lamina_model::{GenerationParams, Invalid, Ray, Supersegment, Vdi};
 use std::ops::ControlFlow;
 
 /// The VDI of `field` from the scene's camera. The paper's R.
@@ -13,45 +14,22 @@ use std::ops::ControlFlow;
 /// # Errors
 /// If the step is so short that rays would have too many of them, or the VDI too many supersegments (2^32).
 #[doc(alias = "R")]
-pub fn generate(field: &Field, scene: &Scene, params: &GenerationParams) -> Result<Vdi, Invalid> {
-    let header = VdiHeader {
-        camera: scene.camera,
-        bounds: field.grid().bounds(),
-        step_length: params.step_voxels() * field.grid().voxel_length(),
-        params: *params,
-        transfer_id: scene.transfer.id(),
-        background: scene.background,
-    }
-    .check()?;
-    let march = March::new(field, &scene.transfer, header.step_length);
+pub fn generate(field: &Field, params: &GenerationParams) -> Result<Vdi, Invalid> {
+    let header = header(field, params)?;
+    let march = March::new(field, header.step_length);
     let r = params.resolution();
-    let rows: Vec<(Vec<u32>, Vec<Supersegment>)> = (0..r)
-        .into_par_iter()
-        .map(|j| {
-            let mut row = Vec::new();
-            let ends = (0..r).map(|i| {
-                cluster_ray(&march, params, &scene.camera.pixel_ray(i, j, r, r), &mut row);
-                row.len() as u32
-            });
-            (ends.collect(), row)
-        })
-        .collect();
-    join_rows(header, rows)
-}
-
-fn join_rows(header: VdiHeader, rows: Vec<(Vec<u32>, Vec<Supersegment>)>) -> Result<Vdi, Invalid> {
-    let total: usize = rows.iter().map(|(_, row)| row.len()).sum();
-    if u32::try_from(total).is_err() {
-        return Err(Invalid::new("vdi", format!("{total} supersegments; raise gamma or lower the resolution")));
-    }
-    let mut offsets = vec![0];
-    let mut segments = Vec::with_capacity(total);
-    for (ends, row) in rows {
-        let base = segments.len() as u32;
-        offsets.extend(ends.iter().map(|end| base + end));
-        segments.extend(row);
-    }
-    Vdi::new(header, offsets, segments)
+    let row = |j: usize| {
+        let mut band = Band::default();
+        for i in 0..r {
+            let before = band.segments.len();
+            cluster_ray(&march, params, &header.camera.pixel_ray(i, j as u32, r, r), &mut band.segments);
+            band.counts.push((band.segments.len() - before) as u32);
+        }
+        band
+    };
+    let mut join = Join::new();
+    in_order(r as usize, row, |band| join.add(band));
+    join.finish(header)
 }
 
 /// The supersegment that samples are being added to.

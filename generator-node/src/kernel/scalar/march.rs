@@ -1,9 +1,8 @@
 //! The one loop that samples the field along a ray; raycast and generate differ only in what they do with a sample.
 
-use super::Field;
-use super::field::Occupancy;
+use crate::kernel::Field;
 use lamina_model::transfer::Classified;
-use lamina_model::{Aabb, Ray, TransferFunction, vdi};
+use lamina_model::{Aabb, Ray, vdi};
 use std::ops::ControlFlow;
 
 /// One sample of a ray: the middle of step number `step`.
@@ -16,22 +15,18 @@ pub struct Sample {
     pub classified: Classified,
 }
 
-/// A field seen through a transfer function, sampled at equal steps.
+/// A field sampled at equal steps.
 pub struct March<'a> {
     field: &'a Field,
-    transfer: &'a TransferFunction,
-    occupancy: Occupancy,
     bounds: Aabb,
     unit_length: f64,
     step_length: f64,
 }
 
 impl<'a> March<'a> {
-    /// Samples `field` through `transfer` every `step_length` (world units).
-    pub fn new(field: &'a Field, transfer: &'a TransferFunction, step_length: f64) -> Self {
-        let unit_length = transfer.unit_length(field.grid());
-        let occupancy = field.occupancy(transfer);
-        Self { field, transfer, occupancy, bounds: field.grid().bounds(), unit_length, step_length }
+    /// Samples `field` every `step_length` (world units).
+    pub fn new(field: &'a Field, step_length: f64) -> Self {
+        Self { field, bounds: field.grid().bounds(), unit_length: field.unit_length(), step_length }
     }
 
     /// World length that opacities refer to.
@@ -39,8 +34,8 @@ impl<'a> March<'a> {
         self.unit_length
     }
 
-    /// Visits the samples of `ray` that are not transparent, front to back until `visit` breaks. Samples sit in the middle of their steps (second
-    /// order); the last step is cut at the box, so that the whole length is covered whatever the step.
+    /// Visits the samples of `ray` that are not transparent, front to back until `visit` breaks. Samples sit in the middle
+    /// of their steps (second order); the last step is cut at the box, so that the whole length is covered whatever the step.
     #[inline]
     pub fn samples(&self, ray: &Ray, mut visit: impl FnMut(Sample) -> ControlFlow<()>) {
         let Some((t_in, t_out)) = self.bounds.clip(ray) else { return };
@@ -50,10 +45,10 @@ impl<'a> March<'a> {
             let start = t_in + f64::from(step) * self.step_length;
             let length = self.step_length.min(t_out - start);
             let index = origin + (start + 0.5 * length) * direction;
-            if !self.occupancy.is_visible(index) {
+            if !self.field.skip().is_visible(index) {
                 continue;
             }
-            let classified = self.transfer.classify(self.field.sample(index), self.unit_length);
+            let classified = self.field.scene().transfer.classify(self.field.sample(index), self.unit_length);
             if classified.extinction > 0.0 && visit(Sample { step, length, classified }).is_break() {
                 return;
             }

@@ -1,8 +1,9 @@
 //! The reference: emission-absorption ray casting of the field itself.
 
-use super::{Field, march::March};
+use super::march::March;
+use crate::kernel::Field;
 use lamina_model::composite::{Accumulator, TRANSMITTANCE_FLOOR};
-use lamina_model::{Camera, Image, Invalid, Ray, ReferenceSamples, SamplePlan, Scene};
+use lamina_model::{Camera, Image, Invalid, Ray};
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 
@@ -11,42 +12,24 @@ use std::ops::ControlFlow;
 /// # Errors
 /// If the picture's size is out of bounds.
 #[doc(alias = "reference image")]
-pub fn raycast(field: &Field, scene: &Scene, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
+pub fn raycast(field: &Field, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
     Image::check_size(width, height)?;
     let pixels: Vec<(u32, u32)> = (0..height).flat_map(|j| (0..width).map(move |i| (i, j))).collect();
-    Image::new(width, height, raycast_pixels(field, scene, camera, width, height, &pixels))
+    Image::new(width, height, raycast_pixels(field, camera, width, height, &pixels))
 }
 
 /// The colours of some `pixels` (column, row) of that picture.
 pub fn raycast_pixels(
     field: &Field,
-    scene: &Scene,
     camera: &Camera,
     width: u32,
     height: u32,
     pixels: &[(u32, u32)],
 ) -> Vec<[f32; 3]> {
-    let march = March::new(field, &scene.transfer, scene.step_length(field.grid()));
+    let scene = field.scene();
+    let march = March::new(field, scene.step_length(field.grid()));
     let color = |&(i, j): &(u32, u32)| cast(&march, &camera.pixel_ray(i, j, width, height)).over(scene.background);
     pixels.par_iter().with_min_len(64).map(color).collect()
-}
-
-/// The colours that a VDI of time step `step` is compared with.
-///
-/// # Errors
-/// If the plan is out of bounds.
-pub fn reference_samples(
-    field: &Field,
-    scene: &Scene,
-    plan: &SamplePlan,
-    step: u64,
-) -> Result<ReferenceSamples, Invalid> {
-    let plan = plan.clone().check()?;
-    let size = plan.image_size;
-    let cameras = plan.test_cameras(&scene.camera)?;
-    let view = |(v, camera): (usize, &Camera)| raycast_pixels(field, scene, camera, size, size, &plan.pixels(v));
-    let colors = cameras.iter().enumerate().map(view).collect();
-    Ok(ReferenceSamples { step, plan, scene: scene.clone(), colors })
 }
 
 fn cast(march: &March, ray: &Ray) -> Accumulator {

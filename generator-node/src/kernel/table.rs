@@ -1,0 +1,62 @@
+//! The transfer function as a table over its range: what the fast levels look up, on the CPU and on the GPU.
+//!
+//! Entries are equally spaced and interpolated linearly. Between two control points every column is smooth, so the error
+//! is of second order in the spacing; in a bin that holds a control point the kink, or the jump of two points at one
+//! position, is rounded off over that bin. The table is made fine enough for the closest pair of control points.
+
+use lamina_model::TransferFunction;
+use lamina_model::composite::opacity_from_optical_depth;
+
+/// Rows of [`TransferTable::unit`] and [`TransferTable::step`].
+#[derive(Debug, Clone)]
+pub struct TransferTable {
+    /// Red, green, blue and opacity of one step, premultiplied. `bins` + 1 rows.
+    pub step: Vec<[f32; 4]>,
+    /// Red, green, blue and opacity of one unit length, premultiplied; then the optical depth of one step and the ratio of
+    /// a step's opacity to that of a unit length; then two zeros. `bins` + 1 rows.
+    pub unit: Vec<[f32; 8]>,
+    /// Outside these positions, ends included, all is transparent.
+    pub visible: [f32; 2],
+}
+
+/// The least number of bins: 32 KB of rows, in reach of a core's first cache.
+const MIN_BINS: usize = 1024;
+/// The greatest number of bins.
+const MAX_BINS: usize = 1 << 16;
+/// Stands for an infinite optical depth: opaque, and still a number that can be interpolated.
+pub const OPAQUE: f64 = 1e4;
+
+impl TransferTable {
+    /// The table of `transfer` for steps of `step_length` where opacities refer to `unit_length`.
+    pub fn new(transfer: &TransferFunction, unit_length: f64, step_length: f64) -> Self {
+        let bins = bins(transfer);
+        let units = step_length / unit_length;
+        let rows = (0..=bins).map(|n| {
+            let c = transfer.classify((n as f64 / bins as f64) as f32, unit_length);
+            let optical_depth = (c.extinction * step_length).min(OPAQUE);
+            let step = opacity_from_optical_depth(optical_depth);
+            // A transparent row takes the limit, so that bins at the rim of the visible interpolate towards it.
+            let ratio = if c.opacity > 0.0 { step / c.opacity } else { units };
+            let [r, g, b] = c.color.map(|x| (x * c.opacity) as f32);
+            let step_row = c.color.map(|x| (x * step) as f32);
+            (
+                [step_row[0], step_row[1], step_row[2], step as f32],
+                [r, g, b, c.opacity as f32, optical_depth as f32, ratio as f32, 0.0, 0.0],
+            )
+        });
+        let (step, unit) = rows.unzip();
+        Self { step, unit, visible: transfer.visible_hull() }
+    }
+
+    /// Intervals of the range.
+    pub fn bins(&self) -> usize {
+        self.step.len() - 1
+    }
+}
+
+/// Four bins or more between any two control points that are apart, within bounds.
+fn bins(transfer: &TransferFunction) -> usize {
+    let gaps = transfer.points().windows(2).map(|w| w[1].at - w[0].at);
+    let least = gaps.filter(|&g| g > 0.0).fold(1.0, f64::min);
+    ((4.0 / least) as usize).clamp(MIN_BINS, MAX_BINS).next_power_of_two()
+}
