@@ -70,10 +70,9 @@ fn halving_the_step_shows_second_order_on_a_ramp() {
     let a = 0.7_f64;
     let tau = 2.0 * ((1.0 - a) * (1.0 - a).ln() + a) / a;
     let scene = front_scene(transfer(1.0, &[(0.0, COLOR, 0.0), (1.0, COLOR, a)]));
-    let field = Field::new(sampled_cube(3, |p| 0.5 * (p.z + 1.0)), &scene);
     let error = |step_voxels: f64| {
         let scene = Scene { step_voxels, ..scene.clone() };
-        let field = Field::new(sampled_cube(9, |_| 0.5), &scene);
+        let field = Field::new(sampled_cube(3, |p| 0.5 * (p.z + 1.0)), &scene);
         let color = Backend::cpu().raycast_pixels(&field, &scene.camera, 1, 1, &[(0, 0)])[0];
         (f64::from(color[0]) - COLOR[0] * (1.0 - (-tau).exp())).abs()
     };

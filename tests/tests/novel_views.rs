@@ -16,7 +16,7 @@ fn scene_and_field() -> (Scene, Field) {
     (scene, field)
 }
 
-fn vdi(scene: &Scene, field: &Field, resolution: u32, gamma: f64) -> Vdi {
+fn vdi(field: &Field, resolution: u32, gamma: f64) -> Vdi {
     Backend::cpu().generate(field, &GenerationParams::new(resolution, gamma).unwrap()).unwrap()
 }
 
@@ -30,14 +30,14 @@ fn compare(scene: &Scene, field: &Field, vdi: &Vdi, camera: &Camera) -> f64 {
 #[test]
 fn at_the_generation_view_the_unquantised_vdi_is_the_ray_cast_image() {
     let (scene, field) = scene_and_field();
-    let db = compare(&scene, &field, &vdi(&scene, &field, SIZE, 0.0), &scene.camera);
+    let db = compare(&scene, &field, &vdi(&field, SIZE, 0.0), &scene.camera);
     assert!(db > 90.0, "{db} dB");
 }
 
 #[test]
 fn small_angles_do_not_collapse() {
     let (scene, field) = scene_and_field();
-    let vdi = vdi(&scene, &field, 192, 0.0);
+    let vdi = vdi(&field, 192, 0.0);
     let angles = [0.01, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0, 90.0, 180.0];
     let psnr_db = angles.map(|a| compare(&scene, &field, &vdi, &scene.camera.rotated_about_y(a).unwrap()));
     assert!(psnr_db.iter().all(|&db| db > 35.0), "{psnr_db:?}");
@@ -51,7 +51,7 @@ fn quality_rises_with_resolution_and_with_falling_gamma() {
     let (scene, field) = scene_and_field();
     let plan = SamplePlan { image_size: SIZE, tile: 1, angles_deg: vec![10.0, 30.0, 60.0] };
     let reference = Backend::cpu().reference_samples(&field, &plan, 0).unwrap();
-    let q = |r, gamma| quality(&vdi(&scene, &field, r, gamma), &reference).unwrap().psnr_db;
+    let q = |r, gamma| quality(&vdi(&field, r, gamma), &reference).unwrap().psnr_db;
     let by_resolution = [32, 64, 128, 256].map(|r| q(r, 0.01));
     assert!(by_resolution.is_sorted_by(|a, b| a + 1.0 < *b), "{by_resolution:?}");
     let by_gamma = [0.3, 0.1, 0.03, 0.01].map(|gamma| q(256, gamma));
@@ -61,7 +61,7 @@ fn quality_rises_with_resolution_and_with_falling_gamma() {
 #[test]
 fn cameras_inside_the_volume_and_behind_the_generation_camera_see_what_the_volume_shows() {
     let (scene, field) = scene_and_field();
-    let vdi = vdi(&scene, &field, 256, 0.0);
+    let vdi = vdi(&field, 256, 0.0);
     for (position, target) in [
         (DVec3::new(0.9, 0.1, 0.2), DVec3::new(-0.5, 0.0, 0.0)),
         (DVec3::new(0.0, -0.9, 0.05), DVec3::new(0.1, 0.6, -0.5)),
@@ -81,7 +81,7 @@ fn a_generation_camera_inside_the_volume_gives_its_own_view_exactly() {
     let (scene, field) = scene_and_field();
     let camera = Camera::new(DVec3::new(0.9, 0.3, 0.8), DVec3::ZERO, DVec3::Y, 60.0).unwrap();
     let scene = Scene { camera, ..scene };
-    let db = compare(&scene, &field, &vdi(&scene, &field, SIZE, 0.0), &camera);
+    let db = compare(&scene, &field, &vdi(&field, SIZE, 0.0), &camera);
     assert!(db > 90.0, "{db} dB");
 }
 
@@ -102,7 +102,7 @@ fn an_opacity_cutoff_saves_supersegments_and_costs_novel_views_not_its_own() {
 fn views_past_the_volume_are_background() {
     let (scene, field) = scene_and_field();
     let scene = Scene { background: [0.2, 0.4, 0.6], ..scene };
-    let vdi = vdi(&scene, &field, 32, 0.1);
+    let vdi = vdi(&field, 32, 0.1);
     let away = Camera::new(4.0 * DVec3::Z, 9.0 * DVec3::Z, DVec3::Y, 40.0).unwrap();
     let image: Image = render(&vdi, &away, 8, 8).unwrap();
     assert!(image.pixels().iter().all(|p| *p == [0.2, 0.4, 0.6]));
