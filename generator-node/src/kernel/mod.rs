@@ -5,6 +5,7 @@
 
 mod backend;
 mod field;
+pub mod lanes;
 mod rows;
 pub mod scalar;
 mod skip;
