@@ -76,9 +76,12 @@ impl VdiHeader {
     }
 }
 
-/// Number of steps of `step_length` that cover `length`. A rest below 1e-9 of a step is rounding, not a step.
+/// A rest of a ray below this share of a step is rounding, not a step.
+pub const STEP_ROUNDING: f64 = 1e-9;
+
+/// Number of steps of `step_length` that cover `length`. A rest below [`STEP_ROUNDING`] is none.
 pub fn steps(length: f64, step_length: f64) -> u32 {
-    (length / step_length - 1e-9).ceil().max(0.0) as u32
+    (length / step_length - STEP_ROUNDING).ceil().max(0.0) as u32
 }
 
 /// A Volumetric Depth Image of r x r rays, row by row from the upper left. The paper's M.

@@ -6,7 +6,7 @@
 
 #![expect(unsafe_code, reason = "processor instructions; see above")]
 
-use super::{Floats, Ints, Kind, Lanes, Masks, Pair, WIDTH};
+use super::{Floats, Ints, Kind, Lanes, Masks, Pair, WIDTH, row};
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
 
@@ -35,8 +35,8 @@ impl Lanes for Avx2 {
         unsafe {
             match V::KIND {
                 Kind::F32 => {
-                    let even = _mm256_set_m128(two(voxels, index[4], index[5]), two(voxels, index[0], index[1]));
-                    let odd = _mm256_set_m128(two(voxels, index[6], index[7]), two(voxels, index[2], index[3]));
+                    let even = four_pairs(voxels, [index[0], index[1], index[4], index[5]]);
+                    let odd = four_pairs(voxels, [index[2], index[3], index[6], index[7]]);
                     (F(_mm256_shuffle_ps::<0x88>(even, odd)), F(_mm256_shuffle_ps::<0xdd>(even, odd)))
                 }
                 Kind::U8 => {
@@ -72,10 +72,11 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
-    fn rows4(table: &[[f32; 4]], row: I, weight: F) -> [F; 4] {
+    fn rows4(table: &[[f32; 4]], at: F) -> [F; 4] {
         assert!(table.len() >= 2);
-        let row = row.max(I::splat(0)).min(I::splat(table.len() as i32 - 2)).to_array();
-        // SAFETY: rows are clamped so that each and the next one lie inside the table.
+        let (row, weight) = row::<Self>(at, table.len());
+        let row = row.to_indices();
+        // SAFETY: positions are clamped so that each and the next one lie inside the table.
         unsafe {
             let (w, t) = (weight.0, table.as_ptr());
             let r0 = short_rows(t, row[0], row[4], _mm256_shuffle_ps::<0x00>(w, w));
@@ -87,10 +88,11 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
-    fn rows6(table: &[[f32; 8]], row: I, weight: F) -> [F; 6] {
+    fn rows6(table: &[[f32; 8]], at: F) -> [F; 6] {
         assert!(table.len() >= 2);
-        let row = row.max(I::splat(0)).min(I::splat(table.len() as i32 - 2)).to_array();
-        // SAFETY: rows are clamped so that each and the next one lie inside the table.
+        let (row, weight) = row::<Self>(at, table.len());
+        let row = row.to_indices();
+        // SAFETY: positions are clamped so that each and the next one lie inside the table.
         unsafe {
             let (w, t) = (weight.to_array(), table.as_ptr());
             let (i0, i4) = (long_row(t, row[0], w[0]), long_row(t, row[4], w[4]));
@@ -114,13 +116,18 @@ impl Lanes for Avx2 {
     }
 }
 
-/// Two pairs of floats.
+/// Four pairs of floats. Broadcasts and blends: they leave the one port alone that all shuffles need.
 #[inline(always)]
-unsafe fn two<V>(voxels: &[V], a: usize, b: usize) -> __m128 {
+unsafe fn four_pairs<V>(voxels: &[V], index: [usize; 4]) -> __m256 {
     // SAFETY: the caller's indices are inside, and V is f32.
     unsafe {
         let start = voxels.as_ptr();
-        _mm_castpd_ps(_mm_loadh_pd(_mm_load_sd(start.add(a).cast()), start.add(b).cast()))
+        let a = _mm256_castpd_ps(_mm256_broadcast_sd(&*start.add(index[0]).cast()));
+        let b = _mm256_castpd_ps(_mm256_broadcast_sd(&*start.add(index[1]).cast()));
+        let c = _mm256_castpd_ps(_mm256_broadcast_sd(&*start.add(index[2]).cast()));
+        let d = _mm256_castpd_ps(_mm256_broadcast_sd(&*start.add(index[3]).cast()));
+        let (low, high) = (_mm256_blend_ps::<0b0000_1100>(a, b), _mm256_blend_ps::<0b1100_0000>(c, d));
+        _mm256_blend_ps::<0b1111_0000>(low, high)
     }
 }
 
@@ -146,11 +153,11 @@ unsafe fn four<V>(voxels: &[V], index: [usize; 4]) -> __m128i {
 
 /// Rows `a` and `b`, each interpolated with the next one, in the two register halves.
 #[inline(always)]
-unsafe fn short_rows(table: *const [f32; 4], a: i32, b: i32, w: __m256) -> __m256 {
+unsafe fn short_rows(table: *const [f32; 4], a: usize, b: usize, w: __m256) -> __m256 {
     // SAFETY: both rows and the ones after them lie inside the table; a row and the next are one load.
     unsafe {
-        let a = _mm256_loadu_ps(table.add(a as usize).cast());
-        let b = _mm256_loadu_ps(table.add(b as usize).cast());
+        let a = _mm256_loadu_ps(table.add(a).cast());
+        let b = _mm256_loadu_ps(table.add(b).cast());
         let (this, next) = (_mm256_permute2f128_ps::<0x20>(a, b), _mm256_permute2f128_ps::<0x31>(a, b));
         _mm256_add_ps(this, _mm256_mul_ps(w, _mm256_sub_ps(next, this)))
     }
@@ -158,10 +165,10 @@ unsafe fn short_rows(table: *const [f32; 4], a: i32, b: i32, w: __m256) -> __m25
 
 /// Row `a` interpolated with the next one.
 #[inline(always)]
-unsafe fn long_row(table: *const [f32; 8], a: i32, w: f32) -> __m256 {
+unsafe fn long_row(table: *const [f32; 8], a: usize, w: f32) -> __m256 {
     // SAFETY: the row and the one after it lie inside the table.
     unsafe {
-        let row = table.add(a as usize).cast::<f32>();
+        let row = table.add(a).cast::<f32>();
         let (this, next) = (_mm256_loadu_ps(row), _mm256_loadu_ps(row.add(8)));
         _mm256_add_ps(this, _mm256_mul_ps(_mm256_set1_ps(w), _mm256_sub_ps(next, this)))
     }
@@ -316,6 +323,25 @@ impl Ints for I {
     #[inline(always)]
     fn select(mask: M, a: Self, b: Self) -> Self {
         Self(unsafe { _mm256_blendv_epi8(b.0, a.0, _mm256_castps_si256(mask.0)) })
+    }
+    #[inline(always)]
+    fn from_bytes(x: u64) -> Self {
+        Self(unsafe { _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(x as i64)) })
+    }
+    #[inline(always)]
+    fn to_indices(self) -> [usize; WIDTH] {
+        // Through memory: one store and eight loads cost less than taking eight lanes out one by one, which is what the
+        // compiler would make of it.
+        let x = self.to_array();
+        std::array::from_fn(|l| unsafe { std::ptr::read_volatile(&raw const x[l]) } as usize)
+    }
+    #[inline(always)]
+    fn greatest(self) -> i32 {
+        unsafe {
+            let x = _mm_max_epi32(_mm256_castsi256_si128(self.0), _mm256_extracti128_si256::<1>(self.0));
+            let x = _mm_max_epi32(x, _mm_shuffle_epi32::<0b01_00_11_10>(x));
+            _mm_cvtsi128_si32(_mm_max_epi32(x, _mm_shuffle_epi32::<0b10_11_00_01>(x)))
+        }
     }
     #[inline(always)]
     fn shr<const N: i32>(self) -> Self {

@@ -1,7 +1,7 @@
 //! R in lanes: the fast twin of `scalar::generate`.
 
 use super::exp::opacity;
-use super::march::{Packet, View, Visit};
+use super::march::{Lens, Packet, View, Visit};
 use super::tile::Tile;
 use super::{Floats, Ints, Job, Lanes, Level, Masks, Pair, WIDTH};
 use crate::kernel::Field;
@@ -18,11 +18,15 @@ use lamina_model::{GenerationParams, Invalid, Supersegment, Vdi, VdiHeader};
 pub fn generate(level: Level, field: &Field, params: &GenerationParams) -> Result<Vdi, Invalid> {
     let header = header(field, params)?;
     let table = TransferTable::new(&field.scene().transfer, field.unit_length(), header.step_length);
+    let r = params.resolution();
+    let lens = Lens::new(field, &header.camera, [r; 2], header.step_length);
     let mut join = Join::new();
     for_stored!(field.stored(), v => {
-        let view = View::new(field, v, &table, header.step_length);
-        let rows = |band: usize| level.run(Rows { view: &view, header: &header, first_row: Tile::ROWS * band as u32 });
-        in_order(header.params.resolution().div_ceil(Tile::ROWS) as usize, rows, |band| join.add(band));
+        let view = View::new(field, v, &table);
+        let rows = |band: usize| {
+            level.run(Rows { view: &view, lens: &lens, header: &header, first_row: Tile::ROWS * band as u32 })
+        };
+        in_order(r.div_ceil(Tile::ROWS) as usize, rows, |band| join.add(band));
     });
     join.finish(header)
 }
@@ -30,6 +34,7 @@ pub fn generate(level: Level, field: &Field, params: &GenerationParams) -> Resul
 /// Two rows of rays.
 struct Rows<'a, V> {
     view: &'a View<'a, V>,
+    lens: &'a Lens,
     header: &'a VdiHeader,
     first_row: u32,
 }
@@ -42,7 +47,7 @@ impl<V: Pair> Job for Rows<'_, V> {
         let mut rows = [Band::default(), Band::default()];
         let mut cluster = Cluster::<L>::new(self.view.table, self.header);
         for tile in Tile::across(r, self.first_row, Tile::ROWS.min(r - self.first_row)) {
-            let packet = Packet::<L>::new(self.view, &self.header.camera, [r; 2], tile.pixels());
+            let packet = Packet::<L>::new(self.lens, tile.pixels());
             self.view.march(&packet, &mut cluster);
             cluster.finish();
             for (&(_, j), list) in tile.pixels().iter().zip(&mut cluster.lists) {
@@ -130,14 +135,13 @@ impl<'a, L: Lanes> Cluster<'a, L> {
 
 impl<L: Lanes> Visit<L> for Cluster<'_, L> {
     #[inline(always)]
-    fn visit(&mut self, packet: &Packet<L>, step: L::I, value: L::F, live: L::M) -> L::M {
+    fn visit(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M {
         let (zero, one) = (L::F::splat(0.0), L::F::splat(1.0));
-        let mut shown = live & self.table.shown::<L>(value);
+        let mut shown = live & self.table.shown::<L>(at);
         if !shown.any() {
             return live;
         }
-        let (row, weight) = self.table.row::<L>(value);
-        let [r, g, b, unit, mut depth, mut ratio] = L::rows6(&self.table.unit, row, weight);
+        let [r, g, b, unit, mut depth, mut ratio] = L::rows6(&self.table.unit, at);
         shown = shown & zero.lt(unit);
         let mut length = one;
         let last = shown & step.eq(packet.last);

@@ -4,7 +4,7 @@
 //! double precision by the same code as the oracle's. Lanes advance each at its own pace: those in empty bricks jump to
 //! the first sample beyond, those in visible ones take the samples up to the nearest brick boundary.
 
-use super::{Floats, Ints, Lanes, Masks, Pair, WIDTH};
+use super::{Floats, Ints, Kind, Lanes, Masks, Pair, WIDTH};
 use crate::kernel::skip::BRICK;
 use crate::kernel::{Field, table::TransferTable};
 use lamina_model::{Camera, vdi};
@@ -33,90 +33,89 @@ macro_rules! axes {
 
 /// What a sample is handed to.
 pub trait Visit<L: Lanes> {
-    /// Sample `value` (a position in the transfer function's range) of step `step` for the lanes in `live`; says which of
-    /// them go on.
-    fn visit(&mut self, packet: &Packet<L>, step: L::I, value: L::F, live: L::M) -> L::M;
+    /// The sample of step `step`, as its position `at` in the rows of the transfer table, for the lanes in `live`; says
+    /// which of them go on.
+    fn visit(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M;
 }
 
 /// A field as kernels read it.
 pub struct View<'a, V> {
-    voxels: &'a [V],
-    /// Greatest position and cell on each axis.
+    /// The voxels from the first one on, from the second row, the second slice, and the second row of the second slice.
+    corners: [&'a [V]; 4],
+    /// Greatest position on each axis: a hair below the last sample point, so that its cell is the last one.
     last: [f32; 3],
-    last_cell: [i32; 3],
+    /// True if 31 bits do not number the voxels.
+    huge: bool,
     row: usize,
     slice: usize,
+    /// From stored scalars to rows of the table.
     scale: f32,
     offset: f32,
     bricks: [i32; 3],
     distances: &'a [u8],
-    field: &'a Field,
     /// The transfer function for this step length.
     pub table: &'a TransferTable,
-    step_length: f64,
 }
 
-/// True if eight lanes can march `field`: every axis has a cell, and cells and bricks of a slice can be numbered in 31 bits.
+/// True if eight lanes can march `field`: every axis has a cell, and positions, slices and bricks keep to 24, 31 and 31 bits.
 pub fn fits(field: &Field) -> bool {
     let ([nx, ny, nz], bricks) = (field.grid().dims(), field.skip().distances().len());
-    nx.min(ny).min(nz) >= 2 && nx * ny < 1 << 31 && bricks < 1 << 31
+    nx.min(ny).min(nz) >= 2 && nx.max(ny).max(nz) < 1 << 24 && nx * ny < 1 << 31 && bricks < 1 << 31
 }
 
 impl<'a, V: Pair> View<'a, V> {
     /// `voxels` are `field`'s, and the field [`fits`].
-    pub fn new(field: &'a Field, voxels: &'a [V], table: &'a TransferTable, step_length: f64) -> Self {
+    pub fn new(field: &'a Field, voxels: &'a [V], table: &'a TransferTable) -> Self {
         let dims = field.grid().dims();
         assert!(fits(field) && voxels.len() == dims.iter().product::<usize>());
         let (scale, offset) = field.unit_from_stored();
         Self {
-            voxels,
-            last: dims.map(|n| (n - 1) as f32),
-            last_cell: dims.map(|n| n as i32 - 2),
+            corners: [0, 1, dims[1], dims[1] + 1].map(|row| &voxels[row * dims[0]..]),
+            last: dims.map(|n| ((n - 1) as f32).next_down()),
+            huge: voxels.len() >= 1 << 31,
             row: dims[0],
             slice: dims[0] * dims[1],
-            scale: scale as f32,
-            offset: offset as f32,
+            scale: (scale * table.bins() as f64) as f32,
+            offset: (offset * table.bins() as f64) as f32,
             bricks: field.skip().dims().map(|n| n as i32),
             distances: field.skip().distances(),
-            field,
             table,
-            step_length,
         }
-    }
-
-    /// Colour behind everything.
-    pub fn background(&self) -> [f32; 3] {
-        self.field.scene().background
     }
 
     /// The cells around a position, and where in them it lies.
     #[inline(always)]
     fn cell<L: Lanes>(&self, p: [L::F; 3]) -> ([L::I; 3], [L::F; 3]) {
         let x = axes!(a => p[a].max(L::F::splat(0.0)).min(L::F::splat(self.last[a])));
-        let cell = axes!(a => x[a].to_int().min(L::I::splat(self.last_cell[a])));
+        let cell = axes!(a => x[a].to_int());
         (cell, axes!(a => x[a] - L::F::from(cell[a])))
     }
 
-    /// The trilinear value.
+    /// The trilinear value, as a position in the rows of the table.
     #[inline(always)]
     fn sample<L: Lanes>(&self, p: [L::F; 3]) -> L::F {
         let (cell, w) = self.cell::<L>(p);
-        let in_slice = (cell[1] * L::I::splat(self.row as i32) + cell[0]).to_array();
-        let z = cell[2].to_array();
-        let index: [usize; WIDTH] = std::array::from_fn(|l| z[l] as usize * self.slice + in_slice[l] as usize);
-        let near = lerp::<L>(self.along_x::<L>(0, &index, w[0]), self.along_x::<L>(self.row, &index, w[0]), w[1]);
-        let (slice, row) = (self.slice, self.slice + self.row);
-        let far = lerp::<L>(self.along_x::<L>(slice, &index, w[0]), self.along_x::<L>(row, &index, w[0]), w[1]);
-        lerp::<L>(near, far, w[2]) * L::F::splat(self.scale) + L::F::splat(self.offset)
+        let in_slice = cell[1] * L::I::splat(self.row as i32) + cell[0];
+        let index = if self.huge {
+            let (z, in_slice) = (cell[2].to_indices(), in_slice.to_indices());
+            std::array::from_fn(|l| z[l] * self.slice + in_slice[l])
+        } else {
+            (cell[2] * L::I::splat(self.slice as i32) + in_slice).to_indices()
+        };
+        let near = lerp::<L>(self.along_x::<L>(0, &index, w[0]), self.along_x::<L>(1, &index, w[0]), w[1]);
+        let far = lerp::<L>(self.along_x::<L>(2, &index, w[0]), self.along_x::<L>(3, &index, w[0]), w[1]);
+        let at = lerp::<L>(near, far, w[2]) * L::F::splat(self.scale);
+        // Single precision is stored as the position in the range itself.
+        if V::KIND == Kind::F32 { at } else { at + L::F::splat(self.offset) }
     }
 
-    /// Between the voxels at `start + index` and their right neighbours; `start` is 0, a row, a slice, or both.
+    /// Between the voxels at `index` of a corner and their right neighbours.
     #[inline(always)]
-    fn along_x<L: Lanes>(&self, start: usize, index: &[usize; WIDTH], w: L::F) -> L::F {
-        // SAFETY: cells are at most dims - 2 on every axis, so with the row, slice, or both added, and one more, an index
-        // is that of a voxel.
+    fn along_x<L: Lanes>(&self, corner: usize, index: &[usize; WIDTH], w: L::F) -> L::F {
+        // SAFETY: positions are clamped below the last sample point, so cells are at most dims - 2 on every axis; with a
+        // row, a slice, or both added, and one more, an index is that of a voxel.
         #[expect(unsafe_code, reason = "indices were clamped at once, in `cell`")]
-        let (a, b) = unsafe { L::pairs(&self.voxels[start..], index) };
+        let (a, b) = unsafe { L::pairs(self.corners[corner], index) };
         lerp::<L>(a, b, w)
     }
 
@@ -128,7 +127,11 @@ impl<'a, V: Pair> View<'a, V> {
         let brick = axes!(a => cell[a].shr::<2>());
         let [bx, by, _] = self.bricks;
         let number = (brick[2] * L::I::splat(by) + brick[1]) * L::I::splat(bx) + brick[0];
-        let distance = L::I::from_array(number.to_array().map(|n| self.distances[n as usize].into()));
+        let (number, mut bytes) = (number.to_indices(), 0);
+        for l in (0..WIDTH).rev() {
+            bytes = bytes << 8 | u64::from(self.distances[number[l]]);
+        }
+        let distance = L::I::from_bytes(bytes);
         let reach = distance.max(L::I::splat(1)) - L::I::splat(1);
         let steps = axes!(a => {
             let edge = L::I::select(packet.forward[a], brick[a] + reach + L::I::splat(1), brick[a] - reach);
@@ -143,24 +146,30 @@ impl<'a, V: Pair> View<'a, V> {
     pub fn march<L: Lanes>(&self, packet: &Packet<L>, visit: &mut impl Visit<L>) {
         let mut step = L::I::splat(0);
         let mut live = packet.steps.gt(step);
+        let mut ahead = self.run(packet, packet.position(step));
         while live.any() {
-            let (distance, run) = self.run(packet, packet.position(step));
+            let (distance, run) = ahead;
             let visible = live & distance.eq(L::I::splat(0));
+            // Samples beyond a lane's brick do no harm, they are looked up like others: all go as far as the farthest.
+            let shared = L::I::select(visible, run, L::I::splat(0)).greatest();
+            let next = step + L::I::select(visible, L::I::splat(shared), run);
+            // Looked up before it is needed: its latency passes while the samples below are taken.
+            ahead = self.run(packet, packet.position(next));
             if visible.any() {
-                let shared = L::I::select(visible, run, L::I::splat(i32::MAX));
-                let mut left = shared.to_array().into_iter().min().unwrap_or(0);
                 let mut active = visible;
-                while left > 0 && active.any() {
-                    let value = self.sample::<L>(packet.position(step));
-                    let on = visit.visit(packet, step, value, active);
+                for _ in 0..shared {
+                    let at = self.sample::<L>(packet.position(step));
+                    let on = visit.visit(packet, step, at, active);
                     // Lanes that end here leave `live`, lanes not active now stay as they are.
                     live = live & (on | !active);
-                    step = step + L::I::select(active, L::I::splat(1), L::I::splat(0));
+                    step = step + L::I::splat(1);
                     active = active & on & packet.steps.gt(step);
-                    left -= 1;
+                    if !active.any() {
+                        break;
+                    }
                 }
             }
-            step = step + L::I::select(visible, L::I::splat(0), run);
+            step = next;
             live = live & packet.steps.gt(step);
         }
     }
@@ -170,6 +179,36 @@ impl<'a, V: Pair> View<'a, V> {
 #[inline(always)]
 fn lerp<L: Lanes>(a: L::F, b: L::F, w: L::F) -> L::F {
     a + w * (b - a)
+}
+
+/// A camera's picture, in units of sample points.
+pub struct Lens {
+    eye: [f64; 3],
+    last: [f64; 3],
+    per_spacing: [f64; 3],
+    per_step: f64,
+    /// World direction of the ray through the first pixel, not normalised, and what a column and a row add to it.
+    corner: [f64; 3],
+    right: [f64; 3],
+    down: [f64; 3],
+}
+
+impl Lens {
+    /// The picture of `width` x `height` pixels, sampled every `step_length`.
+    pub fn new(field: &Field, camera: &Camera, [width, height]: [u32; 2], step_length: f64) -> Self {
+        let direction = |i: f64, j: f64| camera.direction(i + 0.5, j + 0.5, width, height);
+        let corner = direction(0.0, 0.0);
+        let (columns, rows) = (f64::from(width), f64::from(height));
+        Self {
+            eye: field.index_from_world(camera.position()).to_array(),
+            last: field.grid().dims().map(|n| (n - 1) as f64),
+            per_spacing: field.grid().spacing().recip().to_array(),
+            per_step: 1.0 / step_length,
+            corner: corner.to_array(),
+            right: ((direction(columns, 0.0) - corner) / columns).to_array(),
+            down: ((direction(0.0, rows) - corner) / rows).to_array(),
+        }
+    }
 }
 
 /// Eight rays, clipped to the box.
@@ -189,25 +228,50 @@ pub struct Packet<L: Lanes> {
 }
 
 impl<L: Lanes> Packet<L> {
-    /// The rays of up to eight `pixels` of a picture of `width` x `height`.
+    /// The rays of up to eight `pixels` of a picture.
+    ///
+    /// In units of sample points the box is 0..dims - 1; the arithmetic is double precision in plain loops, which the
+    /// compiler turns into lanes of its own.
     #[inline(always)]
-    pub fn new<V: Pair>(view: &View<V>, camera: &Camera, [width, height]: [u32; 2], pixels: &[(u32, u32)]) -> Self {
-        let mut steps = [0; WIDTH];
-        let (mut last_length, mut last_at) = ([1.0; WIDTH], [0.0; WIDTH]);
-        let (mut entry, mut delta) = ([[0.0; WIDTH]; 3], [[0.0; WIDTH]; 3]);
-        let (bounds, spacing) = (view.field.grid().bounds(), view.field.grid().spacing());
-        for (l, &(i, j)) in pixels.iter().enumerate().take(WIDTH) {
-            let ray = camera.pixel_ray(i, j, width, height);
-            let Some((t_in, t_out)) = bounds.clip(&ray) else { continue };
-            let n = vdi::steps(t_out - t_in, view.step_length);
-            let rest = (t_out - t_in) / view.step_length - f64::from(n.saturating_sub(1));
-            steps[l] = n as i32;
-            last_length[l] = rest.min(1.0) as f32;
-            last_at[l] = (f64::from(n.saturating_sub(1)) + 0.5 * rest.min(1.0)) as f32;
-            let (start, d) = (view.field.index_from_world(ray.at(t_in)), ray.direction / spacing * view.step_length);
-            for a in 0..3 {
-                (entry[a][l], delta[a][l]) = (start[a] as f32, d[a] as f32);
+    pub fn new(lens: &Lens, pixels: &[(u32, u32)]) -> Self {
+        let (mut i, mut j) = ([0.0; WIDTH], [0.0; WIDTH]);
+        for (l, pixel) in pixels.iter().enumerate().take(WIDTH) {
+            (i[l], j[l]) = (f64::from(pixel.0), f64::from(pixel.1));
+        }
+        let (mut near, mut far, mut square) = ([0.0; WIDTH], [f64::MAX; WIDTH], [0.0; WIDTH]);
+        let mut direction = [[0.0; WIDTH]; 3];
+        for a in 0..3 {
+            for l in 0..WIDTH {
+                let world = lens.corner[a] + i[l] * lens.right[a] + j[l] * lens.down[a];
+                let d = world * lens.per_spacing[a];
+                square[l] += world * world;
+                direction[a][l] = d;
+                // A ray that does not move along an axis is inside that slab for ever, or never.
+                let inverse = if d == 0.0 { 1e300 } else { 1.0 / d };
+                let (s, t) = ((0.0 - lens.eye[a]) * inverse, (lens.last[a] - lens.eye[a]) * inverse);
+                let (s, t) = if s < t { (s, t) } else { (t, s) };
+                near[l] = if s > near[l] { s } else { near[l] };
+                far[l] = if t < far[l] { t } else { far[l] };
             }
+        }
+        let (mut steps, mut last_length, mut last_at) = ([0; WIDTH], [1.0; WIDTH], [0.0; WIDTH]);
+        let (mut entry, mut delta) = ([[0.0; WIDTH]; 3], [[0.0; WIDTH]; 3]);
+        for l in 0..WIDTH {
+            // Steps per unit of the direction's length.
+            let rate = square[l].sqrt() * lens.per_step;
+            let length = if far[l] > near[l] { (far[l] - near[l]) * rate } else { 0.0 };
+            let n = (length - vdi::STEP_ROUNDING).ceil().max(0.0);
+            let rest = (length - (n - 1.0)).min(1.0);
+            steps[l] = n as i32;
+            last_length[l] = rest as f32;
+            last_at[l] = (n - 1.0 + 0.5 * rest) as f32;
+            for a in 0..3 {
+                entry[a][l] = (lens.eye[a] + near[l] * direction[a][l]) as f32;
+                delta[a][l] = (direction[a][l] / rate) as f32;
+            }
+        }
+        for count in steps.iter_mut().skip(pixels.len()) {
+            *count = 0;
         }
         let steps = L::I::from_array(steps);
         let delta = axes!(a => L::F::from_array(delta[a]));

@@ -42,11 +42,11 @@ pub trait Lanes: Copy + Send + Sync + 'static {
     #[expect(unsafe_code, reason = "an unchecked load; the caller has clamped all indices at once")]
     unsafe fn pairs<V: Pair>(voxels: &[V], index: &[usize; WIDTH]) -> (Self::F, Self::F);
 
-    /// Row `row` of a table and the next one, interpolated at `weight` between them. The row is clamped into the table,
-    /// which needs two rows or more.
-    fn rows4(table: &[[f32; 4]], row: Self::I, weight: Self::F) -> [Self::F; 4];
+    /// The rows of a table around position `at` (0 is the first row, 1 the second), interpolated. The position is clamped
+    /// into the table, which needs two rows or more; NaN is its beginning.
+    fn rows4(table: &[[f32; 4]], at: Self::F) -> [Self::F; 4];
     /// The same for rows of eight, of which six are used.
-    fn rows6(table: &[[f32; 8]], row: Self::I, weight: Self::F) -> [Self::F; 6];
+    fn rows6(table: &[[f32; 8]], at: Self::F) -> [Self::F; 6];
 }
 
 /// A scalar whose neighbours are loaded in pairs.
@@ -128,6 +128,12 @@ pub trait Ints: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Se
     fn eq(self, other: Self) -> Self::M;
     /// `a` where `mask` holds, else `b`.
     fn select(mask: Self::M, a: Self, b: Self) -> Self;
+    /// Small numbers, one byte per lane, the first lane lowest.
+    fn from_bytes(x: u64) -> Self;
+    /// As indices; no lane may be negative.
+    fn to_indices(self) -> [usize; WIDTH];
+    /// The greatest of all lanes.
+    fn greatest(self) -> i32;
     /// Shifted right by `N` bits, the sign filling in.
     fn shr<const N: i32>(self) -> Self;
     /// Shifted left by `N` bits.
@@ -143,6 +149,14 @@ pub trait Masks: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Outpu
     fn any(self) -> bool {
         self.bits() != 0
     }
+}
+
+/// The row before a position of a table of `len` rows and the way from it to the next row. The row is at most `len` - 2.
+#[inline(always)]
+fn row<L: Lanes>(at: L::F, len: usize) -> (L::I, L::F) {
+    let at = at.max(L::F::splat(0.0)).min(L::F::splat(((len - 1) as f32).next_down()));
+    let row = at.to_int();
+    (row, at - L::F::from(row))
 }
 
 /// Work that is specialised for each level.

@@ -1,6 +1,6 @@
 //! Lanes as plain arrays: the level of every processor, and the meaning of all others.
 
-use super::{Floats, Ints, Lanes, Masks, Pair, WIDTH};
+use super::{Floats, Ints, Lanes, Masks, Pair, WIDTH, row};
 use std::array::from_fn;
 use std::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
 
@@ -30,21 +30,18 @@ impl Lanes for Portable {
     }
 
     #[inline(always)]
-    fn rows4(table: &[[f32; 4]], row: I, weight: F) -> [F; 4] {
-        let rows = clamped(row, table.len());
+    fn rows4(table: &[[f32; 4]], at: F) -> [F; 4] {
+        let (rows, weight) = row::<Self>(at, table.len());
+        let rows = rows.to_indices();
         from_fn(|c| F(from_fn(|l| lerp(table[rows[l]][c], table[rows[l] + 1][c], weight.0[l]))))
     }
 
     #[inline(always)]
-    fn rows6(table: &[[f32; 8]], row: I, weight: F) -> [F; 6] {
-        let rows = clamped(row, table.len());
+    fn rows6(table: &[[f32; 8]], at: F) -> [F; 6] {
+        let (rows, weight) = row::<Self>(at, table.len());
+        let rows = rows.to_indices();
         from_fn(|c| F(from_fn(|l| lerp(table[rows[l]][c], table[rows[l] + 1][c], weight.0[l]))))
     }
-}
-
-#[inline(always)]
-fn clamped(row: I, len: usize) -> [usize; WIDTH] {
-    row.0.map(|r| (r.max(0) as usize).min(len - 2))
 }
 
 #[inline(always)]
@@ -170,6 +167,18 @@ impl Ints for I {
     #[inline(always)]
     fn select(mask: M, a: Self, b: Self) -> Self {
         Self(from_fn(|l| if mask.0[l] { a.0[l] } else { b.0[l] }))
+    }
+    #[inline(always)]
+    fn from_bytes(x: u64) -> Self {
+        Self(x.to_le_bytes().map(i32::from))
+    }
+    #[inline(always)]
+    fn to_indices(self) -> [usize; WIDTH] {
+        self.0.map(|x| x as usize)
+    }
+    #[inline(always)]
+    fn greatest(self) -> i32 {
+        self.0.into_iter().fold(i32::MIN, i32::max)
     }
     #[inline(always)]
     fn shr<const N: i32>(self) -> Self {

@@ -1,6 +1,6 @@
 //! The reference in lanes: the fast twin of `scalar::raycast`.
 
-use super::march::{Packet, View, Visit};
+use super::march::{Lens, Packet, View, Visit};
 use super::tile::Tile;
 use super::{Floats, Ints, Job, Lanes, Level, Masks, Pair, WIDTH};
 use crate::kernel::Field;
@@ -25,10 +25,12 @@ pub fn raycast(level: Level, field: &Field, shot: &Shot) -> Vec<[f32; 3]> {
     let [width, height] = shot.size;
     let mut image = vec![[0.0; 3]; width as usize * height as usize];
     let table = table(field);
+    let lens = Lens::new(field, shot.camera, shot.size, step_length(field));
+    let cast = Cast { lens: &lens, floor: shot.floor, background: field.scene().background };
     for_stored!(field.stored(), v => {
-        let view = View::new(field, v, &table, step_length(field));
-        let cast = |(band, out)| level.run(Band { view: &view, shot, first_row: 2 * band as u32, out });
-        image.par_chunks_mut(2 * width as usize).enumerate().for_each(cast);
+        let view = View::new(field, v, &table);
+        let band = |(band, out)| level.run(Band { view: &view, cast: &cast, width, first_row: 2 * band as u32, out });
+        image.par_chunks_mut(2 * width as usize).enumerate().for_each(band);
     });
     image
 }
@@ -37,10 +39,12 @@ pub fn raycast(level: Level, field: &Field, shot: &Shot) -> Vec<[f32; 3]> {
 pub fn raycast_pixels(level: Level, field: &Field, shot: &Shot, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
     let mut colors = vec![[0.0; 3]; pixels.len()];
     let table = table(field);
+    let lens = Lens::new(field, shot.camera, shot.size, step_length(field));
+    let cast = Cast { lens: &lens, floor: shot.floor, background: field.scene().background };
     for_stored!(field.stored(), v => {
-        let view = View::new(field, v, &table, step_length(field));
-        let cast = |(pixels, out): (&[_], &mut [_])| level.run(List { view: &view, shot, pixels, out });
-        pixels.par_chunks(256).zip(colors.par_chunks_mut(256)).for_each(cast);
+        let view = View::new(field, v, &table);
+        let list = |(pixels, out): (&[_], &mut [_])| level.run(List { view: &view, cast: &cast, pixels, out });
+        pixels.par_chunks(256).zip(colors.par_chunks_mut(256)).for_each(list);
     });
     colors
 }
@@ -56,7 +60,8 @@ fn table(field: &Field) -> TransferTable {
 /// Two rows of a picture.
 struct Band<'a, V> {
     view: &'a View<'a, V>,
-    shot: &'a Shot<'a>,
+    cast: &'a Cast<'a>,
+    width: u32,
     first_row: u32,
     out: &'a mut [[f32; 3]],
 }
@@ -65,9 +70,9 @@ impl<V: Pair> Job for Band<'_, V> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let width = self.shot.size[0];
+        let width = self.width;
         for tile in Tile::across(width, self.first_row, self.out.len() as u32 / width) {
-            let colors = cast::<L, V>(self.view, self.shot, tile.pixels());
+            let colors = cast::<L, V>(self.view, self.cast, tile.pixels());
             for (&(i, j), color) in tile.pixels().iter().zip(colors) {
                 self.out[((j - self.first_row) * width + i) as usize] = color;
             }
@@ -78,7 +83,7 @@ impl<V: Pair> Job for Band<'_, V> {
 /// Pixels here and there.
 struct List<'a, V> {
     view: &'a View<'a, V>,
-    shot: &'a Shot<'a>,
+    cast: &'a Cast<'a>,
     pixels: &'a [(u32, u32)],
     out: &'a mut [[f32; 3]],
 }
@@ -88,22 +93,28 @@ impl<V: Pair> Job for List<'_, V> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         for (pixels, out) in self.pixels.chunks(WIDTH).zip(self.out.chunks_mut(WIDTH)) {
-            let colors = cast::<L, V>(self.view, self.shot, pixels);
+            let colors = cast::<L, V>(self.view, self.cast, pixels);
             out.copy_from_slice(&colors[..out.len()]);
         }
     }
 }
 
+/// What all packets of a picture share.
+struct Cast<'a> {
+    lens: &'a Lens,
+    floor: f32,
+    background: [f32; 3],
+}
+
 #[inline(always)]
-fn cast<L: Lanes, V: Pair>(view: &View<V>, shot: &Shot, pixels: &[(u32, u32)]) -> [[f32; 3]; WIDTH] {
-    let packet = Packet::<L>::new(view, shot.camera, shot.size, pixels);
+fn cast<L: Lanes, V: Pair>(view: &View<V>, cast: &Cast, pixels: &[(u32, u32)]) -> [[f32; 3]; WIDTH] {
+    let packet = Packet::<L>::new(cast.lens, pixels);
     let zero = L::F::splat(0.0);
     let mut light =
-        Light::<L> { table: view.table, floor: shot.floor, color: [zero; 3], transmittance: L::F::splat(1.0) };
+        Light::<L> { table: view.table, floor: cast.floor, color: [zero; 3], transmittance: L::F::splat(1.0) };
     view.march(&packet, &mut light);
     let (color, transmittance) = (light.color.map(L::F::to_array), light.transmittance.to_array());
-    let background = view.background();
-    std::array::from_fn(|l| std::array::from_fn(|c| color[c][l] + transmittance[l] * background[c]))
+    std::array::from_fn(|l| std::array::from_fn(|c| color[c][l] + transmittance[l] * cast.background[c]))
 }
 
 /// What eight rays have gathered.
@@ -116,13 +127,9 @@ struct Light<'a, L: Lanes> {
 
 impl<L: Lanes> Visit<L> for Light<'_, L> {
     #[inline(always)]
-    fn visit(&mut self, packet: &Packet<L>, step: L::I, value: L::F, live: L::M) -> L::M {
-        let shown = live & self.table.shown::<L>(value);
-        if !shown.any() {
-            return live;
-        }
-        let (row, weight) = self.table.row::<L>(value);
-        let [r, g, b, mut opacity] = L::rows4(&self.table.step, row, weight);
+    fn visit(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M {
+        let shown = live & self.table.shown::<L>(at);
+        let [r, g, b, mut opacity] = L::rows4(&self.table.step, at);
         let zero = L::F::splat(0.0);
         let mut color = [r, g, b];
         let last = shown & step.eq(packet.last);
