@@ -1,0 +1,148 @@
+//! What is prepared per VDI: how depth becomes steps for every pixel, and where there is nothing to see.
+//!
+//! Layout, all flat, row by row: `spans` per pixel of the occupied rectangle; `masks[0]` per pixel of it, `masks[1]` and
+//! `masks[2]` per tile of 4 x 4 and 16 x 16 pixels. Tiles are counted from the rectangle's corner. Bit b of a mask is set if
+//! a supersegment of these pixels overlaps slab b of 64 equal slabs of depth along the view between `near` and `far`.
+
+use lamina_model::Vdi;
+use rayon::prelude::*;
+
+/// Side of a tile per level, as a power of two.
+pub const SHIFTS: [u32; 3] = [0, 2, 4];
+
+/// How far depths are stretched before they enter a mask, relative: above any rounding of positions, below any slab.
+const HAIR: f64 = 1e-9;
+
+/// How depth along the view becomes steps on one pixel's ray: `scale * depth - offset`, up to `last`.
+#[derive(Clone, Copy, Default)]
+pub struct Span {
+    /// Steps per depth.
+    pub scale: f64,
+    /// Steps before the ray enters the box.
+    pub offset: f64,
+    /// Where the box ends; the last step of a ray is cut there.
+    pub last: f64,
+}
+
+/// The 64 slabs of depth.
+#[derive(Clone, Copy)]
+pub struct Slabs {
+    near: f64,
+    per_depth: f64,
+}
+
+impl Slabs {
+    /// The bits of all slabs that depths `a <= b` touch.
+    #[inline(always)]
+    pub fn bits(&self, a: f64, b: f64) -> u64 {
+        let slab = |depth: f64| (((depth - self.near) * self.per_depth) as i32).clamp(0, 63) as u32;
+        (u64::MAX << slab(a)) & (u64::MAX >> (63 - slab(b)))
+    }
+}
+
+/// See the file's head.
+pub struct Index {
+    /// First occupied column and row.
+    pub corner: [u32; 2],
+    /// Columns and rows of the occupied rectangle; 0 if the VDI is empty.
+    pub size: [u32; 2],
+    /// Depths between which everything lies.
+    pub depths: [f64; 2],
+    /// Depth to mask bits.
+    pub slabs: Slabs,
+    /// Per pixel.
+    pub spans: Vec<Span>,
+    /// Per level and tile.
+    pub masks: [Vec<u64>; 3],
+}
+
+impl Index {
+    /// One pass over the lists' ends, one over all supersegments.
+    pub fn new(vdi: &Vdi) -> Self {
+        let (corner, size) = occupied(vdi);
+        let [w, h] = size.map(|n| n as usize);
+        let at = |n: usize| (corner[0] + (n % w) as u32, corner[1] + (n / w) as u32);
+        let spans: Vec<Span> =
+            (0..w * h).into_par_iter().with_min_len(1024).map(|n| span(vdi, at(n).0, at(n).1)).collect();
+        let ends = |n: usize| {
+            let list = vdi.list(at(n).0, at(n).1);
+            let ends = list.first().zip(list.last());
+            ends.map_or([f64::INFINITY, 0.0], |(a, b)| depths(&spans[n], a.start, b.end))
+        };
+        let both = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        let depths_of_all =
+            (0..w * h).into_par_iter().with_min_len(1024).map(ends).reduce(|| [f64::INFINITY, 0.0], both);
+        let thickness = depths_of_all[1] - depths_of_all[0];
+        let slabs = Slabs { near: depths_of_all[0], per_depth: if thickness > 0.0 { 64.0 / thickness } else { 0.0 } };
+        let mask = |n: usize| {
+            let span = &spans[n];
+            vdi.list(at(n).0, at(n).1).iter().fold(0, |mask, s| {
+                let [a, b] = depths(span, s.start, s.end);
+                mask | slabs.bits(a, b)
+            })
+        };
+        let fine: Vec<u64> = (0..w * h).into_par_iter().with_min_len(1024).map(mask).collect();
+        let middle = coarser(&fine, size, SHIFTS[1] - SHIFTS[0]);
+        let coarse = coarser(&middle, size.map(|n| n.div_ceil(1 << SHIFTS[1])), SHIFTS[2] - SHIFTS[1]);
+        Self { corner, size, depths: depths_of_all, slabs, spans, masks: [fine, middle, coarse] }
+    }
+
+    /// Bytes held.
+    pub fn size_bytes(&self) -> usize {
+        let masks: usize = self.masks.iter().map(Vec::len).sum();
+        self.spans.len() * size_of::<Span>() + masks * size_of::<u64>()
+    }
+
+    /// Every bit set, so that nothing is skipped.
+    #[cfg(test)]
+    pub fn without_gaps(mut self) -> Self {
+        self.masks.iter_mut().flatten().for_each(|mask| *mask = u64::MAX);
+        self
+    }
+}
+
+/// The rectangle of pixels that have a list: corner and size.
+fn occupied(vdi: &Vdi) -> ([u32; 2], [u32; 2]) {
+    let r = vdi.resolution();
+    let (mut lo, mut hi) = ([r; 2], [0; 2]);
+    for (n, ends) in vdi.offsets().windows(2).enumerate().filter(|(_, ends)| ends[0] < ends[1]) {
+        debug_assert!(ends[0] < ends[1]);
+        for (axis, k) in [n as u32 % r, n as u32 / r].into_iter().enumerate() {
+            lo[axis] = lo[axis].min(k);
+            hi[axis] = hi[axis].max(k + 1);
+        }
+    }
+    if hi[0] == 0 { ([0; 2], [0; 2]) } else { (lo, [hi[0] - lo[0], hi[1] - lo[1]]) }
+}
+
+/// The span of pixel (`i`, `j`); zeros if it has no list.
+fn span(vdi: &Vdi, i: u32, j: u32) -> Span {
+    let (header, r) = (vdi.header(), vdi.resolution());
+    let occupied = !vdi.list(i, j).is_empty();
+    let Some((t_in, t_out)) = occupied.then(|| header.ray_span(i, j)).flatten() else { return Span::default() };
+    // Depth along the view times the slant is distance along the pixel's own ray.
+    let slant = header.camera.direction(f64::from(i) + 0.5, f64::from(j) + 0.5, r, r).length();
+    let per_step = 1.0 / header.step_length;
+    Span { scale: slant * per_step, offset: t_in * per_step, last: (t_out - t_in) * per_step }
+}
+
+/// Depths along the view of a supersegment's ends, a hair further apart.
+fn depths(span: &Span, start: u32, end: u32) -> [f64; 2] {
+    if span.scale == 0.0 {
+        return [f64::INFINITY, 0.0];
+    }
+    let depth = |steps: f64| (steps + span.offset) / span.scale;
+    [depth(f64::from(start)) * (1.0 - HAIR), depth(f64::from(end).min(span.last)) * (1.0 + HAIR)]
+}
+
+/// The masks of tiles 2^`shift` times as wide as those of `fine`.
+fn coarser(fine: &[u64], size: [u32; 2], shift: u32) -> Vec<u64> {
+    let [w, h] = size.map(|n| n.div_ceil(1 << shift) as usize);
+    let mut coarse = vec![0; w * h];
+    for (row, masks) in fine.chunks(size[0].max(1) as usize).enumerate() {
+        for (column, mask) in masks.iter().enumerate() {
+            coarse[(row >> shift) * w + (column >> shift)] |= mask;
+        }
+    }
+    coarse
+}

@@ -1,0 +1,114 @@
+//! One ray, clipped to where the VDI may show something, as a straight line in the VDI's image.
+//!
+//! Between entry and exit, columns and rows are linear in a parameter mu in [0, 1], and so is 1/Z. With Z0 and Z1 the depths
+//! at both ends, Z(mu) = Z0 Z1 / (Z1 + mu (Z0 - Z1)), and the way covered is perspective-correct: s(mu) = s1 mu Z(mu) / Z1.
+//! So a step from one pixel to the next takes a product for mu and one division for depth.
+
+use super::frame::Frame;
+use super::index::Slabs;
+
+/// How much of the ray is left out at both ends, relative: at the tip of the pyramid image positions are not defined.
+const HAIR: f64 = 1e-9;
+
+/// A point of a [`Line`].
+#[derive(Clone, Copy)]
+pub struct Point {
+    /// Place on the line.
+    pub mu: f64,
+    /// Depth along the view.
+    pub z: f64,
+}
+
+/// See the file's head.
+pub struct Line {
+    /// Column and row at mu = 0.
+    pub start: [f64; 2],
+    /// Change of column and row from mu = 0 to 1.
+    pub change: [f64; 2],
+    /// One over it; infinite if there is none.
+    pub per_change: [f64; 2],
+    z1: f64,
+    z0_minus_z1: f64,
+    z0_z1: f64,
+    /// World length of the whole, over Z1.
+    pub length_over_z1: f64,
+}
+
+impl Line {
+    /// The ray through pixel (`i`, `j`); `None` if it passes by.
+    #[inline]
+    pub fn new(frame: &Frame, i: u32, j: u32) -> Option<Self> {
+        let (origin, direction) = (frame.image.origin, frame.image.direction(i, j));
+        let world_direction = frame.world.direction(i, j);
+        let (mut enter, mut leave) = (0.0_f64, f64::INFINITY);
+        // The part of the ray where a + b t >= 0.
+        let mut clip = |a: f64, b: f64| {
+            let t = -a / b;
+            if b > 0.0 {
+                enter = enter.max(t);
+            } else if b < 0.0 {
+                leave = leave.min(t);
+            } else if a < 0.0 {
+                leave = f64::NEG_INFINITY;
+            }
+        };
+        let bounds = &frame.vdi.header().bounds;
+        for axis in 0..3 {
+            let (o, d) = (frame.world.origin[axis], world_direction[axis]);
+            clip(o - bounds.min[axis], d);
+            clip(bounds.max[axis] - o, -d);
+        }
+        for side in frame.sides {
+            clip(origin.dot(side), direction.dot(side));
+        }
+        let [near, far] = frame.index.depths;
+        clip(origin.z - near, direction.z);
+        clip(far - origin.z, -direction.z);
+        // Also refuses what is NaN.
+        if !(enter < leave && leave < f64::INFINITY) {
+            return None;
+        }
+        let hair = HAIR * (leave - enter);
+        let (enter, leave) = (enter + hair, leave - hair);
+        let (a, b) = (origin + enter * direction, origin + leave * direction);
+        let (z0, z1) = (a.z, b.z);
+        if !(z0 > 0.0 && z1 > 0.0) {
+            return None;
+        }
+        // What rounding pushes over the rim is pulled back by more than rounding, so that the rim is never crossed.
+        let place = |x: f64, n: u32| x.max(HAIR).min(f64::from(n) - HAIR);
+        let [w, h] = frame.index.size;
+        let start = [place(a.x / z0, w), place(a.y / z0, h)];
+        let end = [place(b.x / z1, w), place(b.y / z1, h)];
+        let change = [end[0] - start[0], end[1] - start[1]];
+        Some(Self {
+            start,
+            change,
+            per_change: [1.0 / change[0], 1.0 / change[1]],
+            z1,
+            z0_minus_z1: z0 - z1,
+            z0_z1: z0 * z1,
+            length_over_z1: (leave - enter) * world_direction.length() / z1,
+        })
+    }
+
+    /// The point at `mu`.
+    #[inline(always)]
+    pub fn at(&self, mu: f64) -> Point {
+        Point { mu, z: self.z0_z1 / (self.z1 + mu * self.z0_minus_z1) }
+    }
+
+    /// World length between two points.
+    #[inline(always)]
+    pub fn length(&self, from: Point, to: Point) -> f64 {
+        (to.mu * to.z - from.mu * from.z) * self.length_over_z1
+    }
+}
+
+impl Slabs {
+    /// The bits of all slabs between two points.
+    #[inline(always)]
+    pub fn between(&self, a: Point, b: Point) -> u64 {
+        self.bits(a.z.min(b.z), a.z.max(b.z))
+    }
+}

@@ -1,0 +1,111 @@
+//! I, fast: a VDI is prepared once and then drawn from any number of cameras.
+//!
+//! The algorithm is that of [`super::scalar`]; what is added never decides what is seen:
+//!
+//! - [`index`] holds, for pixels and tiles of pixels, in which of 64 depth slabs there is anything at all.
+//! - [`frame`] knows what all rays of one picture share; [`line`] is one ray, clipped, as a line in the VDI's image.
+//! - [`walk`] follows it tile by tile and, where the slabs say so, pixel by pixel; [`gather`] composites one list.
+//! - [`absorb`] is 1 - exp(-x).
+//!
+//! **Agreement.** Positions are f64, colours and opacities f32. So pictures differ from the oracle's by f32 rounding in
+//! compositing and by f64 rounding of positions. Tests hold every channel within 2e-4 and PSNR above 80 dB. A ray that runs
+//! exactly in the plane between two pixels (an even r seen from the generation camera by a picture with pixel centres on
+//! pixel boundaries) may be given to either; both are right, and the two paths may choose differently.
+
+mod absorb;
+mod frame;
+mod gather;
+mod index;
+mod line;
+mod walk;
+
+use frame::Frame;
+use index::Index;
+use lamina_model::composite::TRANSMITTANCE_FLOOR;
+use lamina_model::{Camera, Image, Invalid, Vdi};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Side of the square of picture pixels that one core draws at a time: neighbours meet the same lists.
+const TILE: usize = 16;
+
+/// A VDI with what drawing it again and again needs, made once.
+pub struct PreparedVdi {
+    vdi: Arc<Vdi>,
+    index: Index,
+}
+
+impl PreparedVdi {
+    /// Prepares `vdi`: one pass over its supersegments.
+    pub fn new(vdi: Arc<Vdi>) -> Self {
+        let index = Index::new(&vdi);
+        Self { vdi, index }
+    }
+
+    /// The VDI itself.
+    pub fn vdi(&self) -> &Arc<Vdi> {
+        &self.vdi
+    }
+
+    /// Bytes held beside the VDI.
+    pub fn size_bytes(&self) -> usize {
+        self.index.size_bytes()
+    }
+
+    /// A picture from `camera`. The paper's I.
+    ///
+    /// # Errors
+    /// If the picture's size is out of bounds.
+    pub fn render(&self, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
+        draw(&self.vdi, &self.index, camera, width, height)
+    }
+
+    /// The colours of some `pixels` (column, row) of that picture.
+    pub fn render_pixels(&self, camera: &Camera, width: u32, height: u32, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
+        colors(&self.vdi, &self.index, camera, width, height, pixels)
+    }
+}
+
+/// A picture of `vdi` from `camera`. The paper's I. To draw more than once, keep a [`PreparedVdi`].
+///
+/// # Errors
+/// If the picture's size is out of bounds.
+#[doc(alias = "I")]
+pub fn render(vdi: &Vdi, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
+    draw(vdi, &Index::new(vdi), camera, width, height)
+}
+
+/// The colours of some `pixels` (column, row) of that picture.
+pub fn render_pixels(vdi: &Vdi, camera: &Camera, width: u32, height: u32, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
+    colors(vdi, &Index::new(vdi), camera, width, height, pixels)
+}
+
+fn colors(
+    vdi: &Vdi,
+    index: &Index,
+    camera: &Camera,
+    width: u32,
+    height: u32,
+    pixels: &[(u32, u32)],
+) -> Vec<[f32; 3]> {
+    let frame = Frame::new(vdi, index, camera, width, height);
+    pixels.par_iter().with_min_len(64).map(|&(i, j)| frame.color(i, j)).collect()
+}
+
+fn draw(vdi: &Vdi, index: &Index, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
+    Image::check_size(width, height)?;
+    let frame = Frame::new(vdi, index, camera, width, height);
+    let w = width as usize;
+    let mut pixels = vec![vdi.header().background; w * height as usize];
+    pixels.par_chunks_mut(w * TILE).enumerate().for_each(|(band, rows)| {
+        for left in (0..w).step_by(TILE) {
+            for (j, row) in rows.chunks_mut(w).enumerate() {
+                let tile = &mut row[left..w.min(left + TILE)];
+                for (i, pixel) in tile.iter_mut().enumerate() {
+                    *pixel = frame.color((left + i) as u32, (band * TILE + j) as u32);
+                }
+            }
+        }
+    });
+    Image::new(width, height, pixels)
+}
