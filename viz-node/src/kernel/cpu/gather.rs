@@ -3,21 +3,26 @@
 use super::TRANSMITTANCE_FLOOR;
 use super::absorb::opacity;
 use super::frame::Frame;
-use super::index::Span;
 use super::line::{Line, Point};
 use lamina_model::Supersegment;
 use std::ops::ControlFlow::{self, Break, Continue};
 
+/// Pieces met before their opacities are computed, so that the compiler does several at a time.
+const PIECES: usize = 8;
+
 /// What a ray has gathered so far, front to back.
-#[derive(Clone, Copy)]
 pub struct Light {
     color: [f32; 3],
     transmittance: f32,
+    optical_depths: [f32; PIECES],
+    colors: [[f32; 3]; PIECES],
+    pieces: usize,
 }
 
 impl Default for Light {
     fn default() -> Self {
-        Self { color: [0.0; 3], transmittance: 1.0 }
+        let (optical_depths, colors) = ([0.0; PIECES], [[0.0; 3]; PIECES]);
+        Self { color: [0.0; 3], transmittance: 1.0, optical_depths, colors, pieces: 0 }
     }
 }
 
@@ -25,11 +30,9 @@ impl Default for Light {
 struct Stretch {
     near: f64,
     far: f64,
-    /// World length per step in units of the step length: optical depth met per optical depth of a whole step.
-    per_step: f64,
-    /// The length as a whole, where depth does not change along it: a supersegment has all of it or nothing.
-    flat: Option<f64>,
     last: f64,
+    /// Step lengths covered per step of depth.
+    per_step: f64,
 }
 
 impl Light {
@@ -45,68 +48,86 @@ impl Light {
         to: Point,
         hint: &mut usize,
     ) -> ControlFlow<()> {
-        let (corner, [w, _]) = (frame.index.corner, frame.index.size);
-        let list = frame.vdi.list(corner[0] + pixel as u32 % w, corner[1] + pixel as u32 / w);
+        let list = frame.list(pixel);
         let span = &frame.index.spans[pixel];
-        let steps = |point: Point| point.z * span.scale - span.offset;
-        let (a, b) = (steps(from), steps(to));
-        let stretch = Stretch::new(a.min(b), a.max(b), line.length(from, to), frame.vdi.header().step_length, span);
+        let (a, b) = (from.z * span.scale - span.offset, to.z * span.scale - span.offset);
+        let Some(per_depth) = line.steps_per_depth else {
+            return self.gather_flat(list, a.min(b), a.max(b), line.steps(from, to), span.last);
+        };
+        let stretch = Stretch { near: a.min(b), far: a.max(b), last: span.last, per_step: per_depth * span.per_scale };
+        let mut k = first_met(list, stretch.near, *hint);
+        *hint = k;
         if b >= a {
-            let mut k = first_met(list, stretch.near, *hint);
-            *hint = k;
-            while k < list.len() && stretch.begins_within(&list[k]) {
-                self.add(&list[k], &stretch);
-                *hint = k;
+            while k < list.len() && f64::from(list[k].start) < stretch.far {
+                self.add_overlap(&list[k], &stretch)?;
                 k += 1;
             }
         } else {
-            let mut k = first_met(list, stretch.near, *hint);
-            *hint = k;
-            let first = k;
-            while k < list.len() && stretch.begins_within(&list[k]) {
+            while k < list.len() && f64::from(list[k].start) < stretch.far {
                 k += 1;
             }
-            for s in list[first..k].iter().rev() {
-                self.add(s, &stretch);
+            for s in list[*hint..k].iter().rev() {
+                self.add_overlap(s, &stretch)?;
             }
         }
-        if self.transmittance < TRANSMITTANCE_FLOOR as f32 { Break(()) } else { Continue(()) }
+        Continue(())
+    }
+
+    /// Along a depth plane a supersegment has all of the stretch, `steps` long, or nothing.
+    #[cold]
+    fn gather_flat(&mut self, list: &[Supersegment], near: f64, far: f64, steps: f64, last: f64) -> ControlFlow<()> {
+        let first = first_met(list, near, 0);
+        for s in list[first..].iter().take_while(|s| f64::from(s.start) <= far) {
+            let whole = f64::from(s.end).min(last) - f64::from(s.start);
+            if whole > 0.0 {
+                self.add(s, s.optical_depth * (steps as f32 / whole as f32))?;
+            }
+        }
+        Continue(())
     }
 
     #[inline(always)]
-    fn add(&mut self, s: &Supersegment, stretch: &Stretch) {
+    fn add_overlap(&mut self, s: &Supersegment, stretch: &Stretch) -> ControlFlow<()> {
         let (start, end) = (f64::from(s.start), f64::from(s.end).min(stretch.last));
-        let steps = match stretch.flat {
-            None => (end.min(stretch.far) - start.max(stretch.near)) * stretch.per_step,
-            Some(length) => length,
-        };
-        let whole = end - start;
-        if steps > 0.0 && whole > 0.0 {
-            let weight = self.transmittance * opacity(s.optical_depth * (steps as f32 / whole as f32));
-            for (sum, c) in self.color.iter_mut().zip(s.color) {
+        let overlap = end.min(stretch.far) - start.max(stretch.near);
+        if overlap > 0.0 {
+            let share = (overlap * stretch.per_step) as f32 / (end - start) as f32;
+            return self.add(s, s.optical_depth * share);
+        }
+        Continue(())
+    }
+
+    #[inline(always)]
+    fn add(&mut self, s: &Supersegment, optical_depth: f32) -> ControlFlow<()> {
+        self.optical_depths[self.pieces] = optical_depth;
+        self.colors[self.pieces] = s.color;
+        self.pieces += 1;
+        if self.pieces == PIECES { self.composite() } else { Continue(()) }
+    }
+
+    /// Composites the pieces met since the last time.
+    fn composite(&mut self) -> ControlFlow<()> {
+        let opacities = self.optical_depths.map(opacity);
+        for (opacity, color) in opacities.iter().zip(&self.colors).take(self.pieces) {
+            let weight = self.transmittance * opacity;
+            for (sum, c) in self.color.iter_mut().zip(color) {
                 *sum += weight * c;
             }
             self.transmittance -= weight;
+            if self.transmittance < TRANSMITTANCE_FLOOR as f32 {
+                self.pieces = 0;
+                return Break(());
+            }
         }
+        self.pieces = 0;
+        Continue(())
     }
 
-    /// The colour seen in front of `background`.
-    pub fn over(&self, background: [f32; 3]) -> [f32; 3] {
+    /// The colour seen in front of `background`, when all is gathered.
+    pub fn over(mut self, background: [f32; 3]) -> [f32; 3] {
+        // Broken or not, nothing more comes.
+        let _ = self.composite();
         std::array::from_fn(|c| self.color[c] + self.transmittance * background[c])
-    }
-}
-
-impl Stretch {
-    #[inline(always)]
-    fn new(near: f64, far: f64, length: f64, step_length: f64, span: &Span) -> Self {
-        let steps = length / step_length;
-        let is_flat = far - near <= 1e-12 * far.abs();
-        Self { near, far, per_step: steps / (far - near), flat: is_flat.then_some(steps), last: span.last }
-    }
-
-    #[inline(always)]
-    fn begins_within(&self, s: &Supersegment) -> bool {
-        if self.flat.is_some() { f64::from(s.start) <= self.far } else { f64::from(s.start) < self.far }
     }
 }
 

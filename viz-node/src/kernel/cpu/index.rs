@@ -1,14 +1,14 @@
 //! What is prepared per VDI: how depth becomes steps for every pixel, and where there is nothing to see.
 //!
 //! Layout, all flat, row by row: `spans` per pixel of the occupied rectangle; `masks[0]` per pixel of it, `masks[1]` and
-//! `masks[2]` per tile of 4 x 4 and 16 x 16 pixels. Tiles are counted from the rectangle's corner. Bit b of a mask is set if
+//! `masks[2]` per tile of 8 x 8 and 32 x 32 pixels. Tiles are counted from the rectangle's corner. Bit b of a mask is set if
 //! a supersegment of these pixels overlaps slab b of 64 equal slabs of depth along the view between `near` and `far`.
 
 use lamina_model::Vdi;
 use rayon::prelude::*;
 
 /// Side of a tile per level, as a power of two.
-pub const SHIFTS: [u32; 3] = [0, 2, 4];
+pub const SHIFTS: [u32; 3] = [0, 3, 5];
 
 /// How far depths are stretched before they enter a mask, relative: above any rounding of positions, below any slab.
 const HAIR: f64 = 1e-9;
@@ -20,6 +20,8 @@ pub struct Span {
     pub scale: f64,
     /// Steps before the ray enters the box.
     pub offset: f64,
+    /// Depth per step.
+    pub per_scale: f64,
     /// Where the box ends; the last step of a ray is cut there.
     pub last: f64,
 }
@@ -32,11 +34,16 @@ pub struct Slabs {
 }
 
 impl Slabs {
-    /// The bits of all slabs that depths `a <= b` touch.
+    /// The slab of a depth; grows with it, also as rounded.
     #[inline(always)]
-    pub fn bits(&self, a: f64, b: f64) -> u64 {
-        let slab = |depth: f64| (((depth - self.near) * self.per_depth) as i32).clamp(0, 63) as u32;
-        (u64::MAX << slab(a)) & (u64::MAX >> (63 - slab(b)))
+    pub fn slab(&self, depth: f64) -> u32 {
+        (((depth - self.near) * self.per_depth) as u32).min(63)
+    }
+
+    /// The bits of slabs `a <= b` and all between.
+    #[inline(always)]
+    pub fn bits(a: u32, b: u32) -> u64 {
+        (u64::MAX << a) & (u64::MAX >> (63 - b))
     }
 }
 
@@ -78,7 +85,7 @@ impl Index {
             let span = &spans[n];
             vdi.list(at(n).0, at(n).1).iter().fold(0, |mask, s| {
                 let [a, b] = depths(span, s.start, s.end);
-                mask | slabs.bits(a, b)
+                if a < b { mask | Slabs::bits(slabs.slab(a), slabs.slab(b)) } else { mask }
             })
         };
         let fine: Vec<u64> = (0..w * h).into_par_iter().with_min_len(1024).map(mask).collect();
@@ -123,7 +130,8 @@ fn span(vdi: &Vdi, i: u32, j: u32) -> Span {
     // Depth along the view times the slant is distance along the pixel's own ray.
     let slant = header.camera.direction(f64::from(i) + 0.5, f64::from(j) + 0.5, r, r).length();
     let per_step = 1.0 / header.step_length;
-    Span { scale: slant * per_step, offset: t_in * per_step, last: (t_out - t_in) * per_step }
+    let scale = slant * per_step;
+    Span { scale, per_scale: 1.0 / scale, offset: t_in * per_step, last: (t_out - t_in) * per_step }
 }
 
 /// Depths along the view of a supersegment's ends, a hair further apart.

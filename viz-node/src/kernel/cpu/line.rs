@@ -10,6 +10,9 @@ use super::index::Slabs;
 /// How much of the ray is left out at both ends, relative: at the tip of the pyramid image positions are not defined.
 const HAIR: f64 = 1e-9;
 
+/// Relative change of depth below which a ray counts as parallel to the generation camera's image plane.
+const FLAT: f64 = 1e-9;
+
 /// A point of a [`Line`].
 #[derive(Clone, Copy)]
 pub struct Point {
@@ -17,6 +20,8 @@ pub struct Point {
     pub mu: f64,
     /// Depth along the view.
     pub z: f64,
+    /// The slab of that depth.
+    pub slab: u32,
 }
 
 /// See the file's head.
@@ -30,8 +35,11 @@ pub struct Line {
     z1: f64,
     z0_minus_z1: f64,
     z0_z1: f64,
-    /// World length of the whole, over Z1.
-    pub length_over_z1: f64,
+    slabs: Slabs,
+    /// Length of the whole in step lengths, over Z1.
+    steps_over_z1: f64,
+    /// Length in step lengths per depth; `None` if the ray runs along a depth plane.
+    pub steps_per_depth: Option<f64>,
 }
 
 impl Line {
@@ -81,6 +89,7 @@ impl Line {
         let start = [place(a.x / z0, w), place(a.y / z0, h)];
         let end = [place(b.x / z1, w), place(b.y / z1, h)];
         let change = [end[0] - start[0], end[1] - start[1]];
+        let steps = (leave - enter) * world_direction.length() / frame.vdi.header().step_length;
         Some(Self {
             start,
             change,
@@ -88,27 +97,23 @@ impl Line {
             z1,
             z0_minus_z1: z0 - z1,
             z0_z1: z0 * z1,
-            length_over_z1: (leave - enter) * world_direction.length() / z1,
+            slabs: frame.index.slabs,
+            steps_over_z1: steps / z1,
+            // Below, the difference of two depths keeps too few digits.
+            steps_per_depth: ((z1 - z0).abs() > FLAT * z1.max(z0)).then(|| steps / (z1 - z0).abs()),
         })
     }
 
     /// The point at `mu`.
     #[inline(always)]
     pub fn at(&self, mu: f64) -> Point {
-        Point { mu, z: self.z0_z1 / (self.z1 + mu * self.z0_minus_z1) }
+        let z = self.z0_z1 / (self.z1 + mu * self.z0_minus_z1);
+        Point { mu, z, slab: self.slabs.slab(z) }
     }
 
-    /// World length between two points.
+    /// World length between two points, in step lengths.
     #[inline(always)]
-    pub fn length(&self, from: Point, to: Point) -> f64 {
-        (to.mu * to.z - from.mu * from.z) * self.length_over_z1
-    }
-}
-
-impl Slabs {
-    /// The bits of all slabs between two points.
-    #[inline(always)]
-    pub fn between(&self, a: Point, b: Point) -> u64 {
-        self.bits(a.z.min(b.z), a.z.max(b.z))
+    pub fn steps(&self, from: Point, to: Point) -> f64 {
+        (to.mu * to.z - from.mu * from.z) * self.steps_over_z1
     }
 }

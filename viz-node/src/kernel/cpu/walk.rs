@@ -4,60 +4,59 @@
 //! and it and the depths grow monotonely also as rounded. So skipping a tile skips exactly the pixels whose masks would
 //! have said the same: what is visited, and with which ends, does not depend on the tiles.
 
-use super::index::{Index, SHIFTS};
+use super::index::{Index, SHIFTS, Slabs};
 use super::line::{Line, Point};
 use std::ops::ControlFlow::{self, Break, Continue};
 
-/// A place in the grid of tiles of one level, and where the line leaves it.
-struct Cells<'a> {
-    line: &'a Line,
-    shift: u32,
-    cell: [i32; 2],
-    /// mu at the next boundary, per axis.
-    next: [f64; 2],
+/// One axis of a walk over the tiles of one level.
+#[derive(Clone, Copy)]
+struct Axis {
+    cell: i32,
+    step: i32,
+    /// The boundary ahead, in pixels.
+    boundary: f64,
+    boundary_step: f64,
+    start: f64,
+    per_change: f64,
+    /// mu at the boundary ahead.
+    next: f64,
 }
 
-impl<'a> Cells<'a> {
+impl Axis {
     /// The tile at `mu`, between tiles `lo` and `hi`. A boundary met at `mu` itself is passed.
     #[inline(always)]
-    fn new(line: &'a Line, level: usize, mu: f64, lo: [i32; 2], hi: [i32; 2]) -> Self {
-        let mut cells = Self { line, shift: SHIFTS[level], cell: [0; 2], next: [0.0; 2] };
-        for axis in 0..2 {
-            let place = (line.start[axis] + line.change[axis] * mu) as i32 >> cells.shift;
-            cells.cell[axis] = place.max(lo[axis]).min(hi[axis]);
-            cells.next[axis] = cells.leaves(axis, cells.cell[axis]);
-            // Rounding of the place: what counts is the order of the boundaries' mu.
-            let (step, last) = if line.forward(axis) { (1, hi[axis]) } else { (-1, lo[axis]) };
-            let first = if line.forward(axis) { lo[axis] } else { hi[axis] };
-            while cells.next[axis] <= mu && cells.cell[axis] != last {
-                cells.advance(axis);
-            }
-            while cells.cell[axis] != first && cells.leaves(axis, cells.cell[axis] - step) > mu {
-                cells.cell[axis] -= step;
-                cells.next[axis] = cells.leaves(axis, cells.cell[axis]);
-            }
+    fn new(line: &Line, axis: usize, shift: u32, mu: f64, lo: i32, hi: i32) -> Self {
+        let (start, change) = (line.start[axis], line.change[axis]);
+        let forward = change >= 0.0;
+        let place = (start + change * mu) as i32 >> shift;
+        let (step, first, last) = if forward { (1, lo, hi) } else { (-1, hi, lo) };
+        let cell = place.max(lo).min(hi);
+        let boundary = f64::from((cell + i32::from(forward)) << shift);
+        let boundary_step = f64::from(step << shift);
+        let mut axis = Self { cell, step, boundary, boundary_step, start, per_change: line.per_change[axis], next: 0.0 };
+        axis.next = axis.mu(boundary);
+        // Rounding of the place: what counts is the order of the boundaries' mu.
+        while axis.next <= mu && axis.cell != last {
+            axis.advance();
         }
-        cells
-    }
-
-    /// mu at which the line leaves column or row `cell`.
-    #[inline(always)]
-    fn leaves(&self, axis: usize, cell: i32) -> f64 {
-        let boundary = (cell + i32::from(self.line.forward(axis))) << self.shift;
-        (f64::from(boundary) - self.line.start[axis]) * self.line.per_change[axis]
+        while axis.cell != first && axis.mu(axis.boundary - boundary_step) > mu {
+            axis.cell -= step;
+            axis.boundary -= boundary_step;
+            axis.next = axis.mu(axis.boundary);
+        }
+        axis
     }
 
     #[inline(always)]
-    fn advance(&mut self, axis: usize) {
-        self.cell[axis] += if self.line.forward(axis) { 1 } else { -1 };
-        self.next[axis] = self.leaves(axis, self.cell[axis]);
+    fn mu(&self, boundary: f64) -> f64 {
+        (boundary - self.start) * self.per_change
     }
-}
 
-impl Line {
     #[inline(always)]
-    fn forward(&self, axis: usize) -> bool {
-        self.change[axis] >= 0.0
+    fn advance(&mut self) {
+        self.cell += self.step;
+        self.boundary += self.boundary_step;
+        self.next = self.mu(self.boundary);
     }
 }
 
@@ -100,22 +99,26 @@ fn through(
     mut visit: impl FnMut([i32; 2], Point, Point) -> ControlFlow<()>,
 ) -> ControlFlow<()> {
     let width = ((index.size[0] - 1) >> SHIFTS[level]) as usize + 1;
-    let mut cells = Cells::new(line, level, from.mu, lo, hi);
+    let mut x = Axis::new(line, 0, SHIFTS[level], from.mu, lo[0], hi[0]);
+    let mut y = Axis::new(line, 1, SHIFTS[level], from.mu, lo[1], hi[1]);
     loop {
-        let axis = usize::from(cells.next[1] < cells.next[0]);
-        let mu = cells.next[axis];
+        let x_first = x.next <= y.next;
+        let mu = if x_first { x.next } else { y.next };
         let at_end = mu >= end.mu;
         let to = if at_end { end } else { line.at(mu) };
-        if to.mu > from.mu {
-            let mask = index.masks[level][cells.cell[1] as usize * width + cells.cell[0] as usize];
-            if mask & index.slabs.between(from, to) != 0 && visit(cells.cell, from, to).is_break() {
-                return Break(());
-            }
+        let mask = index.masks[level][y.cell as usize * width + x.cell as usize];
+        let met = mask & Slabs::bits(from.slab.min(to.slab), from.slab.max(to.slab)) != 0;
+        if met && to.mu > from.mu && visit([x.cell, y.cell], from, to).is_break() {
+            return Break(());
         }
         if at_end {
             return Continue(());
         }
         from = to;
-        cells.advance(axis);
+        if x_first {
+            x.advance();
+        } else {
+            y.advance();
+        }
     }
 }
