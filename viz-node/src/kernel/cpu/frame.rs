@@ -9,7 +9,7 @@ use super::index::Index;
 use super::line::Line;
 use super::walk;
 use glam::DVec3;
-use lamina_model::{Camera, Supersegment, Vdi, VdiHeader};
+use lamina_model::{Camera, Vdi, VdiHeader};
 
 /// How far the occupied rectangle is widened, in pixels: what rounding puts beside its rim is still found.
 const HAIR: f64 = 1e-9;
@@ -67,13 +67,6 @@ impl<'a> Frame<'a> {
             DVec3::new(0.0, -1.0, h),
         ];
         Self { vdi, index, world, image, sides }
-    }
-
-    /// The list of a pixel of the occupied rectangle, by its number there.
-    #[inline(always)]
-    pub fn list(&self, pixel: usize) -> &'a [Supersegment] {
-        let (w, corner) = (self.index.size[0], self.index.corner);
-        self.vdi.list(corner[0] + pixel as u32 % w, corner[1] + pixel as u32 / w)
     }
 
     /// The colour of pixel (`i`, `j`).

@@ -36,21 +36,24 @@ struct Stretch {
 }
 
 impl Light {
-    /// Adds what lies between two points in pixel number `pixel`, near to far or far to near as the ray runs; breaks when
+    /// Adds what lies between two points in `pixel`, near to far or far to near as the ray runs; breaks when
     /// nothing behind can be seen. `hint` is the place in the list where the previous pixel's search ended.
     #[inline(always)]
     pub fn gather(
         &mut self,
         frame: &Frame,
         line: &Line,
-        pixel: usize,
+        pixel: [i32; 2],
         from: Point,
         to: Point,
         hint: &mut usize,
     ) -> ControlFlow<()> {
-        let list = frame.list(pixel);
-        let span = &frame.index.spans[pixel];
-        let (a, b) = (from.z * span.scale - span.offset, to.z * span.scale - span.offset);
+        let [i, j] = pixel.map(|k| k as u32);
+        let [corner_i, corner_j] = frame.index.corner;
+        let list = frame.vdi.list(corner_i + i, corner_j + j);
+        let span = &frame.index.spans[j as usize * frame.index.size[0] as usize + i as usize];
+        let steps_at = |point: Point| line.depth(point) * span.scale - span.offset;
+        let (a, b) = (steps_at(from), steps_at(to));
         let Some(per_depth) = line.steps_per_depth else {
             return self.gather_flat(list, a.min(b), a.max(b), line.steps(from, to), span.last);
         };

@@ -2,7 +2,7 @@
 //!
 //! Layout, all flat, row by row: `spans` per pixel of the occupied rectangle; `masks[0]` per pixel of it, `masks[1]` and
 //! `masks[2]` per tile of 8 x 8 and 32 x 32 pixels. Tiles are counted from the rectangle's corner. Bit b of a mask is set if
-//! a supersegment of these pixels overlaps slab b of 64 equal slabs of depth along the view between `near` and `far`.
+//! a supersegment of these pixels overlaps slab b of [`Slabs`].
 
 use lamina_model::Vdi;
 use rayon::prelude::*;
@@ -26,18 +26,38 @@ pub struct Span {
     pub last: f64,
 }
 
-/// The 64 slabs of depth.
+/// The 64 slabs: equal in 1/Z, which along a line in the image is as linear as columns and rows are, so that a place on a
+/// line gives its slab without a division. Slab 0 is farthest. Nearer than a quarter of the farthest depth all is slab 63:
+/// else a camera inside the volume, where 1/Z has no bound, would leave one slab for all the rest.
 #[derive(Clone, Copy)]
 pub struct Slabs {
-    near: f64,
-    per_depth: f64,
+    /// 1/Z where slab 0 begins.
+    pub far: f64,
+    /// Slabs per 1/Z.
+    pub per_inverse_depth: f64,
 }
 
+/// How many slabs what is stored reaches beyond itself, so that no rounding of places finds a gap that is none.
+const MARGIN: f64 = 1e-3;
+
 impl Slabs {
-    /// The slab of a depth; grows with it, also as rounded.
+    fn new([near, far]: [f64; 2]) -> Self {
+        let inverse_depths = [1.0 / far, 1.0 / near.max(0.25 * far)];
+        let thickness = inverse_depths[1] - inverse_depths[0];
+        let per_inverse_depth = if thickness > 0.0 { 64.0 / thickness } else { 0.0 };
+        Self { far: inverse_depths[0], per_inverse_depth }
+    }
+
+    /// The bits of what lies at depths `a <= b`.
+    fn touched(&self, a: f64, b: f64) -> u64 {
+        let place = |z: f64| (1.0 / z - self.far) * self.per_inverse_depth;
+        Self::bits(Self::slab(place(b) - MARGIN), Self::slab(place(a) + MARGIN))
+    }
+
+    /// The slab at a place on the scale of slabs.
     #[inline(always)]
-    pub fn slab(&self, depth: f64) -> u32 {
-        (((depth - self.near) * self.per_depth) as u32).min(63)
+    pub fn slab(place: f64) -> u32 {
+        (place as u32).min(63)
     }
 
     /// The bits of slabs `a <= b` and all between.
@@ -79,13 +99,12 @@ impl Index {
         let both = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
         let depths_of_all =
             (0..w * h).into_par_iter().with_min_len(1024).map(ends).reduce(|| [f64::INFINITY, 0.0], both);
-        let thickness = depths_of_all[1] - depths_of_all[0];
-        let slabs = Slabs { near: depths_of_all[0], per_depth: if thickness > 0.0 { 64.0 / thickness } else { 0.0 } };
+        let slabs = Slabs::new(depths_of_all);
         let mask = |n: usize| {
             let span = &spans[n];
             vdi.list(at(n).0, at(n).1).iter().fold(0, |mask, s| {
                 let [a, b] = depths(span, s.start, s.end);
-                if a < b { mask | Slabs::bits(slabs.slab(a), slabs.slab(b)) } else { mask }
+                if a < b { mask | slabs.touched(a, b) } else { mask }
             })
         };
         let fine: Vec<u64> = (0..w * h).into_par_iter().with_min_len(1024).map(mask).collect();

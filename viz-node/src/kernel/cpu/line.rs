@@ -18,9 +18,7 @@ const FLAT: f64 = 1e-9;
 pub struct Point {
     /// Place on the line.
     pub mu: f64,
-    /// Depth along the view.
-    pub z: f64,
-    /// The slab of that depth.
+    /// The slab of its depth.
     pub slab: u32,
 }
 
@@ -35,7 +33,8 @@ pub struct Line {
     z1: f64,
     z0_minus_z1: f64,
     z0_z1: f64,
-    slabs: Slabs,
+    /// Place on the scale of slabs at mu = 0, and its change.
+    slabs: [f64; 2],
     /// Length of the whole in step lengths, over Z1.
     steps_over_z1: f64,
     /// Length in step lengths per depth; `None` if the ray runs along a depth plane.
@@ -90,6 +89,8 @@ impl Line {
         let end = [place(b.x / z1, w), place(b.y / z1, h)];
         let change = [end[0] - start[0], end[1] - start[1]];
         let steps = (leave - enter) * world_direction.length() / frame.vdi.header().step_length;
+        let slabs = frame.index.slabs;
+        let place_of = |z: f64| (1.0 / z - slabs.far) * slabs.per_inverse_depth;
         Some(Self {
             start,
             change,
@@ -97,7 +98,7 @@ impl Line {
             z1,
             z0_minus_z1: z0 - z1,
             z0_z1: z0 * z1,
-            slabs: frame.index.slabs,
+            slabs: [place_of(z0), place_of(z1) - place_of(z0)],
             steps_over_z1: steps / z1,
             // Below, the difference of two depths keeps too few digits.
             steps_per_depth: ((z1 - z0).abs() > FLAT * z1.max(z0)).then(|| steps / (z1 - z0).abs()),
@@ -107,13 +108,17 @@ impl Line {
     /// The point at `mu`.
     #[inline(always)]
     pub fn at(&self, mu: f64) -> Point {
-        let z = self.z0_z1 / (self.z1 + mu * self.z0_minus_z1);
-        Point { mu, z, slab: self.slabs.slab(z) }
+        Point { mu, slab: Slabs::slab(self.slabs[0] + mu * self.slabs[1]) }
+    }
+
+    /// Depth along the view.
+    #[inline(always)]
+    pub fn depth(&self, point: Point) -> f64 {
+        self.z0_z1 / (self.z1 + point.mu * self.z0_minus_z1)
     }
 
     /// World length between two points, in step lengths.
-    #[inline(always)]
     pub fn steps(&self, from: Point, to: Point) -> f64 {
-        (to.mu * to.z - from.mu * from.z) * self.steps_over_z1
+        (to.mu * self.depth(to) - from.mu * self.depth(from)) * self.steps_over_z1
     }
 }

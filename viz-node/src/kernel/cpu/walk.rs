@@ -61,17 +61,15 @@ impl Axis {
 }
 
 /// Visits, in order, the pixels in which `line` may meet something, with the points where it enters and leaves each, until
-/// `visit` breaks. Pixels are numbered row by row in the occupied rectangle.
+/// `visit` breaks. Pixels are counted from the occupied rectangle's corner.
 #[inline]
-pub fn walk(index: &Index, line: &Line, mut visit: impl FnMut(usize, Point, Point) -> ControlFlow<()>) -> ControlFlow<()> {
+pub fn walk(index: &Index, line: &Line, mut visit: impl FnMut([i32; 2], Point, Point) -> ControlFlow<()>) -> ControlFlow<()> {
     let all = index.size.map(|n| (n as i32 - 1) >> SHIFTS[2]);
     through(index, line, 2, line.at(0.0), line.at(1.0), [0, 0], all, |tile, from, to| {
         let (lo, hi) = children(index, 2, tile);
         through(index, line, 1, from, to, lo, hi, |tile, from, to| {
             let (lo, hi) = children(index, 1, tile);
-            through(index, line, 0, from, to, lo, hi, |[i, j], from, to| {
-                visit(j as usize * index.size[0] as usize + i as usize, from, to)
-            })
+            through(index, line, 0, from, to, lo, hi, &mut visit)
         })
     })
 }
