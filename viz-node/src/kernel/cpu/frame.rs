@@ -4,6 +4,7 @@
 //! held twice: in the world, for the box, and in homogeneous image positions (U, V, Z) of the generation camera, where
 //! U / Z and V / Z are the column and row counted from the occupied rectangle's corner and Z is depth along the view.
 
+use super::clip::{Clip, Plane};
 use super::gather::Light;
 use super::index::Index;
 use super::line::Line;
@@ -18,9 +19,12 @@ const HAIR: f64 = 1e-9;
 pub struct Pencil {
     /// Where all rays start.
     pub origin: DVec3,
-    base: DVec3,
-    across: DVec3,
-    down: DVec3,
+    /// Direction through picture position (0, 0).
+    pub base: DVec3,
+    /// Its change per pixel to the right.
+    pub across: DVec3,
+    /// Its change per pixel down.
+    pub down: DVec3,
 }
 
 impl Pencil {
@@ -32,10 +36,16 @@ impl Pencil {
         Self { origin: of_point, base, across: (corner(w, 0.0) - base) / w, down: (corner(0.0, h) - base) / h }
     }
 
-    /// Direction of the ray through the centre of pixel (`i`, `j`).
+    /// Direction through picture position (`x`, `y`).
     #[inline(always)]
-    pub fn direction(&self, i: u32, j: u32) -> DVec3 {
-        self.base + (f64::from(i) + 0.5) * self.across + (f64::from(j) + 0.5) * self.down
+    pub fn direction(&self, x: f64, y: f64) -> DVec3 {
+        self.base + x * self.across + y * self.down
+    }
+
+    /// The half space where `functional` of a point is at least `least`.
+    fn plane(&self, functional: DVec3, least: f64) -> Plane {
+        let b = [self.base, self.across, self.down].map(|d| d.dot(functional));
+        Plane { a: self.origin.dot(functional) - least, b }
     }
 }
 
@@ -49,8 +59,8 @@ pub struct Frame<'a> {
     pub world: Pencil,
     /// Rays in homogeneous image positions.
     pub image: Pencil,
-    /// Functionals (U, V, Z) -> number that are >= 0 where the VDI may show something: the rectangle's sides, then depth.
-    pub sides: [DVec3; 4],
+    /// Between these planes the VDI may show something: the box, the occupied rectangle, the depths there are.
+    pub clip: Clip,
 }
 
 impl<'a> Frame<'a> {
@@ -59,26 +69,31 @@ impl<'a> Frame<'a> {
         let map = |direction| homogeneous(vdi.header(), index, direction);
         let image = Pencil::new(camera, width, height, map(camera.position() - vdi.header().camera.position()), map);
         let world = Pencil::new(camera, width, height, camera.position(), |direction| direction);
+        let bounds = &vdi.header().bounds;
+        let mut clip = Clip::default();
+        for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+            clip.push(world.plane(axis, bounds.min.dot(axis)));
+            clip.push(world.plane(-axis, -bounds.max.dot(axis)));
+        }
         let [w, h] = index.size.map(|n| f64::from(n) + HAIR);
-        let sides = [
-            DVec3::new(1.0, 0.0, HAIR),
-            DVec3::new(-1.0, 0.0, w),
-            DVec3::new(0.0, 1.0, HAIR),
-            DVec3::new(0.0, -1.0, h),
-        ];
-        Self { vdi, index, world, image, sides }
+        for side in [[1.0, 0.0, HAIR], [-1.0, 0.0, w], [0.0, 1.0, HAIR], [0.0, -1.0, h]] {
+            clip.push(image.plane(side.into(), 0.0));
+        }
+        clip.push(image.plane(DVec3::Z, index.depths[0]));
+        clip.push(image.plane(-DVec3::Z, -index.depths[1]));
+        Self { vdi, index, world, image, clip }
     }
 
-    /// The colour of pixel (`i`, `j`).
-    pub fn color(&self, i: u32, j: u32) -> [f32; 3] {
+    /// The colour of pixel (`i`, `j`), of which `clip` is known to hold the planes that matter.
+    pub fn color(&self, clip: &Clip, i: u32, j: u32) -> [f32; 3] {
+        let (x, y) = (f64::from(i) + 0.5, f64::from(j) + 0.5);
+        let background = self.vdi.header().background;
+        let Some(line) = clip.span(x, y).and_then(|span| Line::new(self, x, y, span)) else { return background };
         let mut light = Light::default();
-        if let Some(line) = Line::new(self, i, j) {
-            let mut hint = 0;
-            let _ = walk::walk(self.index, &line, |pixel, from, to| {
-                light.gather(self, &line, pixel, from, to, &mut hint)
-            });
-        }
-        light.over(self.vdi.header().background)
+        let mut hint = 0;
+        // Broken or walked to the end, what was gathered is all there is.
+        let _ = walk::walk(self.index, &line, |pixel, from, to| light.gather(self, &line, pixel, from, to, &mut hint));
+        light.over(background)
     }
 }
 

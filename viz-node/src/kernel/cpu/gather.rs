@@ -58,19 +58,19 @@ impl Light {
             return self.gather_flat(list, a.min(b), a.max(b), line.steps(from, to), span.last);
         };
         let stretch = Stretch { near: a.min(b), far: a.max(b), last: span.last, per_step: per_depth * span.per_scale };
-        let mut k = first_met(list, stretch.near, *hint);
-        *hint = k;
         if b >= a {
+            let mut k = first_met(list, stretch.near, *hint);
+            *hint = k;
             while k < list.len() && f64::from(list[k].start) < stretch.far {
                 self.add_overlap(&list[k], &stretch)?;
                 k += 1;
             }
         } else {
-            while k < list.len() && f64::from(list[k].start) < stretch.far {
-                k += 1;
-            }
-            for s in list[*hint..k].iter().rev() {
-                self.add_overlap(s, &stretch)?;
+            let mut k = past_met(list, stretch.far, *hint);
+            *hint = k;
+            while k > 0 && f64::from(list[k - 1].end) > stretch.near {
+                k -= 1;
+                self.add_overlap(&list[k], &stretch)?;
             }
         }
         Continue(())
@@ -83,7 +83,7 @@ impl Light {
         for s in list[first..].iter().take_while(|s| f64::from(s.start) <= far) {
             let whole = f64::from(s.end).min(last) - f64::from(s.start);
             if whole > 0.0 {
-                self.add(s, s.optical_depth * (steps as f32 / whole as f32))?;
+                self.add(s.optical_depth * (steps as f32 / whole as f32), s.color, true)?;
             }
         }
         Continue(())
@@ -93,18 +93,17 @@ impl Light {
     fn add_overlap(&mut self, s: &Supersegment, stretch: &Stretch) -> ControlFlow<()> {
         let (start, end) = (f64::from(s.start), f64::from(s.end).min(stretch.last));
         let overlap = end.min(stretch.far) - start.max(stretch.near);
-        if overlap > 0.0 {
-            let share = (overlap * stretch.per_step) as f32 / (end - start) as f32;
-            return self.add(s, s.optical_depth * share);
-        }
-        Continue(())
+        let share = (overlap * stretch.per_step) as f32 / (end - start) as f32;
+        // Written in any case and counted only if it overlaps: a branch here would be guessed wrongly too often.
+        self.add(s.optical_depth * share, s.color, overlap > 0.0)
     }
 
     #[inline(always)]
-    fn add(&mut self, s: &Supersegment, optical_depth: f32) -> ControlFlow<()> {
-        self.optical_depths[self.pieces] = optical_depth;
-        self.colors[self.pieces] = s.color;
-        self.pieces += 1;
+    fn add(&mut self, optical_depth: f32, color: [f32; 3], counts: bool) -> ControlFlow<()> {
+        let slot = self.pieces % PIECES;
+        self.optical_depths[slot] = optical_depth;
+        self.colors[slot] = color;
+        self.pieces = slot + usize::from(counts);
         if self.pieces == PIECES { self.composite() } else { Continue(()) }
     }
 
@@ -132,6 +131,19 @@ impl Light {
         let _ = self.composite();
         std::array::from_fn(|c| self.color[c] + self.transmittance * background[c])
     }
+}
+
+/// One past the last supersegment of `list` that starts before `far`, likewise.
+#[inline(always)]
+fn past_met(list: &[Supersegment], far: f64, hint: usize) -> usize {
+    let mut k = hint.min(list.len());
+    while k < list.len() && f64::from(list[k].start) < far {
+        k += 1;
+    }
+    while k > 0 && f64::from(list[k - 1].start) >= far {
+        k -= 1;
+    }
+    k
 }
 
 /// The first supersegment of `list` that ends beyond `near`, looked for from place `hint` on: neighbours' lists are alike.

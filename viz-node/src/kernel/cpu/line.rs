@@ -42,39 +42,10 @@ pub struct Line {
 }
 
 impl Line {
-    /// The ray through pixel (`i`, `j`); `None` if it passes by.
-    #[inline]
-    pub fn new(frame: &Frame, i: u32, j: u32) -> Option<Self> {
-        let (origin, direction) = (frame.image.origin, frame.image.direction(i, j));
-        let world_direction = frame.world.direction(i, j);
-        let (mut enter, mut leave) = (0.0_f64, f64::INFINITY);
-        // The part of the ray where a + b t >= 0.
-        let mut clip = |a: f64, b: f64| {
-            let t = -a / b;
-            if b > 0.0 {
-                enter = enter.max(t);
-            } else if b < 0.0 {
-                leave = leave.min(t);
-            } else if a < 0.0 {
-                leave = f64::NEG_INFINITY;
-            }
-        };
-        let bounds = &frame.vdi.header().bounds;
-        for axis in 0..3 {
-            let (o, d) = (frame.world.origin[axis], world_direction[axis]);
-            clip(o - bounds.min[axis], d);
-            clip(bounds.max[axis] - o, -d);
-        }
-        for side in frame.sides {
-            clip(origin.dot(side), direction.dot(side));
-        }
-        let [near, far] = frame.index.depths;
-        clip(origin.z - near, direction.z);
-        clip(far - origin.z, -direction.z);
-        // Also refuses what is NaN.
-        if !(enter < leave && leave < f64::INFINITY) {
-            return None;
-        }
+    /// The ray through picture position (`x`, `y`) from entry to exit; `None` if nothing of it is before the camera.
+    #[inline(always)]
+    pub fn new(frame: &Frame, x: f64, y: f64, (enter, leave): (f64, f64)) -> Option<Self> {
+        let (origin, direction) = (frame.image.origin, frame.image.direction(x, y));
         let hair = HAIR * (leave - enter);
         let (enter, leave) = (enter + hair, leave - hair);
         let (a, b) = (origin + enter * direction, origin + leave * direction);
@@ -88,7 +59,7 @@ impl Line {
         let start = [place(a.x / z0, w), place(a.y / z0, h)];
         let end = [place(b.x / z1, w), place(b.y / z1, h)];
         let change = [end[0] - start[0], end[1] - start[1]];
-        let steps = (leave - enter) * world_direction.length() / frame.vdi.header().step_length;
+        let steps = (leave - enter) * frame.world.direction(x, y).length() / frame.vdi.header().step_length;
         let slabs = frame.index.slabs;
         let place_of = |z: f64| (1.0 / z - slabs.far) * slabs.per_inverse_depth;
         Some(Self {

@@ -13,6 +13,7 @@
 //! pixel boundaries) may be given to either; both are right, and the two paths may choose differently.
 
 mod absorb;
+mod clip;
 mod frame;
 mod gather;
 mod index;
@@ -89,7 +90,7 @@ fn colors(
     pixels: &[(u32, u32)],
 ) -> Vec<[f32; 3]> {
     let frame = Frame::new(vdi, index, camera, width, height);
-    pixels.par_iter().with_min_len(64).map(|&(i, j)| frame.color(i, j)).collect()
+    pixels.par_iter().with_min_len(64).map(|&(i, j)| frame.color(&frame.clip, i, j)).collect()
 }
 
 fn draw(vdi: &Vdi, index: &Index, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
@@ -98,11 +99,16 @@ fn draw(vdi: &Vdi, index: &Index, camera: &Camera, width: u32, height: u32) -> R
     let w = width as usize;
     let mut pixels = vec![vdi.header().background; w * height as usize];
     pixels.par_chunks_mut(w * TILE).enumerate().for_each(|(band, rows)| {
+        let (top, tile_height) = (band * TILE, rows.len() / w);
         for left in (0..w).step_by(TILE) {
+            let right = w.min(left + TILE);
+            let Some(clip) = frame.clip.of_tile([left as f64, right as f64], [top as f64, (top + tile_height) as f64])
+            else {
+                continue;
+            };
             for (j, row) in rows.chunks_mut(w).enumerate() {
-                let tile = &mut row[left..w.min(left + TILE)];
-                for (i, pixel) in tile.iter_mut().enumerate() {
-                    *pixel = frame.color((left + i) as u32, (band * TILE + j) as u32);
+                for (i, pixel) in (left..right).zip(&mut row[left..right]) {
+                    *pixel = frame.color(&clip, i as u32, (top + j) as u32);
                 }
             }
         }
