@@ -4,5 +4,5 @@ mod cpu;
 mod quality;
 pub mod scalar;
 
-pub use cpu::{PreparedVdi, render, render_pixels};
+pub use cpu::{PreparedVdi, render};
 pub use quality::quality;

@@ -51,7 +51,7 @@ impl Light {
         let [i, j] = pixel.map(|k| k as u32);
         let [corner_i, corner_j] = frame.index.corner;
         let list = frame.vdi.list(corner_i + i, corner_j + j);
-        let span = &frame.index.spans[j as usize * frame.index.size[0] as usize + i as usize];
+        let span = frame.index.span(j as usize * frame.index.size[0] as usize + i as usize);
         let steps_at = |point: Point| line.depth(point) * span.scale - span.offset;
         let (a, b) = (steps_at(from), steps_at(to));
         let Some(per_depth) = line.steps_per_depth else {

@@ -1,7 +1,7 @@
 //! What is prepared per VDI: how depth becomes steps for every pixel, and where there is nothing to see.
 //!
-//! Layout, all flat, row by row: `spans` per pixel of the occupied rectangle; `masks[0]` per pixel of it, `masks[1]` and
-//! `masks[2]` per tile of 8 x 8 and 32 x 32 pixels. Tiles are counted from the rectangle's corner. Bit b of a mask is set if
+//! Layout, all flat, row by row: `slots` per pixel of the occupied rectangle says which of `spans` is its; `spans[0]` is for
+//! pixels without a list, the others follow in order. `masks[0]` is per pixel of the rectangle, `masks[1]` and `masks[2]` per tile of 8 x 8 and 32 x 32 pixels. Tiles are counted from the rectangle's corner. Bit b of a mask is set if
 //! a supersegment of these pixels overlaps slab b of [`Slabs`].
 
 use lamina_model::Vdi;
@@ -77,8 +77,8 @@ pub struct Index {
     pub depths: [f64; 2],
     /// Depth to mask bits.
     pub slabs: Slabs,
-    /// Per pixel.
-    pub spans: Vec<Span>,
+    slots: Vec<u32>,
+    spans: Vec<Span>,
     /// Per level and tile.
     pub masks: [Vec<u64>; 3],
 }
@@ -89,20 +89,29 @@ impl Index {
         let (corner, size) = occupied(vdi);
         let [w, h] = size.map(|n| n as usize);
         let at = |n: usize| (corner[0] + (n % w) as u32, corner[1] + (n / w) as u32);
-        let spans: Vec<Span> =
-            (0..w * h).into_par_iter().with_min_len(1024).map(|n| span(vdi, at(n).0, at(n).1)).collect();
+        let list = |n: usize| vdi.list(at(n).0, at(n).1);
+        let mut taken = 0;
+        let slots: Vec<u32> = (0..w * h)
+            .map(|n| {
+                let some = u32::from(!list(n).is_empty());
+                taken += some;
+                taken * some
+            })
+            .collect();
+        let mut spans = vec![Span::default(); usize::from(w > 0)];
+        let occupied = (0..w * h).into_par_iter().with_min_len(1024).filter(|&n| slots[n] > 0);
+        spans.par_extend(occupied.map(|n| span(vdi, at(n).0, at(n).1)));
         let ends = |n: usize| {
-            let list = vdi.list(at(n).0, at(n).1);
-            let ends = list.first().zip(list.last());
-            ends.map_or([f64::INFINITY, 0.0], |(a, b)| depths(&spans[n], a.start, b.end))
+            let ends = list(n).first().zip(list(n).last());
+            ends.map_or([f64::INFINITY, 0.0], |(a, b)| depths(&spans[slots[n] as usize], a.start, b.end))
         };
         let both = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
         let depths_of_all =
             (0..w * h).into_par_iter().with_min_len(1024).map(ends).reduce(|| [f64::INFINITY, 0.0], both);
         let slabs = Slabs::new(depths_of_all);
         let mask = |n: usize| {
-            let span = &spans[n];
-            vdi.list(at(n).0, at(n).1).iter().fold(0, |mask, s| {
+            let span = &spans[slots[n] as usize];
+            list(n).iter().fold(0, |mask, s| {
                 let [a, b] = depths(span, s.start, s.end);
                 if a < b { mask | slabs.touched(a, b) } else { mask }
             })
@@ -110,13 +119,19 @@ impl Index {
         let fine: Vec<u64> = (0..w * h).into_par_iter().with_min_len(1024).map(mask).collect();
         let middle = coarser(&fine, size, SHIFTS[1] - SHIFTS[0]);
         let coarse = coarser(&middle, size.map(|n| n.div_ceil(1 << SHIFTS[1])), SHIFTS[2] - SHIFTS[1]);
-        Self { corner, size, depths: depths_of_all, slabs, spans, masks: [fine, middle, coarse] }
+        Self { corner, size, depths: depths_of_all, slabs, slots, spans, masks: [fine, middle, coarse] }
+    }
+
+    /// The span of pixel `n` of the occupied rectangle.
+    #[inline(always)]
+    pub fn span(&self, n: usize) -> &Span {
+        &self.spans[self.slots[n] as usize]
     }
 
     /// Bytes held.
     pub fn size_bytes(&self) -> usize {
         let masks: usize = self.masks.iter().map(Vec::len).sum();
-        self.spans.len() * size_of::<Span>() + masks * size_of::<u64>()
+        size_of_val(&self.slots[..]) + size_of_val(&self.spans[..]) + masks * size_of::<u64>()
     }
 
     /// Every bit set, so that nothing is skipped.
@@ -131,8 +146,7 @@ impl Index {
 fn occupied(vdi: &Vdi) -> ([u32; 2], [u32; 2]) {
     let r = vdi.resolution();
     let (mut lo, mut hi) = ([r; 2], [0; 2]);
-    for (n, ends) in vdi.offsets().windows(2).enumerate().filter(|(_, ends)| ends[0] < ends[1]) {
-        debug_assert!(ends[0] < ends[1]);
+    for (n, _) in vdi.offsets().windows(2).enumerate().filter(|(_, ends)| ends[0] < ends[1]) {
         for (axis, k) in [n as u32 % r, n as u32 / r].into_iter().enumerate() {
             lo[axis] = lo[axis].min(k);
             hi[axis] = hi[axis].max(k + 1);
@@ -141,11 +155,10 @@ fn occupied(vdi: &Vdi) -> ([u32; 2], [u32; 2]) {
     if hi[0] == 0 { ([0; 2], [0; 2]) } else { (lo, [hi[0] - lo[0], hi[1] - lo[1]]) }
 }
 
-/// The span of pixel (`i`, `j`); zeros if it has no list.
+/// The span of pixel (`i`, `j`); zeros if its ray misses the box.
 fn span(vdi: &Vdi, i: u32, j: u32) -> Span {
     let (header, r) = (vdi.header(), vdi.resolution());
-    let occupied = !vdi.list(i, j).is_empty();
-    let Some((t_in, t_out)) = occupied.then(|| header.ray_span(i, j)).flatten() else { return Span::default() };
+    let Some((t_in, t_out)) = header.ray_span(i, j) else { return Span::default() };
     // Depth along the view times the slant is distance along the pixel's own ray.
     let slant = header.camera.direction(f64::from(i) + 0.5, f64::from(j) + 0.5, r, r).length();
     let per_step = 1.0 / header.step_length;

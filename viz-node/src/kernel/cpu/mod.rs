@@ -3,7 +3,8 @@
 //! The algorithm is that of [`super::scalar`]; what is added never decides what is seen:
 //!
 //! - [`index`] holds, for pixels and tiles of pixels, in which of 64 depth slabs there is anything at all.
-//! - [`frame`] knows what all rays of one picture share; [`line`] is one ray, clipped, as a line in the VDI's image.
+//! - [`frame`] knows what all rays of one picture share, [`clip`] between which planes they may meet something;
+//!   [`line`] is one ray, clipped, as a line in the VDI's image.
 //! - [`walk`] follows it tile by tile and, where the slabs say so, pixel by pixel; [`gather`] composites one list.
 //! - [`absorb`] is 1 - exp(-x).
 //!
@@ -25,26 +26,27 @@ use index::Index;
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
 use lamina_model::{Camera, Image, Invalid, Vdi};
 use rayon::prelude::*;
+use std::ops::Deref;
 use std::sync::Arc;
 
 /// Side of the square of picture pixels that one core draws at a time: neighbours meet the same lists.
 const TILE: usize = 16;
 
-/// A VDI with what drawing it again and again needs, made once.
-pub struct PreparedVdi {
-    vdi: Arc<Vdi>,
+/// A VDI with what drawing it again and again needs, made once; it owns, shares or borrows the VDI itself.
+pub struct PreparedVdi<V: Deref<Target = Vdi> = Arc<Vdi>> {
+    vdi: V,
     index: Index,
 }
 
-impl PreparedVdi {
+impl<V: Deref<Target = Vdi>> PreparedVdi<V> {
     /// Prepares `vdi`: one pass over its supersegments.
-    pub fn new(vdi: Arc<Vdi>) -> Self {
+    pub fn new(vdi: V) -> Self {
         let index = Index::new(&vdi);
         Self { vdi, index }
     }
 
     /// The VDI itself.
-    pub fn vdi(&self) -> &Arc<Vdi> {
+    pub fn vdi(&self) -> &V {
         &self.vdi
     }
 
@@ -57,13 +59,17 @@ impl PreparedVdi {
     ///
     /// # Errors
     /// If the picture's size is out of bounds.
+    #[doc(alias = "I")]
     pub fn render(&self, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
-        draw(&self.vdi, &self.index, camera, width, height)
+        Image::check_size(width, height)?;
+        let frame = Frame::new(&self.vdi, &self.index, camera, width, height);
+        Image::new(width, height, picture(&frame, width as usize, height as usize))
     }
 
     /// The colours of some `pixels` (column, row) of that picture.
     pub fn render_pixels(&self, camera: &Camera, width: u32, height: u32, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
-        colors(&self.vdi, &self.index, camera, width, height, pixels)
+        let frame = Frame::new(&self.vdi, &self.index, camera, width, height);
+        pixels.par_iter().with_min_len(64).map(|&(i, j)| frame.color(&frame.clip, i, j)).collect()
     }
 }
 
@@ -73,39 +79,18 @@ impl PreparedVdi {
 /// If the picture's size is out of bounds.
 #[doc(alias = "I")]
 pub fn render(vdi: &Vdi, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
-    draw(vdi, &Index::new(vdi), camera, width, height)
+    PreparedVdi::new(vdi).render(camera, width, height)
 }
 
-/// The colours of some `pixels` (column, row) of that picture.
-pub fn render_pixels(vdi: &Vdi, camera: &Camera, width: u32, height: u32, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
-    colors(vdi, &Index::new(vdi), camera, width, height, pixels)
-}
-
-fn colors(
-    vdi: &Vdi,
-    index: &Index,
-    camera: &Camera,
-    width: u32,
-    height: u32,
-    pixels: &[(u32, u32)],
-) -> Vec<[f32; 3]> {
-    let frame = Frame::new(vdi, index, camera, width, height);
-    pixels.par_iter().with_min_len(64).map(|&(i, j)| frame.color(&frame.clip, i, j)).collect()
-}
-
-fn draw(vdi: &Vdi, index: &Index, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
-    Image::check_size(width, height)?;
-    let frame = Frame::new(vdi, index, camera, width, height);
-    let w = width as usize;
-    let mut pixels = vec![vdi.header().background; w * height as usize];
+fn picture(frame: &Frame, w: usize, h: usize) -> Vec<[f32; 3]> {
+    let mut pixels = vec![frame.vdi.header().background; w * h];
     pixels.par_chunks_mut(w * TILE).enumerate().for_each(|(band, rows)| {
-        let (top, tile_height) = (band * TILE, rows.len() / w);
+        let (top, bottom) = (band * TILE, h.min((band + 1) * TILE));
         for left in (0..w).step_by(TILE) {
             let right = w.min(left + TILE);
-            let Some(clip) = frame.clip.of_tile([left as f64, right as f64], [top as f64, (top + tile_height) as f64])
-            else {
-                continue;
-            };
+            // A tile that all rays pass by stays background.
+            let corners = [[left, right], [top, bottom]].map(|ends| ends.map(|k| k as f64));
+            let Some(clip) = frame.clip.of_tile(corners[0], corners[1]) else { continue };
             for (j, row) in rows.chunks_mut(w).enumerate() {
                 for (i, pixel) in (left..right).zip(&mut row[left..right]) {
                     *pixel = frame.color(&clip, i as u32, (top + j) as u32);
@@ -113,5 +98,8 @@ fn draw(vdi: &Vdi, index: &Index, camera: &Camera, width: u32, height: u32) -> R
             }
         }
     });
-    Image::new(width, height, pixels)
+    pixels
 }
+
+#[cfg(test)]
+mod tests;

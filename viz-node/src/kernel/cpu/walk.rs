@@ -33,7 +33,8 @@ impl Axis {
         let cell = place.max(lo).min(hi);
         let boundary = f64::from((cell + i32::from(forward)) << shift);
         let boundary_step = f64::from(step << shift);
-        let mut axis = Self { cell, step, boundary, boundary_step, start, per_change: line.per_change[axis], next: 0.0 };
+        let mut axis =
+            Self { cell, step, boundary, boundary_step, start, per_change: line.per_change[axis], next: 0.0 };
         axis.next = axis.mu(boundary);
         // Rounding of the place: what counts is the order of the boundaries' mu.
         while axis.next <= mu && axis.cell != last {
@@ -63,7 +64,11 @@ impl Axis {
 /// Visits, in order, the pixels in which `line` may meet something, with the points where it enters and leaves each, until
 /// `visit` breaks. Pixels are counted from the occupied rectangle's corner.
 #[inline]
-pub fn walk(index: &Index, line: &Line, mut visit: impl FnMut([i32; 2], Point, Point) -> ControlFlow<()>) -> ControlFlow<()> {
+pub fn walk(
+    index: &Index,
+    line: &Line,
+    mut visit: impl FnMut([i32; 2], Point, Point) -> ControlFlow<()>,
+) -> ControlFlow<()> {
     let all = index.size.map(|n| (n as i32 - 1) >> SHIFTS[2]);
     through(index, line, 2, line.at(0.0), line.at(1.0), [0, 0], all, |tile, from, to| {
         let (lo, hi) = children(index, 2, tile);
