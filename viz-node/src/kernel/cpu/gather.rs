@@ -58,19 +58,25 @@ impl Light {
             return self.gather_flat(list, a.min(b), a.max(b), line.steps(from, to), span.last);
         };
         let stretch = Stretch { near: a.min(b), far: a.max(b), last: span.last, per_step: per_depth * span.per_scale };
+        // Ends are integers: end > near says end > floor(near), and start < far says start < ceil(far).
+        let (floor, ceil) = (stretch.near as u32, ceil(stretch.far));
         if b >= a {
-            let mut k = first_met(list, stretch.near, *hint);
+            let mut k = first_met(list, floor, *hint);
             *hint = k;
-            while k < list.len() && f64::from(list[k].start) < stretch.far {
-                self.add_overlap(&list[k], &stretch)?;
+            while let Some(s) = list.get(k)
+                && s.start < ceil
+            {
+                self.add_overlap(s, &stretch)?;
                 k += 1;
             }
         } else {
-            let mut k = past_met(list, stretch.far, *hint);
+            let mut k = past_met(list, ceil, *hint);
             *hint = k;
-            while k > 0 && f64::from(list[k - 1].end) > stretch.near {
+            while let Some(s) = list.get(k.wrapping_sub(1))
+                && s.end > floor
+            {
+                self.add_overlap(s, &stretch)?;
                 k -= 1;
-                self.add_overlap(&list[k], &stretch)?;
             }
         }
         Continue(())
@@ -79,7 +85,7 @@ impl Light {
     /// Along a depth plane a supersegment has all of the stretch, `steps` long, or nothing.
     #[cold]
     fn gather_flat(&mut self, list: &[Supersegment], near: f64, far: f64, steps: f64, last: f64) -> ControlFlow<()> {
-        let first = first_met(list, near, 0);
+        let first = first_met(list, near as u32, 0);
         for s in list[first..].iter().take_while(|s| f64::from(s.start) <= far) {
             let whole = f64::from(s.end).min(last) - f64::from(s.start);
             if whole > 0.0 {
@@ -133,28 +139,35 @@ impl Light {
     }
 }
 
-/// One past the last supersegment of `list` that starts before `far`, likewise.
+/// The least integer not below `x`, for x below 2^32; 0 for what is negative.
 #[inline(always)]
-fn past_met(list: &[Supersegment], far: f64, hint: usize) -> usize {
-    let mut k = hint.min(list.len());
-    while k < list.len() && f64::from(list[k].start) < far {
-        k += 1;
-    }
-    while k > 0 && f64::from(list[k - 1].start) >= far {
-        k -= 1;
-    }
-    k
+fn ceil(x: f64) -> u32 {
+    let floor = x as u32;
+    floor + u32::from(f64::from(floor) < x)
 }
 
 /// The first supersegment of `list` that ends beyond `near`, looked for from place `hint` on: neighbours' lists are alike.
 #[inline(always)]
-fn first_met(list: &[Supersegment], near: f64, hint: usize) -> usize {
+fn first_met(list: &[Supersegment], near: u32, hint: usize) -> usize {
     let mut k = hint.min(list.len());
-    while k > 0 && f64::from(list[k - 1].end) > near {
+    while k > 0 && list[k - 1].end > near {
         k -= 1;
     }
-    while k < list.len() && f64::from(list[k].end) <= near {
+    while k < list.len() && list[k].end <= near {
         k += 1;
+    }
+    k
+}
+
+/// One past the last supersegment of `list` that starts before `far`, likewise.
+#[inline(always)]
+fn past_met(list: &[Supersegment], far: u32, hint: usize) -> usize {
+    let mut k = hint.min(list.len());
+    while k < list.len() && list[k].start < far {
+        k += 1;
+    }
+    while k > 0 && list[k - 1].start >= far {
+        k -= 1;
     }
     k
 }
