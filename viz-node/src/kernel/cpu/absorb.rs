@@ -1,7 +1,7 @@
 //! Opacity of an optical depth, 1 - exp(-x), in f32 arithmetic without branches or calls.
 //!
-//! exp(-x) = 2^n 2^f with n the nearest integer to -x / ln 2 and |f| <= 1/2. So 1 - exp(-x) = (1 - 2^n) - 2^n (2^f - 1), and
-//! where n = 0 the first bracket vanishes: small opacities keep their relative precision.
+//! exp(-x) = 2^n 2^f with n the nearest integer to -x / ln 2 and |f| <= 1/2. So 1 - exp(-x) = (1 - 2^n) - 2^n (2^f -
+//! 1), and where n = 0 the first bracket vanishes: small opacities keep their relative precision.
 
 use std::f32::consts::{LN_2, LOG2_E};
 

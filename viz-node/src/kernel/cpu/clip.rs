@@ -1,9 +1,9 @@
 //! The planes between which the VDI may show something, and which of them matter to a tile of the picture.
 //!
-//! Along the ray through picture position (x, y) a plane's signed distance is a + b t, with b linear in x and y. So over a
-//! tile b lies between its values at the corners, and so does the place -a/b where rays meet the plane. A plane that, over
-//! the whole tile, is entered before another one surely is, or left after another one, cuts no ray of the tile: it is left
-//! out. What remains gives every ray the same entry and exit as all planes do.
+//! Along the ray through picture position (x, y) a plane's signed distance is a + b t, with b linear in x and y. So
+//! over a tile b lies between its values at the corners, and so does the place -a/b where rays meet the plane. A plane
+//! that, over the whole tile, is entered before another one surely is, or left after another one, cuts no ray of the
+//! tile: it is left out. What remains gives every ray the same entry and exit as all planes do.
 
 /// The most planes: six of the box, four sides of the occupied rectangle, two of depth.
 pub const PLANES: usize = 12;

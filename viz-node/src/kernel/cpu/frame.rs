@@ -1,8 +1,9 @@
 //! What all rays of one picture share.
 //!
-//! Rays are O + t D with D = base + x `across` + y `down` linear in the picture's pixels and not of unit length. They are
-//! held twice: in the world, for the box, and in homogeneous image positions (U, V, Z) of the generation camera, where
-//! U / Z and V / Z are the column and row counted from the occupied rectangle's corner and Z is depth along the view.
+//! Rays are O + t D with D = base + x `across` + y `down` linear in the picture's pixels and not of unit length. They
+//! are held twice: in the world, for the box, and in homogeneous image positions (U, V, Z) of the generation camera,
+//! where U / Z and V / Z are the column and row counted from the occupied rectangle's corner and Z is depth along the
+//! view.
 
 use super::clip::{Clip, Plane};
 use super::gather::Light;

@@ -146,7 +146,8 @@ fn ceil(x: f64) -> u32 {
     floor + u32::from(f64::from(floor) < x)
 }
 
-/// The first supersegment of `list` that ends beyond `near`, looked for from place `hint` on: neighbours' lists are alike.
+/// The first supersegment of `list` that ends beyond `near`, looked for from place `hint` on: neighbours' lists are
+/// alike.
 #[inline(always)]
 fn first_met(list: &[Supersegment], near: u32, hint: usize) -> usize {
     let mut k = hint.min(list.len());

@@ -1,8 +1,9 @@
 //! What is prepared per VDI: how depth becomes steps for every pixel, and where there is nothing to see.
 //!
-//! Layout, all flat, row by row: `slots` per pixel of the occupied rectangle says which of `spans` is its; `spans[0]` is for
-//! pixels without a list, the others follow in order. `masks[0]` is per pixel of the rectangle, `masks[1]` and `masks[2]` per tile of 8 x 8 and 32 x 32 pixels. Tiles are counted from the rectangle's corner. Bit b of a mask is set if
-//! a supersegment of these pixels overlaps slab b of [`Slabs`].
+//! Layout, all flat, row by row: `slots` per pixel of the occupied rectangle says which of `spans` is its; `spans[0]`
+//! is for pixels without a list, the others follow in order. `masks[0]` is per pixel of the rectangle, `masks[1]` and
+//! `masks[2]` per tile of 8 x 8 and 32 x 32 pixels. Tiles are counted from the rectangle's corner. Bit b of a mask is
+//! set if a supersegment of these pixels overlaps slab b of [`Slabs`].
 
 use lamina_model::Vdi;
 use rayon::prelude::*;
@@ -26,9 +27,9 @@ pub struct Span {
     pub last: f64,
 }
 
-/// The 64 slabs: equal in 1/Z, which along a line in the image is as linear as columns and rows are, so that a place on a
-/// line gives its slab without a division. Slab 0 is farthest. Nearer than a quarter of the farthest depth all is slab 63:
-/// else a camera inside the volume, where 1/Z has no bound, would leave one slab for all the rest.
+/// The 64 slabs: equal in 1/Z, which along a line in the image is as linear as columns and rows are, so that a place on
+/// a line gives its slab without a division. Slab 0 is farthest. Nearer than a quarter of the farthest depth all is
+/// slab 63: else a camera inside the volume, where 1/Z has no bound, would leave one slab for all the rest.
 #[derive(Clone, Copy)]
 pub struct Slabs {
     /// 1/Z where slab 0 begins.

@@ -1,8 +1,8 @@
 //! One ray, clipped to where the VDI may show something, as a straight line in the VDI's image.
 //!
-//! Between entry and exit, columns and rows are linear in a parameter mu in [0, 1], and so is 1/Z. With Z0 and Z1 the depths
-//! at both ends, Z(mu) = Z0 Z1 / (Z1 + mu (Z0 - Z1)), and the way covered is perspective-correct: s(mu) = s1 mu Z(mu) / Z1.
-//! So a step from one pixel to the next takes a product for mu and one division for depth.
+//! Between entry and exit, columns and rows are linear in a parameter mu in [0, 1], and so is 1/Z. With Z0 and Z1 the
+//! depths at both ends, Z(mu) = Z0 Z1 / (Z1 + mu (Z0 - Z1)), and the way covered is perspective-correct: s(mu) = s1 mu
+//! Z(mu) / Z1. So a step from one pixel to the next takes a product for mu and one division for depth.
 
 use super::frame::Frame;
 use super::index::Slabs;

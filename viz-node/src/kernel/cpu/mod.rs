@@ -9,10 +9,10 @@
 //! - [`absorb`] is 1 - exp(-x).
 //!
 //! **Agreement.** Positions are f64, colours and opacities f32. So pictures differ from the oracle's by f32 rounding in
-//! compositing and by f64 rounding of positions. Tests hold every channel within 2e-4 and PSNR above 80 dB. A ray that runs
-//! exactly in the plane between two pixels or through a pixel's corner (an even r seen from the generation camera by a
-//! picture whose pixel centres lie on pixel boundaries) may be given to either; both are right, and the two paths may choose
-//! differently.
+//! compositing and by f64 rounding of positions. Tests hold every channel within 2e-4 and PSNR above 80 dB. A ray that
+//! runs exactly in the plane between two pixels or through a pixel's corner (an even r seen from the generation camera
+//! by a picture whose pixel centres lie on pixel boundaries) may be given to either; both are right, and the two paths
+//! may choose differently.
 
 mod absorb;
 mod clip;

@@ -1,8 +1,9 @@
-//! The way of a line through the VDI's pixels: a 2-D DDA over tiles, and over the pixels of those that may hold something.
+//! The way of a line through the VDI's pixels: a 2-D DDA over tiles, and over the pixels of those that may hold
+//! something.
 //!
-//! The boundary at column k is met at mu = (k - column(0)) / change. That number is the same whichever level computes it,
-//! and it and the depths grow monotonely also as rounded. So skipping a tile skips exactly the pixels whose masks would
-//! have said the same: what is visited, and with which ends, does not depend on the tiles.
+//! The boundary at column k is met at mu = (k - column(0)) / change. That number is the same whichever level computes
+//! it, and it and the depths grow monotonely also as rounded. So skipping a tile skips exactly the pixels whose masks
+//! would have said the same: what is visited, and with which ends, does not depend on the tiles.
 
 use super::index::{Index, SHIFTS, Slabs};
 use super::line::{Line, Point};
@@ -61,8 +62,8 @@ impl Axis {
     }
 }
 
-/// Visits, in order, the pixels in which `line` may meet something, with the points where it enters and leaves each, until
-/// `visit` breaks. Pixels are counted from the occupied rectangle's corner.
+/// Visits, in order, the pixels in which `line` may meet something, with the points where it enters and leaves each,
+/// until `visit` breaks. Pixels are counted from the occupied rectangle's corner.
 #[inline]
 pub fn walk(
     index: &Index,
