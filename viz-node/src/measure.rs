@@ -1,6 +1,6 @@
 //! What arrives, measured: live steps into the store, trials to whoever asked.
 
-use crate::kernel;
+use crate::kernel::{PreparedVdi, quality};
 use crate::store::{Run, StepRow, Store};
 use lamina_model::{Quality, ReferenceSamples};
 use lamina_wire::codec::{self, DecodeLimits};
@@ -98,7 +98,8 @@ impl Meter {
     fn record(&self, frame: &v1::Frame, payload: Vec<u8>) -> Result<(), String> {
         let step = frame.step;
         let vdi = codec::decode(&payload, &self.limits).map_err(|e| format!("step {step}: {e}"))?;
-        let quality = self.reference_of(frame).map(|r| kernel::quality(&vdi, &r)).transpose();
+        let vdi = PreparedVdi::new(Arc::new(vdi));
+        let quality = self.reference_of(frame).map(|r| vdi.quality(&r)).transpose();
         let quality = quality.map_err(|e| format!("step {step}: {e}"))?;
         let row = StepRow::new(frame, quality.as_ref());
         let bytes = row.size_bytes;
@@ -115,7 +116,7 @@ impl Meter {
             let missing =
                 || Status::failed_precondition(format!("no reference samples of step {} have arrived", frame.step));
             let reference = self.reference_of(frame).ok_or_else(missing)?;
-            kernel::quality(&vdi, &reference).map_err(|e| refused(e.to_string()))
+            quality(&vdi, &reference).map_err(|e| refused(e.to_string()))
         });
         self.counters.trials.fetch_add(1, Ordering::Relaxed);
         self.trials.send_modify(|trials| {

@@ -1,6 +1,5 @@
 //! A picture of a recorded step from an orbiting camera, as PNG.
 
-use crate::kernel::render;
 use crate::store::{Store, StoreError};
 use lamina_model::{Image, Invalid};
 use std::time::{Duration, Instant};
@@ -50,10 +49,10 @@ pub fn picture(store: &Store, step: u64, orbit: Orbit) -> Result<Picture, ViewEr
     if orbit.size > MAX_SIZE {
         return Err(Invalid::new("size", format!("{} exceeds {MAX_SIZE} pixels", orbit.size)).into());
     }
-    let vdi = store.vdi(step)?;
-    let camera = vdi.header().camera.orbit(orbit.azimuth_deg, orbit.elevation_deg, orbit.zoom)?;
+    let vdi = store.prepared(step)?;
+    let camera = vdi.vdi().header().camera.orbit(orbit.azimuth_deg, orbit.elevation_deg, orbit.zoom)?;
     let start = Instant::now();
-    let image = render(&vdi, &camera, orbit.size, orbit.size)?;
+    let image = vdi.render(&camera, orbit.size, orbit.size)?;
     let render_time = start.elapsed();
     Ok(Picture { step, png: png(&image)?, render_time })
 }

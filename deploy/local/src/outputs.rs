@@ -6,7 +6,6 @@ use crate::units::show_bytes;
 use anyhow::{Context, ensure};
 use lamina_generator_node::kernel::{Backend, Field};
 use lamina_model::{Scene, Volume, psnr};
-use lamina_viz_node::kernel::render;
 use lamina_viz_node::store::{StepRow, Store};
 use lamina_viz_node::view::png;
 use lamina_wire::v1;
@@ -68,11 +67,11 @@ impl Outputs {
             return Ok(());
         }
         let field = Field::new(volume.clone(), scene);
-        let vdi = store.vdi(row.step)?;
+        let vdi = store.prepared(row.step)?;
         for angle_deg in ANGLES_DEG {
             let camera = scene.camera.rotated_about_y(angle_deg)?;
             let reference = Backend::cpu().raycast(&field, &camera, PICTURE_SIZE, PICTURE_SIZE)?;
-            let rendered = render(&vdi, &camera, PICTURE_SIZE, PICTURE_SIZE)?;
+            let rendered = vdi.render(&camera, PICTURE_SIZE, PICTURE_SIZE)?;
             let pair = PicturePair {
                 step: row.step,
                 angle_deg,

@@ -18,10 +18,8 @@ pub struct TransferTable {
     pub unit: Vec<[f32; 8]>,
     /// Steps in a unit length.
     pub unit_steps: f32,
-    /// Outside these positions, ends included, all is transparent.
+    /// Outside these rows, ends included, all is transparent.
     pub visible: [f32; 2],
-    /// The same in rows.
-    visible_rows: [f32; 2],
 }
 
 /// The least number of bins: 32 KB of rows, in reach of a core's first cache.
@@ -50,15 +48,14 @@ impl TransferTable {
             )
         });
         let (step, unit) = rows.unzip();
-        let visible = transfer.visible_hull();
-        let visible_rows = visible.map(|u| u * bins as f32);
-        Self { step, unit, unit_steps: (1.0 / units) as f32, visible, visible_rows }
+        let visible = transfer.visible_hull().map(|u| u * bins as f32);
+        Self { step, unit, unit_steps: (1.0 / units) as f32, visible }
     }
 
     /// Whether something may show at a position given in rows. NaN never does.
     #[inline(always)]
     pub fn shown<L: Lanes>(&self, at: L::F) -> L::M {
-        L::F::splat(self.visible_rows[0]).le(at) & at.le(L::F::splat(self.visible_rows[1]))
+        L::F::splat(self.visible[0]).le(at) & at.le(L::F::splat(self.visible[1]))
     }
 
     /// Intervals of the range.

@@ -1,8 +1,8 @@
 //! I: pure functions from a VDI and a camera to colours.
 
-mod frustum;
+mod cpu;
 mod quality;
-mod render;
+pub mod scalar;
 
+pub use cpu::{PreparedVdi, render};
 pub use quality::quality;
-pub use render::{render, render_pixels};

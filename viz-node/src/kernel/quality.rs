@@ -1,7 +1,8 @@
 //! q: the PSNR of a VDI's pictures against reference samples.
 
-use super::render_pixels;
+use super::PreparedVdi;
 use lamina_model::{Invalid, Quality, ReferenceSamples, SquaredError, Vdi};
+use std::ops::Deref;
 
 /// PSNR per view and pooled over the sampled pixels.
 ///
@@ -9,19 +10,32 @@ use lamina_model::{Invalid, Quality, ReferenceSamples, SquaredError, Vdi};
 /// If the samples do not fit their plan.
 #[doc(alias = "q")]
 pub fn quality(vdi: &Vdi, reference: &ReferenceSamples) -> Result<Quality, Invalid> {
-    let plan = reference.plan.clone().check()?;
-    let cameras = plan.test_cameras(&reference.scene.camera)?;
-    if reference.colors.len() != cameras.len() || reference.colors.iter().any(|c| c.len() != plan.samples_per_view()) {
-        return Err(Invalid::new("reference", "the number of colours does not fit the sample plan"));
+    PreparedVdi::new(vdi).quality(reference)
+}
+
+impl<V: Deref<Target = Vdi>> PreparedVdi<V> {
+    /// PSNR per view and pooled over the sampled pixels.
+    ///
+    /// # Errors
+    /// If the samples do not fit their plan.
+    #[doc(alias = "q")]
+    pub fn quality(&self, reference: &ReferenceSamples) -> Result<Quality, Invalid> {
+        let plan = reference.plan.clone().check()?;
+        let cameras = plan.test_cameras(&reference.scene.camera)?;
+        if reference.colors.len() != cameras.len()
+            || reference.colors.iter().any(|c| c.len() != plan.samples_per_view())
+        {
+            return Err(Invalid::new("reference", "the number of colours does not fit the sample plan"));
+        }
+        let mut pooled = SquaredError::default();
+        let mut views = Vec::new();
+        for (v, (camera, colors)) in cameras.iter().zip(&reference.colors).enumerate() {
+            let rendered = self.render_pixels(camera, plan.image_size, plan.image_size, &plan.pixels(v));
+            let mut error = SquaredError::default();
+            error.add_all(&rendered, colors);
+            views.push((plan.angles_deg[v], error.psnr_db()));
+            pooled.merge(error);
+        }
+        Ok(Quality { psnr_db: pooled.psnr_db(), views })
     }
-    let mut pooled = SquaredError::default();
-    let mut views = Vec::new();
-    for (v, (camera, colors)) in cameras.iter().zip(&reference.colors).enumerate() {
-        let rendered = render_pixels(vdi, camera, plan.image_size, plan.image_size, &plan.pixels(v));
-        let mut error = SquaredError::default();
-        error.add_all(&rendered, colors);
-        views.push((plan.angles_deg[v], error.psnr_db()));
-        pooled.merge(error);
-    }
-    Ok(Quality { psnr_db: pooled.psnr_db(), views })
 }

@@ -7,6 +7,7 @@ mod row;
 
 pub use row::{Number, StepRow, View};
 
+use crate::kernel::PreparedVdi;
 use folder::Folder;
 use lamina_model::Vdi;
 use lamina_wire::codec::{self, DecodeLimits};
@@ -70,7 +71,7 @@ pub enum Event {
     Step(StepRow),
 }
 
-/// Decoded VDIs kept for drawing.
+/// VDIs kept decoded and prepared for drawing.
 const DECODED: usize = 3;
 
 #[derive(Default)]
@@ -79,7 +80,7 @@ struct State {
     rows: BTreeMap<u64, StepRow>,
     in_memory: BTreeMap<u64, Arc<Vec<u8>>>,
     folder: Option<Folder>,
-    decoded: VecDeque<(String, u64, Arc<Vdi>)>,
+    decoded: VecDeque<(String, u64, Arc<PreparedVdi>)>,
 }
 
 /// All steps of the current run.
@@ -148,7 +149,7 @@ impl Store {
     ///
     /// # Errors
     /// If the folder cannot be written.
-    pub fn record(&self, row: StepRow, bytes: Vec<u8>, vdi: Arc<Vdi>) -> Result<(), StoreError> {
+    pub fn record(&self, row: StepRow, bytes: Vec<u8>, vdi: Arc<PreparedVdi>) -> Result<(), StoreError> {
         let mut state = self.state();
         if state.rows.contains_key(&row.step) {
             return Ok(());
@@ -213,14 +214,22 @@ impl Store {
     /// # Errors
     /// If it is not held or damaged.
     pub fn vdi(&self, step: u64) -> Result<Arc<Vdi>, StoreError> {
+        Ok(self.prepared(step)?.vdi().clone())
+    }
+
+    /// The VDI of `step`, decoded and prepared for drawing.
+    ///
+    /// # Errors
+    /// If it is not held or damaged.
+    pub fn prepared(&self, step: u64) -> Result<Arc<PreparedVdi>, StoreError> {
         let run_id = self.run().map(|r| r.id).unwrap_or_default();
-        let is_it = |(run, number, _): &&(String, u64, Arc<Vdi>)| *run == run_id && *number == step;
+        let is_it = |(run, number, _): &&(String, u64, Arc<PreparedVdi>)| *run == run_id && *number == step;
         if let Some((_, _, vdi)) = self.state().decoded.iter().find(is_it) {
             return Ok(vdi.clone());
         }
         let bytes = self.encoded(step)?;
         let vdi = codec::decode(&bytes, &self.limits).map_err(|reason| StoreError::Damaged { step, reason })?;
-        let vdi = Arc::new(vdi);
+        let vdi = Arc::new(PreparedVdi::new(Arc::new(vdi)));
         let mut state = self.state();
         if state.run.as_ref().is_none_or(|r| r.id != run_id) {
             // Another run began meanwhile; these bytes may be of either.
