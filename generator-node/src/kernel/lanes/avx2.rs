@@ -274,6 +274,10 @@ impl Floats for F {
         Self(unsafe { _mm256_blendv_ps(b.0, a.0, mask.0) })
     }
     #[inline(always)]
+    fn only(self, mask: M) -> Self {
+        Self(unsafe { _mm256_and_ps(self.0, mask.0) })
+    }
+    #[inline(always)]
     fn to_int(self) -> I {
         I(unsafe { _mm256_cvttps_epi32(self.0) })
     }

@@ -26,7 +26,7 @@ pub fn generate(level: Level, field: &Field, params: &GenerationParams) -> Resul
         let rows = |band: usize| {
             level.run(Rows { view: &view, lens: &lens, header: &header, first_row: Tile::ROWS * band as u32 })
         };
-        in_order(r.div_ceil(Tile::ROWS) as usize, rows, |band| join.add(band));
+        in_order(r.div_ceil(Tile::ROWS) as usize, rows, |rows: [Band; 2]| rows.into_iter().for_each(|row| join.add(row)));
     });
     join.finish(header)
 }
@@ -40,9 +40,9 @@ struct Rows<'a, V> {
 }
 
 impl<V: Pair> Job for Rows<'_, V> {
-    type Output = Band;
+    type Output = [Band; 2];
     #[inline(always)]
-    fn run<L: Lanes>(self) -> Band {
+    fn run<L: Lanes>(self) -> [Band; 2] {
         let r = self.header.params.resolution();
         let mut rows = [Band::default(), Band::default()];
         let mut cluster = Cluster::<L>::new(self.view.table, self.header);
@@ -50,16 +50,9 @@ impl<V: Pair> Job for Rows<'_, V> {
             let packet = Packet::<L>::new(self.lens, tile.pixels());
             self.view.march(&packet, &mut cluster);
             cluster.finish();
-            for (&(_, j), list) in tile.pixels().iter().zip(&mut cluster.lists) {
-                let row = &mut rows[(j - self.first_row) as usize];
-                row.counts.push(list.len() as u32);
-                row.segments.append(list);
-            }
+            cluster.closed.hand_over(tile.pixels().iter().map(|&(_, j)| (j - self.first_row) as usize), &mut rows);
         }
-        let [mut band, second] = rows;
-        band.counts.extend(second.counts);
-        band.segments.extend(second.segments);
-        band
+        rows
     }
 }
 
@@ -80,9 +73,11 @@ struct Cluster<'a, L: Lanes> {
     opacity: L::F,
     color: [L::F; 3],
     optical_depth: L::F,
+    /// Opacity of one unit length of it.
+    unit: L::F,
     /// Optical depth of the whole ray so far.
     ray_depth: L::F,
-    lists: [Vec<Supersegment>; WIDTH],
+    closed: Closed,
 }
 
 impl<'a, L: Lanes> Cluster<'a, L> {
@@ -100,28 +95,23 @@ impl<'a, L: Lanes> Cluster<'a, L> {
             opacity: zero,
             color: [zero; 3],
             optical_depth: zero,
+            unit: zero,
             ray_depth: zero,
-            lists: Default::default(),
+            closed: Closed::default(),
         }
     }
 
     /// Closes the open supersegments of `lanes`.
     #[inline(always)]
     fn close(&mut self, lanes: L::M) {
-        let (start, end) = (self.start.to_array(), self.end.to_array());
-        let (opacity, color) = (self.opacity.to_array(), self.color.map(L::F::to_array));
-        let optical_depth = self.optical_depth.to_array();
-        let mut bits = lanes.bits();
-        while bits != 0 {
-            let l = bits.trailing_zeros() as usize;
-            bits &= bits - 1;
-            self.lists[l].push(Supersegment {
-                start: start[l] as u32,
-                end: end[l] as u32,
-                color: color.map(|c| (c[l] / opacity[l]).clamp(0.0, 1.0)),
-                optical_depth: optical_depth[l],
-            });
-        }
+        self.closed.records.push(Record {
+            lanes: lanes.bits() as u8,
+            start: self.start.to_array(),
+            end: self.end.to_array(),
+            opacity: self.opacity.to_array(),
+            color: [self.color[0].to_array(), self.color[1].to_array(), self.color[2].to_array()],
+            optical_depth: self.optical_depth.to_array(),
+        });
     }
 
     /// Closes what is open and makes ready for the next rays.
@@ -130,6 +120,66 @@ impl<'a, L: Lanes> Cluster<'a, L> {
         self.close(self.end.gt(L::I::splat(0)));
         self.end = L::I::splat(-1);
         self.ray_depth = L::F::splat(0.0);
+    }
+}
+
+/// The state of all lanes at a step where some closed.
+struct Record {
+    lanes: u8,
+    start: [i32; WIDTH],
+    end: [i32; WIDTH],
+    opacity: [f32; WIDTH],
+    color: [[f32; WIDTH]; 3],
+    optical_depth: [f32; WIDTH],
+}
+
+/// Closed supersegments of a packet, in order.
+#[derive(Default)]
+struct Closed {
+    records: Vec<Record>,
+}
+
+impl Closed {
+    /// Appends each ray's list to its row, and forgets them. `row_of` tells the row of each lane.
+    fn hand_over(&mut self, row_of: impl Iterator<Item = usize>, rows: &mut [Band; 2]) {
+        let mut counts = [0; WIDTH];
+        for record in &self.records {
+            for (l, count) in counts.iter_mut().enumerate() {
+                *count += usize::from(record.lanes >> l & 1);
+            }
+        }
+        // Where each lane's list goes on: lists of one row lie one after the other.
+        let (mut place, mut row) = ([0; WIDTH], [0; WIDTH]);
+        for (l, r) in row_of.enumerate() {
+            let band = &mut rows[r];
+            (place[l], row[l]) = (band.segments.len(), r);
+            band.counts.push(counts[l] as u32);
+            band.segments.resize(place[l] + counts[l], NONE);
+        }
+        for record in self.records.drain(..) {
+            let mut lanes = record.lanes;
+            while lanes != 0 {
+                let l = lanes.trailing_zeros() as usize;
+                lanes &= lanes - 1;
+                rows[row[l]].segments[place[l]] = record.supersegment(l);
+                place[l] += 1;
+            }
+        }
+    }
+}
+
+const NONE: Supersegment = Supersegment { start: 0, end: 0, color: [0.0; 3], optical_depth: 0.0 };
+
+impl Record {
+    #[inline(always)]
+    fn supersegment(&self, l: usize) -> Supersegment {
+        let straight = 1.0 / self.opacity[l];
+        Supersegment {
+            start: self.start[l] as u32,
+            end: self.end[l] as u32,
+            color: self.color.map(|c| (c[l] * straight).clamp(0.0, 1.0)),
+            optical_depth: self.optical_depth[l],
+        }
     }
 }
 
@@ -150,36 +200,38 @@ impl<L: Lanes> Visit<L> for Cluster<'_, L> {
             depth = depth * length;
             ratio = L::F::select(last, opacity::<L>(depth).div(unit), ratio);
         }
-        // The open supersegment at unit length, against the sample.
-        let open = opacity::<L>(self.optical_depth * L::F::splat(self.unit_steps).div(self.length));
-        let straight = open.div(self.opacity);
-        let difference = (open - unit).abs();
-        let difference = difference.max((self.color[0] * straight - r).abs());
-        let difference = difference.max((self.color[1] * straight - g).abs());
-        let difference = difference.max((self.color[2] * straight - b).abs());
-        let adjoins = shown & self.end.eq(step);
-        let joins = adjoins & difference.lt(L::F::splat(self.gamma));
-        let closes = shown & self.end.gt(L::I::splat(0)) & !joins;
+        // The open supersegment and the sample at unit length, both times the open one's opacity: no division.
+        let open = self.unit;
+        let difference = ((open - unit) * self.opacity).abs();
+        let difference = difference.max((self.color[0] * open - r * self.opacity).abs());
+        let difference = difference.max((self.color[1] * open - g * self.opacity).abs());
+        let difference = difference.max((self.color[2] * open - b * self.opacity).abs());
+        let alike = difference.lt(L::F::splat(self.gamma) * self.opacity);
+        let joins = shown & self.end.eq(step) & alike;
+        let begins = shown & !joins;
+        let closes = begins & self.end.gt(L::I::splat(0));
         if closes.any() {
             self.close(closes);
         }
-        let before = L::F::select(joins, self.opacity, zero);
-        let shows = (one - before) * ratio;
-        self.color[0] = grown::<L>(shown, joins, self.color[0], shows * r);
-        self.color[1] = grown::<L>(shown, joins, self.color[1], shows * g);
-        self.color[2] = grown::<L>(shown, joins, self.color[2], shows * b);
-        self.opacity = grown::<L>(shown, joins, self.opacity, shows * unit);
-        self.length = grown::<L>(shown, joins, self.length, length);
-        self.optical_depth = grown::<L>(shown, joins, self.optical_depth, depth);
-        self.start = L::I::select(shown & !joins, step, self.start);
+        // What a lane keeps, and what it adds: all and nothing where no sample is shown.
+        let kept = !begins;
+        let shows = (one - self.opacity.only(kept)) * ratio.only(shown);
+        self.color[0] = self.color[0].only(kept) + shows * r;
+        self.color[1] = self.color[1].only(kept) + shows * g;
+        self.color[2] = self.color[2].only(kept) + shows * b;
+        self.opacity = self.opacity.only(kept) + shows * unit;
+        // Computed for the case that the sample joins, before it is known, so that the next sample waits less.
+        let (depths, lengths) = (self.optical_depth + depth, self.length + length);
+        let joined = opacity::<L>(depths * L::F::splat(self.unit_steps).div(lengths));
+        self.unit = L::F::select(joins, joined, L::F::select(begins, unit, self.unit));
+        self.length = self.length.only(kept) + length.only(shown);
+        self.optical_depth = self.optical_depth.only(kept) + depth.only(shown);
+        self.start = L::I::select(begins, step, self.start);
         self.end = L::I::select(shown, step + L::I::splat(1), self.end);
-        self.ray_depth = grown::<L>(shown, shown, self.ray_depth, depth);
+        if self.cutoff == f32::INFINITY {
+            return live;
+        }
+        self.ray_depth = self.ray_depth + depth.only(shown);
         live & self.ray_depth.lt(L::F::splat(self.cutoff))
     }
-}
-
-/// `sum` with `more` added where a sample joins, begun anew with it where one is shown and does not join.
-#[inline(always)]
-fn grown<L: Lanes>(shown: L::M, joins: L::M, sum: L::F, more: L::F) -> L::F {
-    L::F::select(shown, L::F::select(joins, sum, L::F::splat(0.0)) + more, sum)
 }

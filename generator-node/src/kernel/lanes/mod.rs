@@ -100,6 +100,8 @@ pub trait Floats: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     fn le(self, other: Self) -> Self::M;
     /// `a` where `mask` holds, else `b`.
     fn select(mask: Self::M, a: Self, b: Self) -> Self;
+    /// Itself where `mask` holds, else 0.
+    fn only(self, mask: Self::M) -> Self;
     /// Towards zero; numbers must fit 32 bits.
     fn to_int(self) -> Self::I;
     /// The magnitude.

@@ -119,6 +119,10 @@ impl Floats for F {
         Self(from_fn(|l| if mask.0[l] { a.0[l] } else { b.0[l] }))
     }
     #[inline(always)]
+    fn only(self, mask: M) -> Self {
+        Self(from_fn(|l| if mask.0[l] { self.0[l] } else { 0.0 }))
+    }
+    #[inline(always)]
     fn to_int(self) -> I {
         // As the instruction does: what does not fit becomes the least number.
         let int = |x: f32| if x.abs() < 2_147_483_648.0 { x as i32 } else { i32::MIN };

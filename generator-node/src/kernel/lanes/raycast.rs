@@ -130,14 +130,13 @@ impl<L: Lanes> Visit<L> for Light<'_, L> {
     fn visit(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M {
         let shown = live & self.table.shown::<L>(at);
         let [r, g, b, mut opacity] = L::rows4(&self.table.step, at);
-        let zero = L::F::splat(0.0);
         let mut color = [r, g, b];
         let last = shown & step.eq(packet.last);
         if last.any() {
             cut_short::<L>(last, &packet.last_length, &mut color, &mut opacity);
         }
-        opacity = L::F::select(shown, opacity, zero);
-        let through = L::F::select(shown, self.transmittance, zero);
+        opacity = opacity.only(shown);
+        let through = self.transmittance.only(shown);
         for c in 0..3 {
             self.color[c] = self.color[c] + through * color[c];
         }
