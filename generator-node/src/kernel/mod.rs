@@ -5,6 +5,7 @@
 
 mod backend;
 mod field;
+pub mod gpu;
 mod rows;
 pub mod scalar;
 mod skip;

@@ -101,8 +101,8 @@ impl Gpu {
     /// Runs `work`; any error of the device on the way is returned, whatever `work` gave. `doing` names the work.
     ///
     /// # Errors
-    /// If the device is lost, out of memory or told something impossible.
-    pub fn run<T>(&self, doing: &str, work: impl FnOnce() -> Result<T, DeviceError>) -> Result<T, DeviceError> {
+    /// If the device is lost, out of memory or told something impossible, or `work` gives one.
+    pub fn run<T, E: From<DeviceError>>(&self, doing: &str, work: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
         self.check()?;
         let filters = [ErrorFilter::OutOfMemory, ErrorFilter::Validation, ErrorFilter::Internal];
         let scopes = filters.map(|f| self.device.push_error_scope(f));
@@ -117,10 +117,10 @@ impl Gpu {
         // A lost device makes all else fail too; the loss is the cause to name.
         self.check()?;
         match (caught, outcome) {
-            (Some(Error::OutOfMemory { .. }), _) => Err(DeviceError::OutOfMemory(doing.to_owned())),
-            (Some(e), _) => Err(DeviceError::Fault { doing: doing.to_owned(), reason: e.to_string() }),
+            (Some(Error::OutOfMemory { .. }), _) => Err(DeviceError::OutOfMemory(doing.to_owned()).into()),
+            (Some(e), _) => Err(DeviceError::Fault { doing: doing.to_owned(), reason: e.to_string() }.into()),
             (None, Ok(result)) => result,
-            (None, Err(())) => Err(DeviceError::Lost("its driver failed".to_owned())),
+            (None, Err(())) => Err(DeviceError::Lost("its driver failed".to_owned()).into()),
         }
     }
 

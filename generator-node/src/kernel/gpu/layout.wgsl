@@ -4,19 +4,15 @@
 struct Volume {
     // Last sample point per axis.
     last: vec3u,
-    // Intervals of the transfer function's table.
-    bins: u32,
+    pad0: u32,
     // Bricks per axis.
     bricks: vec3u,
-    pad0: u32,
+    pad1: u32,
     // Corners of the box in units of sample points; position in the range = scale * stored + offset.
     low: vec3f,
     scale: f32,
     high: vec3f,
     offset: f32,
-    // Outside these positions all is transparent.
-    visible: vec2f,
-    pad1: vec2u,
 }
 
 // Rays of a picture or VDI. Directions are displacements, in units of sample points, along one sampling step. Rays start
@@ -34,9 +30,13 @@ struct View {
     // Steps in the length that opacities refer to.
     unit_steps: f32,
     right: vec3f,
-    pad0: u32,
+    // Intervals of the transfer function's table.
+    bins: u32,
     up: vec3f,
-    pad1: u32,
+    pad0: u32,
+    // Outside these positions of the range all is transparent.
+    visible: vec2f,
+    pad1: vec2u,
 }
 
 // Which pixels of a picture a dispatch colours.

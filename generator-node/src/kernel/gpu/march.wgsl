@@ -66,8 +66,8 @@ fn next_sample(span: Span, first: u32) -> Sample {
             continue;
         }
         var u = 0.0;
-        if value_at(index, &u) && u >= volume.visible.x && u <= volume.visible.y {
-            return Sample(step, length, row_at(u, volume.bins));
+        if value_at(index, &u) && u >= view.visible.x && u <= view.visible.y {
+            return Sample(step, length, row_at(u, view.bins));
         }
         step += 1u;
     }

@@ -12,7 +12,7 @@ fn raycast_rows(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= view.width || id.y >= picture.count {
         return;
     }
-    store(id.y * view.width + id.x, cast(id.x, picture.first + id.y));
+    store(id.y * view.width + id.x, color_at(id.x, picture.first + id.y));
 }
 
 // Listed pixels.
@@ -27,7 +27,7 @@ fn raycast_pixels(
         return;
     }
     let pixel = pixels[n];
-    store(n, cast(pixel & 0xffffu, pixel >> 16u));
+    store(n, color_at(pixel & 0xffffu, pixel >> 16u));
 }
 
 fn store(n: u32, color: vec3f) {
@@ -36,7 +36,7 @@ fn store(n: u32, color: vec3f) {
     colors[3u * n + 2u] = color.z;
 }
 
-fn cast(i: u32, j: u32) -> vec3f {
+fn color_at(i: u32, j: u32) -> vec3f {
     let span = span_of(i, j);
     var color = vec3f(0.0);
     var transmittance = 1.0;
