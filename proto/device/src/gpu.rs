@@ -21,7 +21,7 @@ pub struct Gpu {
 #[derive(Debug)]
 pub enum Opened {
     /// A GPU.
-    Gpu(Gpu),
+    Gpu(Box<Gpu>),
     /// The processor, and why: for the log.
     Cpu(String),
 }
@@ -42,7 +42,7 @@ impl Gpu {
                 return Ok(Opened::Cpu(format!("{} is a GPU in software, which gains nothing", facts.name)));
             }
             match Self::of(&adapter, facts) {
-                Ok(gpu) => return Ok(Opened::Gpu(gpu)),
+                Ok(gpu) => return Ok(Opened::Gpu(Box::new(gpu))),
                 Err(e) => reason = e,
             }
         }
@@ -59,10 +59,8 @@ impl Gpu {
             ..Default::default()
         };
         let opened = pollster::block_on(adapter.request_device(&descriptor));
-        let refused = |e: wgpu::RequestDeviceError| DeviceError::Refused {
-            adapter: facts.name.clone(),
-            reason: e.to_string(),
-        };
+        let refused =
+            |e: wgpu::RequestDeviceError| DeviceError::Refused { adapter: facts.name.clone(), reason: e.to_string() };
         let (device, queue) = opened.map_err(refused)?;
         let lost = Arc::new(Mutex::new(None));
         let (on_loss, on_fault) = (lost.clone(), lost.clone());

@@ -12,7 +12,12 @@ use lamina_device::wgpu::{
 /// What every kernel that marches is made of.
 macro_rules! march {
     ($kernel:literal) => {
-        concat!(include_str!("layout.wgsl"), include_str!("leaf.wgsl"), include_str!("march.wgsl"), include_str!($kernel))
+        concat!(
+            include_str!("layout.wgsl"),
+            include_str!("leaf.wgsl"),
+            include_str!("march.wgsl"),
+            include_str!($kernel)
+        )
     };
 }
 

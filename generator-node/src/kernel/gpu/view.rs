@@ -14,7 +14,8 @@ impl View {
     pub fn new(field: &Field, camera: &Camera, width: u32, height: u32, tables: &Tables) -> Self {
         let step_length = tables.step_length;
         let bounds = field.grid().bounds();
-        let corner = |n: u32| DVec3::from_array([0, 1, 2].map(|a| if n >> a & 1 == 0 { bounds.min } else { bounds.max }[a]));
+        let corner =
+            |n: u32| DVec3::from_array([0, 1, 2].map(|a| if n >> a & 1 == 0 { bounds.min } else { bounds.max }[a]));
         let depths = (0..8).map(|n| camera.view_from_world(corner(n)).z);
         let near = depths.fold(f64::INFINITY, f64::min).max(0.0);
         let (center_x, center_y) = (0.5 * f64::from(width), 0.5 * f64::from(height));
