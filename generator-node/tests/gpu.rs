@@ -232,6 +232,29 @@ fn a_transparent_volume_gives_no_supersegments() {
 }
 
 #[test]
+fn what_is_opaque_stays_a_number() {
+    let Some(gpu) = kernels() else { return };
+    let (_, field) = fields().swap_remove(6);
+    let mut points = field.scene().transfer.points().to_vec();
+    points[4].opacity = 1.0;
+    points[3].opacity = 1.0;
+    let transfer = TransferFunction::new(*field.scene().transfer.range(), None, points).unwrap();
+    let voxels = Voxels::F64(values(DIMS));
+    let field = Field::new(Volume::new(*field.grid(), voxels).unwrap(), &Scene { transfer, ..field.scene().clone() });
+    let params = GenerationParams::new(45, 0.02).unwrap();
+    let (ours, oracle) = (gpu.generate(&field, &params).unwrap().0, scalar::generate(&field, &params).unwrap());
+    let found = agreement(&ours, &oracle);
+    assert!(found.other_rays < MAX_RAYS && found.worst_color < MAX_CHANNEL, "{found:?}");
+    assert!(oracle.segments().iter().any(|s| s.optical_depth.is_infinite()));
+    let camera = &field.scene().camera;
+    let picture = gpu.raycast(&field, camera, 64, 64).unwrap();
+    let psnr = lamina_model::psnr(&picture, &scalar::raycast(&field, camera, 64, 64).unwrap()).unwrap();
+    println!("opaque: {found:?}, {psnr:.1} dB");
+    // The opacity of a step shorter than the unit length rises steeply just below opaque: more than a bin can follow.
+    assert!(psnr > 60.0, "{psnr} dB");
+}
+
+#[test]
 fn small_chunks_give_the_same_vdi_and_too_small_ones_say_so() {
     let (Some(gpu), Some(small), Some(tiny)) = (kernels(), open(), open()) else { return };
     let (_, field) = fields().swap_remove(0);
@@ -285,6 +308,17 @@ fn a_volume_too_long_for_the_device_is_refused() {
     let field = field(dims, Voxels::U8(vec![200; 40_000]), 255.0, Scale::Linear, 1.3);
     let e = gpu.generate(&field, &GenerationParams::new(4, 0.1).unwrap()).unwrap_err();
     assert!(matches!(e, GpuError::TooLarge { needed: 40_000, .. }), "{e}");
+}
+
+#[test]
+#[ignore = "two minutes in software, and 2 GB"]
+fn the_greatest_resolution_runs() {
+    let Some(gpu) = kernels() else { return };
+    let (_, field) = fields().swap_remove(2);
+    let params = GenerationParams::new(GenerationParams::MAX_RESOLUTION, 1.0).unwrap();
+    let (vdi, time) = gpu.generate(&field, &params).unwrap();
+    println!("{} supersegments in {time:?}", vdi.segments().len());
+    assert!(vdi.segments().len() > 1 << 22);
 }
 
 /// `cargo test --release --workspace --test gpu -- --ignored --nocapture` prints how long both take.
