@@ -110,6 +110,7 @@ impl Gpu {
         let caught = scopes.into_iter().rev().filter_map(|s| pollster::block_on(s.pop())).last();
         let outcome = outcome.map_err(|panic| {
             let text = panic.downcast_ref::<String>().cloned();
+            let text = text.or_else(|| panic.downcast_ref::<&str>().map(|&s| s.to_owned()));
             set(&self.lost, text.unwrap_or_else(|| "its driver failed".to_owned()));
         });
         // A lost device makes all else fail too; the loss is the cause to name.
@@ -157,4 +158,60 @@ impl Gpu {
 /// Keeps the first reason: the others follow from it.
 fn set(lost: &Mutex<Option<String>>, reason: String) {
     lost.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(reason);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn open() -> Option<Box<Gpu>> {
+        match Gpu::open(Choice::Gpu) {
+            Ok(Opened::Gpu(gpu)) => Some(gpu),
+            Ok(Opened::Cpu(reason)) => panic!("asked for a GPU, got the processor: {reason}"),
+            Err(e) if std::env::var_os("REQUIRE_GPU").is_some_and(|v| v == "1") => panic!("REQUIRE_GPU=1, and {e}"),
+            Err(e) => {
+                println!("skipped: {e}");
+                None
+            }
+        }
+    }
+
+    #[test]
+    fn software_is_no_gpu_unless_asked_for() {
+        assert!(matches!(Gpu::open(Choice::Cpu), Ok(Opened::Cpu(_))));
+        match Gpu::open(Choice::Auto) {
+            Ok(Opened::Gpu(gpu)) => assert!(!gpu.facts().software),
+            Ok(Opened::Cpu(reason)) => assert!(!reason.is_empty()),
+            Err(e) => panic!("auto never fails: {e}"),
+        }
+    }
+
+    #[test]
+    fn an_impossible_buffer_is_an_error_and_the_device_lives_on() {
+        let Some(gpu) = open() else { return };
+        let size = gpu.limits().max_buffer_size + 4;
+        let make = || Ok::<_, DeviceError>(gpu.buffer("too large", size, BufferUsages::STORAGE));
+        let e = gpu.run("a buffer", make).unwrap_err();
+        assert!(matches!(e, DeviceError::Fault { .. } | DeviceError::OutOfMemory(_)), "{e}");
+        gpu.run("a smaller one", || Ok::<_, DeviceError>(gpu.buffer("small", 16, BufferUsages::STORAGE))).unwrap();
+    }
+
+    #[test]
+    fn a_driver_that_panics_is_lost() {
+        let Some(gpu) = open() else { return };
+        let panics = || -> Result<(), DeviceError> { panic!("{} is gone", "the device") };
+        let lost = DeviceError::Lost("the device is gone".to_owned());
+        assert_eq!(gpu.run("anything", panics), Err(lost.clone()));
+        assert_eq!(gpu.run("anything", || Ok(())), Err(lost));
+    }
+
+    #[test]
+    fn groups_cover_all_items_within_the_limit() {
+        let Some(gpu) = open() else { return };
+        let most = gpu.limits().max_compute_workgroups_per_dimension;
+        assert_eq!(gpu.groups(0, 64), [1, 1]);
+        assert_eq!(gpu.groups(65, 64), [2, 1]);
+        let [x, y] = gpu.groups(u64::from(most) * 64 + 1, 64);
+        assert!(x == most && y == 2);
+    }
 }

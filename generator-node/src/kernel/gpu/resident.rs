@@ -8,7 +8,7 @@ use crate::kernel::table::TransferTable;
 use half::slice::HalfFloatSliceExt;
 use lamina_device::Gpu;
 use lamina_device::wgpu::{
-    Buffer, BufferUsages, Extent3d, Origin3d, TexelCopyBufferLayout, TexelCopyTextureInfo, TextureAspect,
+    Buffer, BufferUsages, Extent3d, Origin3d, PollType, TexelCopyBufferLayout, TexelCopyTextureInfo, TextureAspect,
     TextureDescriptor, TextureDimension, TextureFormat, TextureUsages, TextureView,
 };
 
@@ -143,6 +143,7 @@ fn voxels(gpu: &Gpu, [nx, ny, nz]: [u32; 3], format: TextureFormat, bytes: &[u8]
     // Part of a layer where a layer is more than a slab.
     let rows = (SLAB_BYTES / row_bytes).clamp(1, ny as usize);
     let layers = if rows < ny as usize { 1 } else { (SLAB_BYTES / (row_bytes * rows)).clamp(1, nz as usize) };
+    let mut last = None;
     for z in (0..nz).step_by(layers) {
         for y in (0..ny).step_by(rows) {
             let (height, depth) = (rows.min((ny - y) as usize), layers.min((nz - z) as usize));
@@ -162,8 +163,13 @@ fn voxels(gpu: &Gpu, [nx, ny, nz]: [u32; 3], format: TextureFormat, bytes: &[u8]
                 },
                 Extent3d { width: nx, height: height as u32, depth_or_array_layers: depth as u32 },
             );
-            // Lets the driver free its copy of earlier slabs.
-            gpu.queue().submit([]);
+            // One slab travels while the next is copied; no more of them wait.
+            let this = gpu.queue().submit([]);
+            if let Some(submission_index) = last.replace(this) {
+                let wait = PollType::Wait { submission_index: Some(submission_index), timeout: None };
+                // Only a time limit could end it early; a loss is found by the caller.
+                let _ = gpu.device().poll(wait);
+            }
         }
     }
     texture.create_view(&Default::default())
