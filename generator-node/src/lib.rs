@@ -25,8 +25,7 @@ use tokio::net::TcpListener;
 pub async fn run(config: Config, listener: TcpListener, shutdown: Shutdown) -> Result<(), NodeError> {
     let ingest = Arc::new(ingest::Ingest::new(config.memory_bytes, Duration::from_secs_f64(config.idle_secs)));
     let publisher = Arc::new(publish::Publisher::new(config.history_bytes));
-    let shared =
-        Arc::new(cycle::Shared::new(
+    let shared = Arc::new(cycle::Shared::new(
         config.params,
         config.encode_options(),
         kernel::Backend::cpu(),

@@ -1,6 +1,8 @@
 //! Where R runs.
 
+use super::lanes::{self, Level, Shot};
 use super::{Field, scalar};
+use lamina_model::composite::TRANSMITTANCE_FLOOR;
 use lamina_model::{Camera, GenerationParams, Image, Invalid, ReferenceSamples, SamplePlan, Vdi};
 
 /// What casts the rays: chosen once, at start-up.
@@ -8,12 +10,14 @@ use lamina_model::{Camera, GenerationParams, Image, Invalid, ReferenceSamples, S
 pub enum Backend {
     /// One ray at a time, double precision.
     Scalar,
+    /// Eight rays at a time. Volumes with an axis of one sample point are left to [`Self::Scalar`].
+    Lanes(Level),
 }
 
 impl Backend {
     /// The best there is on the processor.
     pub fn cpu() -> Self {
-        Self::Scalar
+        Self::Lanes(Level::detect())
     }
 
     /// The VDI of `field` from its scene's camera. The paper's R.
@@ -24,8 +28,9 @@ impl Backend {
     /// If the step is so short that rays would have too many of them, or the VDI too many supersegments (2^32).
     #[doc(alias = "R")]
     pub fn generate(&self, field: &Field, params: &GenerationParams) -> Result<Vdi, Invalid> {
-        match self {
-            Self::Scalar => scalar::generate(field, params),
+        match *self {
+            Self::Lanes(level) if lanes::fits(field) => lanes::generate(level, field, params),
+            _ => scalar::generate(field, params),
         }
     }
 
@@ -35,9 +40,13 @@ impl Backend {
     /// If the picture's size is out of bounds.
     #[doc(alias = "reference image")]
     pub fn raycast(&self, field: &Field, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
-        Image::check_size(width, height)?;
-        let pixels: Vec<(u32, u32)> = (0..height).flat_map(|j| (0..width).map(move |i| (i, j))).collect();
-        Image::new(width, height, self.raycast_pixels(field, camera, width, height, &pixels))
+        match *self {
+            Self::Lanes(level) if lanes::fits(field) => {
+                Image::check_size(width, height)?;
+                Image::new(width, height, lanes::raycast(level, field, &shot(camera, width, height)))
+            }
+            _ => scalar::raycast(field, camera, width, height),
+        }
     }
 
     /// The colours of some `pixels` (column, row) of that picture.
@@ -49,8 +58,11 @@ impl Backend {
         height: u32,
         pixels: &[(u32, u32)],
     ) -> Vec<[f32; 3]> {
-        match self {
-            Self::Scalar => scalar::raycast_pixels(field, camera, width, height, pixels),
+        match *self {
+            Self::Lanes(level) if lanes::fits(field) => {
+                lanes::raycast_pixels(level, field, &shot(camera, width, height), pixels)
+            }
+            _ => scalar::raycast_pixels(field, camera, width, height, pixels),
         }
     }
 
@@ -66,4 +78,8 @@ impl Backend {
         let colors = cameras.iter().enumerate().map(view).collect();
         Ok(ReferenceSamples { step, plan, scene: scene.clone(), colors })
     }
+}
+
+fn shot(camera: &Camera, width: u32, height: u32) -> Shot<'_> {
+    Shot { camera, size: [width, height], floor: TRANSMITTANCE_FLOOR as f32 }
 }

@@ -52,6 +52,8 @@ macro_rules! for_stored {
     };
 }
 
+pub(super) use for_stored;
+
 impl Field {
     /// Maps `volume` into the range of the scene's transfer function, and finds what the function leaves empty.
     pub fn new(volume: Volume, scene: &Scene) -> Self {

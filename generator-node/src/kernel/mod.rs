@@ -6,6 +6,7 @@
 mod backend;
 mod field;
 pub mod gpu;
+pub mod lanes;
 mod rows;
 pub mod scalar;
 mod skip;

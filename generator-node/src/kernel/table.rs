@@ -4,6 +4,7 @@
 //! is of second order in the spacing; in a bin that holds a control point the kink, or the jump of two points at one
 //! position, is rounded off over that bin. The table is made fine enough for the closest pair of control points.
 
+use super::lanes::{Floats, Ints, Lanes};
 use lamina_model::TransferFunction;
 use lamina_model::composite::opacity_from_optical_depth;
 
@@ -15,6 +16,8 @@ pub struct TransferTable {
     /// Red, green, blue and opacity of one unit length, premultiplied; then the optical depth of one step and the ratio of
     /// a step's opacity to that of a unit length; then two zeros. `bins` + 1 rows.
     pub unit: Vec<[f32; 8]>,
+    /// Steps in a unit length.
+    pub unit_steps: f32,
     /// Outside these positions, ends included, all is transparent.
     pub visible: [f32; 2],
 }
@@ -45,7 +48,22 @@ impl TransferTable {
             )
         });
         let (step, unit) = rows.unzip();
-        Self { step, unit, visible: transfer.visible_hull() }
+        Self { step, unit, unit_steps: (1.0 / units) as f32, visible: transfer.visible_hull() }
+    }
+
+    /// Where something may show. NaN never does.
+    #[inline(always)]
+    pub fn shown<L: Lanes>(&self, value: L::F) -> L::M {
+        L::F::splat(self.visible[0]).le(value) & value.le(L::F::splat(self.visible[1]))
+    }
+
+    /// The row below a position, clamped into the range, and how far it is on the way to the next one.
+    #[inline(always)]
+    pub fn row<L: Lanes>(&self, value: L::F) -> (L::I, L::F) {
+        let bins = self.bins();
+        let at = value.max(L::F::splat(0.0)).min(L::F::splat(1.0)) * L::F::splat(bins as f32);
+        let row = at.to_int().min(L::I::splat(bins as i32 - 1));
+        (row, at - L::F::from(row))
     }
 
     /// Intervals of the range.

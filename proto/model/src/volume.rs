@@ -48,7 +48,10 @@ impl std::str::FromStr for VoxelType {
             "f16" | "float16" | "half" => Ok(Self::F16),
             "f32" | "float32" | "float" => Ok(Self::F32),
             "f64" | "float64" | "double" => Ok(Self::F64),
-            _ => Err(Invalid::new("voxel type", format!("\"{s}\" is none of uint8, uint16, int16, float16, float32, float64"))),
+            _ => Err(Invalid::new(
+                "voxel type",
+                format!("\"{s}\" is none of uint8, uint16, int16, float16, float32, float64"),
+            )),
         }
     }
 }

@@ -6,11 +6,19 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+mod exp;
+mod generate;
+mod march;
 mod portable;
+mod raycast;
+mod tile;
 
 #[cfg(target_arch = "x86_64")]
 pub use avx2::Avx2;
+pub use generate::generate;
+pub use march::fits;
 pub use portable::Portable;
+pub use raycast::{Shot, raycast, raycast_pixels};
 
 use half::f16;
 use std::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
@@ -21,7 +29,7 @@ pub const WIDTH: usize = 8;
 /// A set of lane types.
 pub trait Lanes: Copy + Send + Sync + 'static {
     /// Single-precision numbers.
-    type F: Floats<M = Self::M, I = Self::I>;
+    type F: Floats<M = Self::M, I = Self::I> + From<Self::I>;
     /// 32-bit whole numbers.
     type I: Ints<M = Self::M>;
     /// Truth values.
@@ -137,13 +145,12 @@ pub trait Masks: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Outpu
     }
 }
 
-/// Whole numbers as floats.
-#[inline(always)]
-pub fn float<L: Lanes>(i: L::I) -> L::F
-where
-    L::F: From<L::I>,
-{
-    L::F::from(i)
+/// Work that is specialised for each level.
+pub trait Job {
+    /// What comes out.
+    type Output;
+    /// Does it. To be inlined, with all it calls, into the function that enables the level's instructions.
+    fn run<L: Lanes>(self) -> Self::Output;
 }
 
 /// What the processor offers.
@@ -166,9 +173,27 @@ impl Level {
         Self::Portable
     }
 
+    /// Runs `job` at this level.
+    #[inline]
+    pub fn run<J: Job>(self, job: J) -> J::Output {
+        match self {
+            Self::Portable => job.run::<Portable>(),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: this level exists only where the processor was found to have both.
+            #[expect(unsafe_code, reason = "the processor was asked")]
+            Self::Avx2 => unsafe { with_avx2(job) },
+        }
+    }
+
     /// All levels that this processor can run.
     pub fn available() -> Vec<Self> {
         let best = Self::detect();
         if best == Self::Portable { vec![best] } else { vec![Self::Portable, best] }
     }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,f16c")]
+fn with_avx2<J: Job>(job: J) -> J::Output {
+    job.run::<Avx2>()
 }

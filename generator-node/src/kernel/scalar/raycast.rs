@@ -19,13 +19,7 @@ pub fn raycast(field: &Field, camera: &Camera, width: u32, height: u32) -> Resul
 }
 
 /// The colours of some `pixels` (column, row) of that picture.
-pub fn raycast_pixels(
-    field: &Field,
-    camera: &Camera,
-    width: u32,
-    height: u32,
-    pixels: &[(u32, u32)],
-) -> Vec<[f32; 3]> {
+pub fn raycast_pixels(field: &Field, camera: &Camera, width: u32, height: u32, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
     let scene = field.scene();
     let march = March::new(field, scene.step_length(field.grid()));
     let color = |&(i, j): &(u32, u32)| cast(&march, &camera.pixel_ray(i, j, width, height)).over(scene.background);

@@ -1,0 +1,154 @@
+//! The reference in lanes: the fast twin of `scalar::raycast`.
+
+use super::march::{Packet, View, Visit};
+use super::tile::Tile;
+use super::{Floats, Ints, Job, Lanes, Level, Masks, Pair, WIDTH};
+use crate::kernel::Field;
+use crate::kernel::field::{Stored, for_stored};
+use crate::kernel::table::TransferTable;
+use lamina_model::Camera;
+use rayon::prelude::*;
+
+/// A picture to be taken.
+#[derive(Debug, Clone, Copy)]
+pub struct Shot<'a> {
+    /// From where.
+    pub camera: &'a Camera,
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+    /// Rays end below this transmittance; 0 never.
+    pub floor: f32,
+}
+
+/// All pixels of a picture, row by row. The field [fits](super::march::fits).
+pub fn raycast(level: Level, field: &Field, shot: &Shot) -> Vec<[f32; 3]> {
+    let [width, height] = shot.size;
+    let mut image = vec![[0.0; 3]; width as usize * height as usize];
+    let table = table(field);
+    for_stored!(field.stored(), v => {
+        let view = View::new(field, v, &table, step_length(field));
+        let cast = |(band, out)| level.run(Band { view: &view, shot, first_row: 2 * band as u32, out });
+        image.par_chunks_mut(2 * width as usize).enumerate().for_each(cast);
+    });
+    image
+}
+
+/// The colours of some `pixels` (column, row) of it.
+pub fn raycast_pixels(level: Level, field: &Field, shot: &Shot, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
+    let mut colors = vec![[0.0; 3]; pixels.len()];
+    let table = table(field);
+    for_stored!(field.stored(), v => {
+        let view = View::new(field, v, &table, step_length(field));
+        let cast = |(pixels, out): (&[_], &mut [_])| level.run(List { view: &view, shot, pixels, out });
+        pixels.par_chunks(256).zip(colors.par_chunks_mut(256)).for_each(cast);
+    });
+    colors
+}
+
+fn step_length(field: &Field) -> f64 {
+    field.scene().step_length(field.grid())
+}
+
+fn table(field: &Field) -> TransferTable {
+    TransferTable::new(&field.scene().transfer, field.unit_length(), step_length(field))
+}
+
+/// Two rows of a picture.
+struct Band<'a, V> {
+    view: &'a View<'a, V>,
+    shot: &'a Shot<'a>,
+    first_row: u32,
+    out: &'a mut [[f32; 3]],
+}
+
+impl<V: Pair> Job for Band<'_, V> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let width = self.shot.size[0];
+        for tile in Tile::across(width, self.first_row, self.out.len() as u32 / width) {
+            let colors = cast::<L, V>(self.view, self.shot, tile.pixels());
+            for (&(i, j), color) in tile.pixels().iter().zip(colors) {
+                self.out[((j - self.first_row) * width + i) as usize] = color;
+            }
+        }
+    }
+}
+
+/// Pixels here and there.
+struct List<'a, V> {
+    view: &'a View<'a, V>,
+    shot: &'a Shot<'a>,
+    pixels: &'a [(u32, u32)],
+    out: &'a mut [[f32; 3]],
+}
+
+impl<V: Pair> Job for List<'_, V> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        for (pixels, out) in self.pixels.chunks(WIDTH).zip(self.out.chunks_mut(WIDTH)) {
+            let colors = cast::<L, V>(self.view, self.shot, pixels);
+            out.copy_from_slice(&colors[..out.len()]);
+        }
+    }
+}
+
+#[inline(always)]
+fn cast<L: Lanes, V: Pair>(view: &View<V>, shot: &Shot, pixels: &[(u32, u32)]) -> [[f32; 3]; WIDTH] {
+    let packet = Packet::<L>::new(view, shot.camera, shot.size, pixels);
+    let zero = L::F::splat(0.0);
+    let mut light =
+        Light::<L> { table: view.table, floor: shot.floor, color: [zero; 3], transmittance: L::F::splat(1.0) };
+    view.march(&packet, &mut light);
+    let (color, transmittance) = (light.color.map(L::F::to_array), light.transmittance.to_array());
+    let background = view.background();
+    std::array::from_fn(|l| std::array::from_fn(|c| color[c][l] + transmittance[l] * background[c]))
+}
+
+/// What eight rays have gathered.
+struct Light<'a, L: Lanes> {
+    table: &'a TransferTable,
+    floor: f32,
+    color: [L::F; 3],
+    transmittance: L::F,
+}
+
+impl<L: Lanes> Visit<L> for Light<'_, L> {
+    #[inline(always)]
+    fn visit(&mut self, packet: &Packet<L>, step: L::I, value: L::F, live: L::M) -> L::M {
+        let shown = live & self.table.shown::<L>(value);
+        if !shown.any() {
+            return live;
+        }
+        let (row, weight) = self.table.row::<L>(value);
+        let [r, g, b, mut opacity] = L::rows4(&self.table.step, row, weight);
+        let zero = L::F::splat(0.0);
+        let mut color = [r, g, b];
+        let last = shown & step.eq(packet.last);
+        if last.any() {
+            cut_short::<L>(last, &packet.last_length, &mut color, &mut opacity);
+        }
+        opacity = L::F::select(shown, opacity, zero);
+        let through = L::F::select(shown, self.transmittance, zero);
+        for c in 0..3 {
+            self.color[c] = self.color[c] + through * color[c];
+        }
+        self.transmittance = self.transmittance - self.transmittance * opacity;
+        live & L::F::splat(self.floor).le(self.transmittance)
+    }
+}
+
+/// The opacity of a share of a step, and the premultiplied colour with it. Rare: once a ray.
+#[inline(always)]
+fn cut_short<L: Lanes>(last: L::M, share: &[f32; WIDTH], color: &mut [L::F; 3], opacity: &mut L::F) {
+    let whole = opacity.to_array();
+    let part: [f32; WIDTH] = std::array::from_fn(|l| {
+        (-(f64::from(share[l]) * (-f64::from(whole[l].clamp(0.0, 1.0))).ln_1p()).exp_m1()) as f32
+    });
+    // Of nothing there is nothing to take a share of.
+    let ratio = std::array::from_fn(|l| if whole[l] > 0.0 { part[l] / whole[l] } else { 0.0 });
+    let ratio = L::F::select(last, L::F::from_array(ratio), L::F::splat(1.0));
+    *opacity = *opacity * ratio;
+    *color = [color[0] * ratio, color[1] * ratio, color[2] * ratio];
+}
