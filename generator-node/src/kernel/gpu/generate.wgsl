@@ -57,7 +57,8 @@ fn generate(@builtin(global_invocation_id) id: vec3u) {
 fn cluster_ray(span: Span, place: ptr<function, Place>) {
     var open = Open(0u, 0u, 0.0, 0.0, vec3f(0.0), 0.0);
     var optical_depth = 0.0;
-    var s = next_sample(span, 0u);
+    var walk = Walk(0u, 0u);
+    var s = next_sample(span, &walk);
     while s.step < span.steps {
         let unit = unit_row(s.row);
         // Transparent steps are a gap, and a gap ends a supersegment.
@@ -87,7 +88,7 @@ fn cluster_ray(span: Span, place: ptr<function, Place>) {
                 break;
             }
         }
-        s = next_sample(span, s.step + 1u);
+        s = next_sample(span, &walk);
     }
     if open.end > 0u {
         close(open, select(0u, UNSURE, is_unsure(span)), place);

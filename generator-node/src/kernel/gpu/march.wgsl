@@ -45,6 +45,14 @@ fn is_unsure(span: Span) -> bool {
         || min(min(inside.x, inside.y), inside.z) < 0.01;
 }
 
+// How far a march has come.
+struct Walk {
+    // The next step to look at.
+    next: u32,
+    // Before this step samples lie in a visible brick.
+    visible: u32,
+}
+
 struct Sample {
     // Steps from the ray's entry into the box; the number of steps if there are no more samples.
     step: u32,
@@ -53,23 +61,27 @@ struct Sample {
     row: Row,
 }
 
-// The next sample at `step` or beyond that may show something.
-fn next_sample(span: Span, first: u32) -> Sample {
-    var step = first;
-    while step < span.steps {
+// The next sample that may show something.
+fn next_sample(span: Span, walk: ptr<function, Walk>) -> Sample {
+    while (*walk).next < span.steps {
+        let step = (*walk).next;
         let length = min(span.length - f32(step), 1.0);
         let index = span.entry + (f32(step) + 0.5 * length) * span.delta;
-        let brick = brick_at(index, volume.bricks);
-        let distance = distance_at(brick);
-        if distance > 0u {
-            step += jump(index, span.delta, brick, distance, volume.bricks);
-            continue;
+        if step >= (*walk).visible {
+            let brick = brick_at(index, volume.bricks);
+            let distance = distance_at(brick);
+            let beyond = step + jump(index, span.delta, brick, max(distance, 1u), volume.bricks);
+            if distance > 0u {
+                (*walk).next = beyond;
+                continue;
+            }
+            (*walk).visible = beyond;
         }
+        (*walk).next = step + 1u;
         var u = 0.0;
         if value_at(index, &u) && u >= view.visible.x && u <= view.visible.y {
             return Sample(step, length, row_at(u, view.bins));
         }
-        step += 1u;
     }
     return Sample(span.steps, 0.0, Row(0u, 0.0));
 }

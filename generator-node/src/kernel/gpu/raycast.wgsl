@@ -40,7 +40,8 @@ fn color_at(i: u32, j: u32) -> vec3f {
     let span = span_of(i, j);
     var color = vec3f(0.0);
     var transmittance = 1.0;
-    var s = next_sample(span, 0u);
+    var walk = Walk(0u, 0u);
+    var s = next_sample(span, &walk);
     while s.step < span.steps {
         var piece = step_row(s.row);
         if s.length < 1.0 {
@@ -51,7 +52,7 @@ fn color_at(i: u32, j: u32) -> vec3f {
         if transmittance < picture.floor {
             break;
         }
-        s = next_sample(span, s.step + 1u);
+        s = next_sample(span, &walk);
     }
     return color + transmittance * picture.background;
 }
