@@ -35,18 +35,22 @@ impl Gpu {
         if choice == Choice::Cpu {
             return Ok(Opened::Cpu("asked for".to_owned()));
         }
-        let mut reason = DeviceError::NoAdapter("this machine has no Vulkan loader or no device".to_owned());
+        let mut failure = None;
         for adapter in adapters() {
             let facts = facts(&adapter);
             if choice == Choice::Auto && facts.software {
-                return Ok(Opened::Cpu(format!("{} is a GPU in software, which gains nothing", facts.name)));
+                let slow = || format!("{} is a GPU in software, which gains nothing", facts.name);
+                return Ok(Opened::Cpu(failure.map_or_else(slow, |e: DeviceError| e.to_string())));
             }
             match Self::of(&adapter, facts) {
                 Ok(gpu) => return Ok(Opened::Gpu(Box::new(gpu))),
-                Err(e) => reason = e,
+                // Of several, the best one's is the one to know.
+                Err(e) => failure = failure.or(Some(e)),
             }
         }
-        if choice == Choice::Auto { Ok(Opened::Cpu(reason.to_string())) } else { Err(reason) }
+        let none = || DeviceError::NoAdapter("this machine has no Vulkan loader or no device".to_owned());
+        let failure = failure.unwrap_or_else(none);
+        if choice == Choice::Auto { Ok(Opened::Cpu(failure.to_string())) } else { Err(failure) }
     }
 
     fn of(adapter: &wgpu::Adapter, facts: AdapterFacts) -> Result<Self, DeviceError> {
