@@ -26,14 +26,24 @@ fn crates_point_only_where_the_layout_says() {
         ("deploy/read", &["model"]),
         ("proto/wire", &["model"]),
         ("proto/client", &["model", "wire"]),
-        ("generator-node", &["model", "wire"]),
-        ("viz-node", &["model", "wire"]),
+        ("generator-node", &["model", "wire", "device"]),
+        ("viz-node", &["model", "wire", "device"]),
         ("tuner", &["model", "wire"]),
     ]);
     for (folder, allowed) in allowed {
         for dependency in dependencies(folder) {
             assert!(allowed.contains(&dependency.as_str()), "{folder} must not know {dependency}");
         }
+    }
+}
+
+#[test]
+fn one_crate_alone_opens_a_gpu() {
+    for folder in ["proto/model", "proto/wire", "proto/client", "generator-node", "viz-node", "tuner", "deploy/local"] {
+        let text = std::fs::read_to_string(root().join(folder).join("Cargo.toml")).unwrap();
+        let manifest: toml::Table = text.parse().unwrap();
+        let table = manifest["dependencies"].as_table().unwrap();
+        assert!(!table.contains_key("wgpu"), "{folder} takes wgpu from lamina-device");
     }
 }
 

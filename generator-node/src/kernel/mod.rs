@@ -5,6 +5,7 @@
 
 mod backend;
 mod field;
+pub mod gpu;
 pub mod lanes;
 mod rows;
 pub mod scalar;

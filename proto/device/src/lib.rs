@@ -1,25 +1,16 @@
-//! The only crate that opens a GPU device. So far it tells which one there is.
+//! The only crate that opens a GPU device: which adapter, if any; buffers, timed dispatch, read back; every failure an
+//! error value. It knows nothing of volumes or VDIs: kernels bring their own WGSL and take the `wgpu` types from here.
 
-/// A GPU as its driver describes it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct AdapterFacts {
-    /// The device's name.
-    pub name: String,
-    /// `IntegratedGpu`, `DiscreteGpu`, `Cpu` (a software device), ...
-    pub kind: String,
-    /// The driver and its version.
-    pub driver: String,
-}
+mod adapter;
+mod choice;
+mod error;
+mod gpu;
+pub mod layout;
+mod submit;
 
-/// The adapter that would be used; `None` if the machine has no Vulkan loader or no device.
-pub fn adapter() -> Option<AdapterFacts> {
-    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
-        backends: wgpu::Backends::VULKAN,
-        ..wgpu::InstanceDescriptor::new_without_display_handle()
-    });
-    let options =
-        wgpu::RequestAdapterOptions { power_preference: wgpu::PowerPreference::HighPerformance, ..Default::default() };
-    let info = pollster::block_on(instance.request_adapter(&options)).ok()?.get_info();
-    let driver = format!("{} {}", info.driver, info.driver_info);
-    Some(AdapterFacts { name: info.name, kind: format!("{:?}", info.device_type), driver: driver.trim().to_owned() })
-}
+pub use adapter::{AdapterFacts, adapter};
+pub use choice::Choice;
+pub use error::DeviceError;
+pub use gpu::{Gpu, Opened};
+pub use submit::Done;
+pub use wgpu;

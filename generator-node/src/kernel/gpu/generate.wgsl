@@ -1,0 +1,114 @@
+// R: one march per ray, its samples clustered into supersegments by gamma. Twin of scalar/generate.rs.
+//
+// Run twice, to count and to write. One pipeline for both: compiled twice, a driver might round the two differently.
+
+@group(1) @binding(0) var<uniform> clustering: Clustering;
+// Supersegments per ray of the band; after the prefix sum, where each list starts, and where the last one ends.
+@group(1) @binding(1) var<storage, read_write> lists: array<u32>;
+@group(1) @binding(2) var<storage, read_write> segments: array<Segment>;
+// Lists that turned out longer or shorter than counted: none, or the driver does not repeat its sums.
+@group(1) @binding(3) var<storage, read_write> mismatches: atomic<u32>;
+
+// Marks the last supersegment of a ray whose steps double precision may count differently.
+const UNSURE: u32 = 0x80000000u;
+
+// The supersegment that samples are being added to; none while its end is 0.
+struct Open {
+    start: u32,
+    end: u32,
+    // In steps.
+    length: f32,
+    opacity: f32,
+    // Premultiplied.
+    color: vec3f,
+    optical_depth: f32,
+}
+
+// Where the next supersegment goes, and where the list ends.
+struct Place {
+    next: u32,
+    end: u32,
+}
+
+@compute @workgroup_size(8, 8)
+fn generate(@builtin(global_invocation_id) id: vec3u) {
+    let r = view.width;
+    let row = clustering.first_ray / r + id.y;
+    let ray = row * r + id.x;
+    if id.x >= r || row >= clustering.rows || ray < clustering.first_ray || ray >= clustering.end_ray {
+        return;
+    }
+    var place = Place(0u, 0u);
+    if clustering.writing != 0u {
+        place = Place(lists[ray], lists[ray + 1u]);
+        // Nothing to find.
+        if place.next == place.end {
+            return;
+        }
+    }
+    cluster_ray(span_of(id.x, clustering.first_row + row), &place);
+    if clustering.writing == 0u {
+        lists[ray] = place.next;
+    } else if place.next != place.end {
+        atomicAdd(&mismatches, 1u);
+    }
+}
+
+fn cluster_ray(span: Span, place: ptr<function, Place>) {
+    var open = Open(0u, 0u, 0.0, 0.0, vec3f(0.0), 0.0);
+    var optical_depth = 0.0;
+    var walk = Walk(0u, 0u);
+    var s = next_sample(span, &walk);
+    while s.step < span.steps {
+        let unit = unit_row(s.row);
+        // Transparent steps are a gap, and a gap ends a supersegment.
+        if unit.w > 0.0 {
+            let depth = depth_row(s.row);
+            var tau = depth.x;
+            var ratio = depth.y;
+            if s.length < 1.0 {
+                tau *= s.length;
+                ratio = opacity_from_optical_depth(tau) / unit.w;
+            }
+            let joins = open.end == s.step && open.end > 0u && difference(open, unit) < clustering.gamma;
+            if !joins {
+                if open.end > 0u {
+                    close(open, 0u, place);
+                }
+                open = Open(s.step, 0u, 0.0, 0.0, vec3f(0.0), 0.0);
+            }
+            let shown = (1.0 - open.opacity) * ratio;
+            open.color += shown * unit.xyz;
+            open.opacity += shown * unit.w;
+            open.optical_depth += tau;
+            open.length += s.length;
+            open.end = s.step + 1u;
+            optical_depth += tau;
+            if optical_depth >= clustering.cutoff {
+                break;
+            }
+        }
+        s = next_sample(span, &walk);
+    }
+    if open.end > 0u {
+        close(open, select(0u, UNSURE, is_unsure(span)), place);
+    }
+}
+
+// Largest channel difference between the premultiplied RGBA of the open supersegment and of a sample, both at the unit
+// length: so gamma means the same at every step length.
+fn difference(open: Open, unit: vec4f) -> f32 {
+    let opacity = opacity_from_optical_depth(open.optical_depth * (view.unit_steps / open.length));
+    let c = abs(open.color * (opacity / open.opacity) - unit.xyz);
+    return max(max(c.x, c.y), max(c.z, abs(opacity - unit.w)));
+}
+
+fn close(open: Open, mark: u32, place: ptr<function, Place>) {
+    let n = (*place).next;
+    (*place).next = n + 1u;
+    if clustering.writing == 0u || n >= (*place).end {
+        return;
+    }
+    let c = clamp(open.color / open.opacity, vec3f(0.0), vec3f(1.0));
+    segments[n - clustering.first_segment] = Segment(open.start, open.end | mark, c.x, c.y, c.z, open.optical_depth);
+}

@@ -1,0 +1,86 @@
+//! What the host tells the kernels; twins of the structs in layout.wgsl, member by member (tests/layout.rs compares them).
+
+use bytemuck::{Pod, Zeroable};
+
+/// A field as uploaded.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub struct Volume {
+    pub last: [u32; 3],
+    pub pad0: u32,
+    pub bricks: [u32; 3],
+    pub pad1: u32,
+    pub low: [f32; 3],
+    pub scale: f32,
+    pub high: [f32; 3],
+    pub offset: f32,
+}
+
+/// Rays of a picture or VDI.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub struct View {
+    pub base: [f32; 3],
+    pub width: u32,
+    pub base_right: [f32; 3],
+    pub height: u32,
+    pub base_up: [f32; 3],
+    pub slope: f32,
+    pub forward: [f32; 3],
+    pub unit_steps: f32,
+    pub right: [f32; 3],
+    pub bins: u32,
+    pub up: [f32; 3],
+    pub pad0: u32,
+    pub visible: [f32; 2],
+    pub pad1: [u32; 2],
+}
+
+/// Which pixels of a picture a dispatch colours.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub struct Picture {
+    pub background: [f32; 3],
+    pub floor: f32,
+    pub first: u32,
+    pub count: u32,
+    pub pad0: [u32; 2],
+}
+
+/// Which rays a dispatch clusters, and how.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub struct Clustering {
+    pub gamma: f32,
+    pub cutoff: f32,
+    pub first_row: u32,
+    pub rows: u32,
+    pub first_ray: u32,
+    pub end_ray: u32,
+    pub first_segment: u32,
+    pub writing: u32,
+}
+
+/// A supersegment as written; the last one of a ray may carry [`UNSURE`] in its end.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub struct Segment {
+    pub start: u32,
+    pub end: u32,
+    pub red: f32,
+    pub green: f32,
+    pub blue: f32,
+    pub optical_depth: f32,
+}
+
+/// One level of a prefix sum.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub struct Scan {
+    pub count: u32,
+    pub blocks: u32,
+    pub pad0: [u32; 2],
+}
+
+/// Marks the last supersegment of a ray whose steps double precision may count differently.
+pub const UNSURE: u32 = 1 << 31;

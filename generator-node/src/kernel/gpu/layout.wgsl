@@ -1,0 +1,87 @@
+// What the host tells the kernels; twins of the structs in layout.rs, member by member.
+
+// A field as uploaded.
+struct Volume {
+    // Last sample point per axis.
+    last: vec3u,
+    pad0: u32,
+    // Bricks per axis.
+    bricks: vec3u,
+    pad1: u32,
+    // Corners of the box in units of sample points; position in the range = scale * stored + offset.
+    low: vec3f,
+    scale: f32,
+    high: vec3f,
+    offset: f32,
+}
+
+// Rays of a picture or VDI. Directions are displacements, in units of sample points, along one sampling step. Rays start
+// on the plane through the box's nearest corner, so that their numbers are as small as the box however far the eye is.
+struct View {
+    base: vec3f,
+    width: u32,
+    // By how much the start moves with a pixel's column and row, counted in half pixels from the centre.
+    base_right: vec3f,
+    height: u32,
+    base_up: vec3f,
+    // Tangent of half a pixel's angle.
+    slope: f32,
+    forward: vec3f,
+    // Steps in the length that opacities refer to.
+    unit_steps: f32,
+    right: vec3f,
+    // Intervals of the transfer function's table.
+    bins: u32,
+    up: vec3f,
+    pad0: u32,
+    // Outside these positions of the range all is transparent.
+    visible: vec2f,
+    pad1: vec2u,
+}
+
+// Which pixels of a picture a dispatch colours.
+struct Picture {
+    background: vec3f,
+    // A ray ends below this transmittance.
+    floor: f32,
+    // First row of a band of rows, or first place in the list of pixels.
+    first: u32,
+    // Rows, or pixels.
+    count: u32,
+    pad0: vec2u,
+}
+
+// Which rays a dispatch clusters, and how.
+struct Clustering {
+    gamma: f32,
+    // A ray ends at this optical depth.
+    cutoff: f32,
+    // First row of the band.
+    first_row: u32,
+    // Rows of the band.
+    rows: u32,
+    // Rays of the band whose lists are written; the first row among them is where the dispatch starts.
+    first_ray: u32,
+    end_ray: u32,
+    // Where the first of them starts in the band's lists.
+    first_segment: u32,
+    // 0: count; 1: write.
+    writing: u32,
+}
+
+// As written; the last one of a ray carries UNSURE in its end.
+struct Segment {
+    start: u32,
+    end: u32,
+    red: f32,
+    green: f32,
+    blue: f32,
+    optical_depth: f32,
+}
+
+// One level of a prefix sum.
+struct Scan {
+    count: u32,
+    blocks: u32,
+    pad0: vec2u,
+}

@@ -1,0 +1,68 @@
+// The reference: emission-absorption ray casting of the field itself. Twin of scalar/raycast.rs.
+
+@group(1) @binding(0) var<uniform> picture: Picture;
+// Columns, and rows in the upper half word.
+@group(1) @binding(1) var<storage, read> pixels: array<u32>;
+// Three a pixel.
+@group(1) @binding(2) var<storage, read_write> colors: array<f32>;
+
+// A band of rows of the whole picture.
+@compute @workgroup_size(8, 8)
+fn raycast_rows(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= view.width || id.y >= picture.count {
+        return;
+    }
+    store(id.y * view.width + id.x, color_at(id.x, picture.first + id.y));
+}
+
+// Listed pixels.
+@compute @workgroup_size(64)
+fn raycast_pixels(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let n = (group.y * groups.x + group.x) * 64u + lane;
+    if n >= picture.count {
+        return;
+    }
+    let pixel = pixels[n];
+    store(n, color_at(pixel & 0xffffu, pixel >> 16u));
+}
+
+fn store(n: u32, color: vec3f) {
+    colors[3u * n] = color.x;
+    colors[3u * n + 1u] = color.y;
+    colors[3u * n + 2u] = color.z;
+}
+
+fn color_at(i: u32, j: u32) -> vec3f {
+    let span = span_of(i, j);
+    var color = vec3f(0.0);
+    var transmittance = 1.0;
+    var walk = Walk(0u, 0u);
+    var s = next_sample(span, &walk);
+    while s.step < span.steps {
+        var piece = step_row(s.row);
+        if s.length < 1.0 {
+            piece = short_step(s);
+        }
+        color += transmittance * piece.xyz;
+        transmittance *= 1.0 - piece.w;
+        if transmittance < picture.floor {
+            break;
+        }
+        s = next_sample(span, &walk);
+    }
+    return color + transmittance * picture.background;
+}
+
+// The last step: its optical depth in proportion to its length.
+fn short_step(s: Sample) -> vec4f {
+    let unit = unit_row(s.row);
+    if unit.w <= 0.0 {
+        return vec4f(0.0);
+    }
+    let opacity = opacity_from_optical_depth(depth_row(s.row).x * s.length);
+    return vec4f(unit.xyz * (opacity / unit.w), opacity);
+}

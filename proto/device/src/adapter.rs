@@ -1,0 +1,48 @@
+//! Which GPUs there are, best first. Vulkan only.
+
+use wgpu::{Adapter, Backends, DeviceType, Instance, InstanceDescriptor};
+
+/// A GPU as its driver describes it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AdapterFacts {
+    /// The device's name.
+    pub name: String,
+    /// `IntegratedGpu`, `DiscreteGpu`, `Cpu` (a software device), ...
+    pub kind: String,
+    /// The driver and its version.
+    pub driver: String,
+    /// True if the processor plays the GPU.
+    pub software: bool,
+}
+
+/// The adapter that would be used; `None` if the machine has no Vulkan loader or no device.
+pub fn adapter() -> Option<AdapterFacts> {
+    adapters().first().map(facts)
+}
+
+/// All adapters, best first: those beside the processor, then those in it, then those it plays.
+pub(crate) fn adapters() -> Vec<Adapter> {
+    let instance = Instance::new(InstanceDescriptor {
+        backends: Backends::VULKAN,
+        ..InstanceDescriptor::new_without_display_handle()
+    });
+    let mut adapters = pollster::block_on(instance.enumerate_adapters(Backends::VULKAN));
+    adapters.sort_by_key(|a| match a.get_info().device_type {
+        DeviceType::DiscreteGpu => 0,
+        DeviceType::IntegratedGpu => 1,
+        DeviceType::VirtualGpu => 2,
+        DeviceType::Other => 3,
+        DeviceType::Cpu => 4,
+    });
+    adapters
+}
+
+pub(crate) fn facts(adapter: &Adapter) -> AdapterFacts {
+    let info = adapter.get_info();
+    AdapterFacts {
+        name: info.name,
+        kind: format!("{:?}", info.device_type),
+        driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
+        software: info.device_type == DeviceType::Cpu,
+    }
+}
