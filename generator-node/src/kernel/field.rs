@@ -141,6 +141,7 @@ impl Field {
 }
 
 /// The scalars to keep and whether they were moved up, and how many are not finite.
+#[expect(clippy::useless_conversion, reason = "one body for all voxel types, f64 among them")]
 fn stored(voxels: Voxels, range: &ScalarRange) -> ((Stored, bool), u64) {
     if range.scale() == Scale::Linear {
         match voxels {

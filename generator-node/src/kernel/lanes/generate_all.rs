@@ -214,7 +214,8 @@ impl States {
                     let l = unlike.trailing_zeros() as usize;
                     unlike &= unlike - 1;
                     let opacity = self.opacity[chunk][l];
-                    let apart = gammas.partition_point(|&gamma| !(differences[l] < gamma * opacity));
+                    let joins = |gamma: f32| differences[l] < gamma * opacity;
+                    let apart = gammas.partition_point(|&gamma| !joins(gamma));
                     let leaving = self.gammas[chunk * WIDTH + l] & below(apart);
                     self.close(chunk * WIDTH + l, leaving, closed);
                     parted |= leaving;

@@ -240,12 +240,12 @@ impl<L: Lanes> Packet<L> {
         }
         let (mut near, mut far, mut square) = ([0.0; WIDTH], [f64::MAX; WIDTH], [0.0; WIDTH]);
         let mut direction = [[0.0; WIDTH]; 3];
-        for a in 0..3 {
+        for (a, direction) in direction.iter_mut().enumerate() {
             for l in 0..WIDTH {
                 let world = lens.corner[a] + i[l] * lens.right[a] + j[l] * lens.down[a];
                 let d = world * lens.per_spacing[a];
                 square[l] += world * world;
-                direction[a][l] = d;
+                direction[l] = d;
                 // A ray that does not move along an axis is inside that slab for ever, or never.
                 let inverse = if d == 0.0 { 1e300 } else { 1.0 / d };
                 let (s, t) = ((0.0 - lens.eye[a]) * inverse, (lens.last[a] - lens.eye[a]) * inverse);

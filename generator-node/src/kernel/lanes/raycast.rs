@@ -137,9 +137,9 @@ impl<L: Lanes> Visit<L> for Light<'_, L> {
         }
         opacity = opacity.only(shown);
         let through = self.transmittance.only(shown);
-        for c in 0..3 {
-            self.color[c] = self.color[c] + through * color[c];
-        }
+        self.color[0] = self.color[0] + through * color[0];
+        self.color[1] = self.color[1] + through * color[1];
+        self.color[2] = self.color[2] + through * color[2];
         self.transmittance = self.transmittance - self.transmittance * opacity;
         live & L::F::splat(self.floor).le(self.transmittance)
     }
