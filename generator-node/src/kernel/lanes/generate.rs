@@ -203,10 +203,12 @@ impl Record {
     #[inline(always)]
     fn supersegment(&self, l: usize) -> Supersegment {
         let straight = 1.0 / self.opacity[l];
+        // Not `clamp`: where opacity is too faint to be a number, NaN becomes black.
+        let channel = |c: [f32; WIDTH]| (c[l] * straight).max(0.0).min(1.0);
         Supersegment {
             start: self.start[l] as u32,
             end: self.end[l] as u32,
-            color: self.color.map(|c| (c[l] * straight).clamp(0.0, 1.0)),
+            color: self.color.map(channel),
             optical_depth: self.optical_depth[l],
         }
     }

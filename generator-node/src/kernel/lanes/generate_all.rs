@@ -321,7 +321,7 @@ impl States {
         let segment = Supersegment {
             start: self.start[n],
             end: self.end,
-            color: self.color[chunk].map(|c| (c[l] * straight).clamp(0.0, 1.0)),
+            color: self.color[chunk].map(|c| (c[l] * straight).max(0.0).min(1.0)),
             optical_depth: self.optical_depth[chunk][l],
         };
         closed.push((whose, segment));
