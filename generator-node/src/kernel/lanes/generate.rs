@@ -202,13 +202,11 @@ const NONE: Supersegment = Supersegment { start: 0, end: 0, color: [0.0; 3], opt
 impl Record {
     #[inline(always)]
     fn supersegment(&self, l: usize) -> Supersegment {
-        let straight = 1.0 / self.opacity[l];
-        // Not `clamp`: where opacity is too faint to be a number, NaN becomes black.
-        let channel = |c: [f32; WIDTH]| (c[l] * straight).max(0.0).min(1.0);
+        let straight = reciprocal(self.opacity[l]);
         Supersegment {
             start: self.start[l] as u32,
             end: self.end[l] as u32,
-            color: self.color.map(channel),
+            color: self.color.map(|c| (c[l] * straight).clamp(0.0, 1.0)),
             optical_depth: self.optical_depth[l],
         }
     }
@@ -278,4 +276,10 @@ impl<L: Lanes> Cluster<'_, L> {
         self.ray_depth = self.ray_depth + depth.only(shown);
         live & self.ray_depth.lt(L::F::splat(self.cutoff))
     }
+}
+
+/// 1 / `opacity`, or 0 where it is too faint for that to be a number: black, then, rather than NaN.
+#[inline(always)]
+pub fn reciprocal(opacity: f32) -> f32 {
+    if opacity > f32::MIN_POSITIVE { 1.0 / opacity } else { 0.0 }
 }

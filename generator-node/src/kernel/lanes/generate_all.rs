@@ -6,7 +6,7 @@
 //! and meet again in the state that starts there. The results are bit for bit those of one generation per gamma.
 
 use super::exp::opacity;
-use super::generate::Rays;
+use super::generate::{Rays, reciprocal};
 use super::march::{Packet, View, Visit};
 use super::tile::Tile;
 use super::{Floats, Ints, Job, Lanes, Level, Masks, Pair, WIDTH};
@@ -317,11 +317,11 @@ impl States {
     /// The supersegment that ends here for gammas `whose`.
     fn close(&self, n: usize, whose: u128, closed: &mut Vec<(u128, Supersegment)>) {
         let (chunk, l) = (n / WIDTH, n % WIDTH);
-        let straight = 1.0 / self.opacity[chunk][l];
+        let straight = reciprocal(self.opacity[chunk][l]);
         let segment = Supersegment {
             start: self.start[n],
             end: self.end,
-            color: self.color[chunk].map(|c| (c[l] * straight).max(0.0).min(1.0)),
+            color: self.color[chunk].map(|c| (c[l] * straight).clamp(0.0, 1.0)),
             optical_depth: self.optical_depth[chunk][l],
         };
         closed.push((whose, segment));
