@@ -23,6 +23,8 @@ mod line;
 mod walk;
 
 pub(super) use frame::homogeneous;
+#[cfg(test)]
+pub(super) use index::Slabs;
 pub(super) use index::{Index, Span};
 
 use frame::Frame;

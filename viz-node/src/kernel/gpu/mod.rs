@@ -41,6 +41,8 @@ pub struct GpuKernels {
     /// Also makes one picture wait for another: they would share the device's memory.
     residents: Mutex<Residents>,
     has_failed: AtomicBool,
+    /// Bytes of the largest array taken.
+    array_bytes: u64,
 }
 
 /// A VDI and the rays of a picture, bound.
@@ -58,7 +60,14 @@ impl GpuKernels {
     /// If the device fails.
     pub fn new(gpu: Gpu) -> Result<Self, GpuError> {
         let pipelines = gpu.run("compiling kernels", || Ok::<_, DeviceError>(Pipelines::new(&gpu)))?;
-        Ok(Self { gpu, pipelines, residents: Mutex::default(), has_failed: AtomicBool::new(false) })
+        let array_bytes = gpu.max_binding_bytes();
+        Ok(Self { gpu, pipelines, residents: Mutex::default(), has_failed: AtomicBool::new(false), array_bytes })
+    }
+
+    /// The same, taking no VDI with an array of more than `bytes`.
+    pub fn with_array_bytes(self, bytes: u64) -> Self {
+        let array_bytes = self.array_bytes.min(bytes);
+        Self { array_bytes, ..self }
     }
 
     /// What the driver says of the device.
@@ -141,7 +150,7 @@ impl GpuKernels {
         if index.depths[0] >= index.depths[1] || count == 0 {
             return Ok(vec![vdi.vdi().header().background; count]);
         }
-        resident::check_size(gpu, vdi.vdi(), index)?;
+        resident::check_size(self.array_bytes, vdi.vdi(), index)?;
         let mut residents = self.residents.lock().unwrap_or_else(PoisonError::into_inner);
         let done = gpu.run(doing, || {
             let resident = residents.get(gpu, vdi);

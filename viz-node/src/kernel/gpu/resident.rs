@@ -80,16 +80,15 @@ impl Resident {
     }
 }
 
-/// Passes a VDI that the device can hold.
-pub fn check_size(gpu: &Gpu, vdi: &Vdi, index: &Index) -> Result<(), GpuError> {
-    let most = gpu.max_binding_bytes();
+/// Passes a VDI none of whose arrays is larger than `most` bytes.
+pub fn check_size(most: u64, vdi: &Vdi, index: &Index) -> Result<(), GpuError> {
     let (needed, limit) = (vdi.segments().len() as u64, most / CONTENT_BYTES);
     if needed > limit {
         let (what, unit, remedy) = ("the VDI", "supersegments", "raise gamma");
         return Err(GpuError::TooLarge { what, needed, limit, unit, remedy });
     }
     // One span more than rays, one for none, and masks of tiles.
-    let (needed, limit) = (index.slots.len() as u64, most / RAY_BYTES - 2);
+    let (needed, limit) = (index.slots.len() as u64, (most / RAY_BYTES).saturating_sub(2));
     if needed > limit {
         let (what, unit, remedy) = ("the VDI", "rays", "lower the resolution");
         return Err(GpuError::TooLarge { what, needed, limit, unit, remedy });
