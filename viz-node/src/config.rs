@@ -1,5 +1,6 @@
 //! The viz-node's configuration file.
 
+use lamina_device::Choice;
 use lamina_model::Invalid;
 use serde::{Deserialize, Serialize};
 use std::{net::SocketAddr, path::PathBuf};
@@ -20,6 +21,8 @@ pub struct Config {
     pub max_frame_bytes: u64,
     /// Largest VDI accepted once decoded, bytes.
     pub max_decoded_bytes: u64,
+    /// What draws pictures and measures quality: `auto` (a GPU if there is a real one), `cpu` or `gpu`.
+    pub backend: Choice,
 }
 
 impl Default for Config {
@@ -31,6 +34,7 @@ impl Default for Config {
             memory_bytes: 256 << 20,
             max_frame_bytes: 256 << 20,
             max_decoded_bytes: 1 << 30,
+            backend: Choice::Auto,
         }
     }
 }

@@ -13,6 +13,7 @@ mod web;
 pub use config::Config;
 pub use store::Store;
 
+use kernel::Backend;
 use lamina_wire::codec::DecodeLimits;
 use lamina_wire::node::Shutdown;
 use lamina_wire::v1::quality_server::QualityServer;
@@ -38,16 +39,20 @@ fn limits(config: &Config) -> DecodeLimits {
 /// Runs the node on `listener` until `shutdown` completes. The page, the metrics and gRPC share the port.
 ///
 /// # Errors
-/// If the listener fails.
+/// If the listener fails, or the configuration asks for a GPU and there is none.
 pub async fn run(config: Config, store: Arc<Store>, listener: TcpListener, shutdown: Shutdown) -> std::io::Result<()> {
-    let meter = Arc::new(measure::Meter::new(store.clone(), limits(&config)));
+    let choice = config.backend;
+    // A driver may take a second to wake.
+    let opened = tokio::task::spawn_blocking(move || Backend::open(choice)).await?;
+    let backend = opened.map_err(std::io::Error::other)?;
+    let meter = Arc::new(measure::Meter::new(store.clone(), backend.clone(), limits(&config)));
     let connected = Arc::new(AtomicBool::new(false));
     let (health, health_service) = tonic_health::server::health_reporter();
     health.set_serving::<QualityServer<measure::QualityService>>().await;
     let grpc = tonic::service::Routes::new(health_service)
         .add_service(QualityServer::new(measure::QualityService(meter.clone())))
         .into_axum_router();
-    let web = web::Web::new(store.clone(), meter.clone(), connected.clone()).router();
+    let web = web::Web::new(store.clone(), backend, meter.clone(), connected.clone()).router();
     tracing::info!(address = %listener.local_addr()?, "viz-node listens");
     let subscription = tokio::spawn(subscribe::run(config, store, meter, connected));
     let (stop, stopped) = tokio::sync::oneshot::channel::<()>();

@@ -1,6 +1,7 @@
 //! The viz-node as a daemon.
 
 use clap::Parser;
+use lamina_device::Choice;
 use lamina_viz_node::{Config, open_store, run};
 use lamina_wire::node::{exit_code, listen, load_config, log_to_stderr, stop_signal};
 use std::{net::SocketAddr, path::PathBuf};
@@ -18,6 +19,9 @@ struct Arguments {
     /// The generator-node, instead of the configuration's.
     #[arg(long, value_name = "http://HOST:PORT")]
     generator: Option<String>,
+    /// What draws, instead of the configuration's: auto, cpu or gpu.
+    #[arg(long, value_name = "auto|cpu|gpu")]
+    backend: Option<Choice>,
 }
 
 #[tokio::main]
@@ -32,6 +36,7 @@ async fn start() -> anyhow::Result<()> {
     let config = Config {
         listen: arguments.listen.unwrap_or(config.listen),
         generator: arguments.generator.unwrap_or(config.generator),
+        backend: arguments.backend.unwrap_or(config.backend),
         ..config
     }
     .check()?;

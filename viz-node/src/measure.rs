@@ -1,6 +1,6 @@
 //! What arrives, measured: live steps into the store, trials to whoever asked.
 
-use crate::kernel::{PreparedVdi, quality};
+use crate::kernel::{Backend, PreparedVdi};
 use crate::store::{Run, StepRow, Store};
 use lamina_model::{Quality, ReferenceSamples};
 use lamina_wire::codec::{self, DecodeLimits};
@@ -40,6 +40,7 @@ pub struct Counters {
 /// Measures quality and keeps results.
 pub struct Meter {
     store: Arc<Store>,
+    backend: Backend,
     limits: DecodeLimits,
     /// What was done so far.
     pub counters: Counters,
@@ -48,10 +49,10 @@ pub struct Meter {
 }
 
 impl Meter {
-    /// Records into `store`; refuses VDIs beyond `limits`.
-    pub fn new(store: Arc<Store>, limits: DecodeLimits) -> Self {
+    /// Records into `store`; draws with `backend`; refuses VDIs beyond `limits`.
+    pub fn new(store: Arc<Store>, backend: Backend, limits: DecodeLimits) -> Self {
         let trials = watch::Sender::new(VecDeque::new());
-        Self { store, limits, counters: Counters::default(), references: Mutex::default(), trials }
+        Self { store, backend, limits, counters: Counters::default(), references: Mutex::default(), trials }
     }
 
     /// Takes one whole delivery. Blocking: decodes, renders, writes.
@@ -99,7 +100,7 @@ impl Meter {
         let step = frame.step;
         let vdi = codec::decode(&payload, &self.limits).map_err(|e| format!("step {step}: {e}"))?;
         let vdi = PreparedVdi::new(Arc::new(vdi));
-        let quality = self.reference_of(frame).map(|r| vdi.quality(&r)).transpose();
+        let quality = self.reference_of(frame).map(|r| self.backend.quality(&vdi, &r)).transpose();
         let quality = quality.map_err(|e| format!("step {step}: {e}"))?;
         let row = StepRow::new(frame, quality.as_ref());
         let bytes = row.size_bytes;
@@ -116,7 +117,7 @@ impl Meter {
             let missing =
                 || Status::failed_precondition(format!("no reference samples of step {} have arrived", frame.step));
             let reference = self.reference_of(frame).ok_or_else(missing)?;
-            quality(&vdi, &reference).map_err(|e| refused(e.to_string()))
+            self.backend.quality(&PreparedVdi::new(&vdi), &reference).map_err(|e| refused(e.to_string()))
         });
         self.counters.trials.fetch_add(1, Ordering::Relaxed);
         self.trials.send_modify(|trials| {

@@ -1,5 +1,6 @@
 //! A picture of a recorded step from an orbiting camera, as PNG.
 
+use crate::kernel::Backend;
 use crate::store::{Store, StoreError};
 use lamina_model::{Image, Invalid};
 use std::time::{Duration, Instant};
@@ -41,18 +42,18 @@ pub enum ViewError {
 /// Largest side of a picture for the page.
 const MAX_SIZE: u32 = 2048;
 
-/// Renders `step` of `store`.
+/// Draws `step` of `store` with `backend`.
 ///
 /// # Errors
 /// If the step is not held, or the orbit is out of bounds.
-pub fn picture(store: &Store, step: u64, orbit: Orbit) -> Result<Picture, ViewError> {
+pub fn picture(store: &Store, backend: &Backend, step: u64, orbit: Orbit) -> Result<Picture, ViewError> {
     if orbit.size > MAX_SIZE {
         return Err(Invalid::new("size", format!("{} exceeds {MAX_SIZE} pixels", orbit.size)).into());
     }
     let vdi = store.prepared(step)?;
     let camera = vdi.vdi().header().camera.orbit(orbit.azimuth_deg, orbit.elevation_deg, orbit.zoom)?;
     let start = Instant::now();
-    let image = vdi.render(&camera, orbit.size, orbit.size)?;
+    let image = backend.render(&vdi, &camera, orbit.size, orbit.size)?;
     let render_time = start.elapsed();
     Ok(Picture { step, png: png(&image)?, render_time })
 }

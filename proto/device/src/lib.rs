@@ -6,6 +6,7 @@ mod choice;
 mod error;
 mod gpu;
 pub mod layout;
+pub mod pipeline;
 mod submit;
 
 pub use adapter::{AdapterFacts, adapter};

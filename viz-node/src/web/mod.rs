@@ -2,6 +2,7 @@
 
 mod metrics;
 
+use crate::kernel::Backend;
 use crate::measure::Meter;
 use crate::store::{Event, Run, StepRow, Store};
 use crate::view::{Orbit, ViewError, picture};
@@ -21,16 +22,17 @@ use tokio::sync::{Semaphore, broadcast::error::RecvError};
 #[derive(Clone)]
 pub struct Web {
     store: Arc<Store>,
+    backend: Backend,
     meter: Arc<Meter>,
     connected: Arc<AtomicBool>,
-    /// Pictures rendered at once: each uses all cores already.
+    /// Pictures rendered at once: each uses all cores or the whole GPU already.
     renders: Arc<Semaphore>,
 }
 
 impl Web {
-    /// Serves from `store`.
-    pub fn new(store: Arc<Store>, meter: Arc<Meter>, connected: Arc<AtomicBool>) -> Self {
-        Self { store, meter, connected, renders: Arc::new(Semaphore::new(1)) }
+    /// Serves from `store`; draws with `backend`.
+    pub fn new(store: Arc<Store>, backend: Backend, meter: Arc<Meter>, connected: Arc<AtomicBool>) -> Self {
+        Self { store, backend, meter, connected, renders: Arc::new(Semaphore::new(1)) }
     }
 
     /// All routes.
@@ -127,11 +129,11 @@ async fn image(State(web): State<Web>, Query(query): Query<ImageQuery>) -> Respo
     let orbit =
         Orbit { azimuth_deg: query.azimuth, elevation_deg: query.elevation, zoom: query.zoom, size: query.size };
     let Ok(permit) = web.renders.acquire_owned().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
-    let store = web.store;
+    let (store, backend) = (web.store, web.backend);
     let work = move || {
         // Held until the picture is done, even if the one who asked has gone.
         let _permit = permit;
-        picture(&store, step, orbit)
+        picture(&store, &backend, step, orbit)
     };
     match tokio::task::spawn_blocking(work).await {
         Ok(Ok(p)) => {

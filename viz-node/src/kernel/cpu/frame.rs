@@ -99,7 +99,7 @@ impl<'a> Frame<'a> {
 }
 
 /// A world direction from the generation camera as (U, V, Z).
-fn homogeneous(header: &VdiHeader, index: &Index, direction: DVec3) -> DVec3 {
+pub fn homogeneous(header: &VdiHeader, index: &Index, direction: DVec3) -> DVec3 {
     let h = header.camera.tan_half_fov();
     let per_tan = 0.5 * f64::from(header.params.resolution()) / h;
     let p = header.camera.view_from_world_direction(direction);

@@ -78,8 +78,10 @@ pub struct Index {
     pub depths: [f64; 2],
     /// Depth to mask bits.
     pub slabs: Slabs,
-    slots: Vec<u32>,
-    spans: Vec<Span>,
+    /// Per pixel of the rectangle, which span is its.
+    pub slots: Vec<u32>,
+    /// The first one for all pixels without a list.
+    pub spans: Vec<Span>,
     /// Per level and tile.
     pub masks: [Vec<u64>; 3],
 }

@@ -22,13 +22,18 @@ mod index;
 mod line;
 mod walk;
 
+pub(super) use frame::homogeneous;
+#[cfg(test)]
+pub(super) use index::Slabs;
+pub(super) use index::{Index, Span};
+
 use frame::Frame;
-use index::Index;
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
 use lamina_model::{Camera, Image, Invalid, Vdi};
 use rayon::prelude::*;
 use std::ops::Deref;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Side of the square of picture pixels that one core draws at a time: neighbours meet the same lists.
 const TILE: usize = 16;
@@ -37,13 +42,25 @@ const TILE: usize = 16;
 pub struct PreparedVdi<V: Deref<Target = Vdi> = Arc<Vdi>> {
     vdi: V,
     index: Index,
+    id: u64,
 }
 
 impl<V: Deref<Target = Vdi>> PreparedVdi<V> {
     /// Prepares `vdi`: one pass over its supersegments.
     pub fn new(vdi: V) -> Self {
+        static NEXT: AtomicU64 = AtomicU64::new(0);
         let index = Index::new(&vdi);
-        Self { vdi, index }
+        Self { vdi, index, id: NEXT.fetch_add(1, Ordering::Relaxed) }
+    }
+
+    /// No other has it as long as the process lives: what a device holds is known by it.
+    pub(super) fn id(&self) -> u64 {
+        self.id
+    }
+
+    /// What was prepared.
+    pub(super) fn index(&self) -> &Index {
+        &self.index
     }
 
     /// The VDI itself.

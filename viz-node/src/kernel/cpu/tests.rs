@@ -140,7 +140,7 @@ fn skipping_tiles_threads_and_single_pixels_change_no_bit() {
     for generation in [outside(), inside()] {
         let vdi = random_vdi(generation, 100, 0.3, 8);
         let prepared = PreparedVdi::new(vdi.clone());
-        let patient = PreparedVdi { vdi: vdi.clone(), index: Index::new(&vdi).without_gaps() };
+        let patient = PreparedVdi { vdi: vdi.clone(), index: Index::new(&vdi).without_gaps(), id: 0 };
         let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         for (camera, width, height) in views(generation) {
             let image = prepared.render(&camera, width, height).unwrap();

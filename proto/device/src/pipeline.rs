@@ -1,0 +1,68 @@
+//! Compute pipelines and what is bound to them, in the order of binding numbers.
+
+use crate::Gpu;
+use wgpu::{
+    BindGroup, BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntry,
+    BindingType, Buffer, BufferBindingType, ComputePipeline, ComputePipelineDescriptor, PipelineLayoutDescriptor,
+    ShaderModule, ShaderModuleDescriptor, ShaderSource, ShaderStages,
+};
+
+/// A uniform buffer.
+pub const UNIFORM: BindingType = buffer(BufferBindingType::Uniform);
+/// A storage buffer that kernels read.
+pub const READ: BindingType = buffer(BufferBindingType::Storage { read_only: true });
+/// A storage buffer that kernels write.
+pub const WRITE: BindingType = buffer(BufferBindingType::Storage { read_only: false });
+
+const fn buffer(ty: BufferBindingType) -> BindingType {
+    BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None }
+}
+
+/// All to be called inside [`Gpu::run`].
+impl Gpu {
+    /// WGSL, compiled.
+    pub fn module(&self, label: &str, source: &'static str) -> ShaderModule {
+        let source = ShaderSource::Wgsl(source.into());
+        self.device().create_shader_module(ShaderModuleDescriptor { label: Some(label), source })
+    }
+
+    /// The shape of a group of bindings.
+    pub fn layout(&self, label: &str, types: &[BindingType]) -> BindGroupLayout {
+        let entry = |(n, &ty): (usize, &BindingType)| BindGroupLayoutEntry {
+            binding: n as u32,
+            visibility: ShaderStages::COMPUTE,
+            ty,
+            count: None,
+        };
+        let entries: Vec<_> = types.iter().enumerate().map(entry).collect();
+        self.device().create_bind_group_layout(&BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
+    }
+
+    /// The kernel `entry` of `module`; without `groups` their shapes are read from the kernel.
+    pub fn pipeline(&self, module: &ShaderModule, entry: &str, groups: &[&BindGroupLayout]) -> ComputePipeline {
+        let groups: Vec<_> = groups.iter().map(|&g| Some(g)).collect();
+        let layout = (!groups.is_empty()).then(|| {
+            self.device().create_pipeline_layout(&PipelineLayoutDescriptor {
+                label: Some(entry),
+                bind_group_layouts: &groups,
+                immediate_size: 0,
+            })
+        });
+        self.device().create_compute_pipeline(&ComputePipelineDescriptor {
+            label: Some(entry),
+            layout: layout.as_ref(),
+            module,
+            entry_point: Some(entry),
+            compilation_options: Default::default(),
+            cache: None,
+        })
+    }
+
+    /// Buffers bound to a group.
+    pub fn bind(&self, layout: &BindGroupLayout, buffers: &[&Buffer]) -> BindGroup {
+        let numbered = buffers.iter().enumerate();
+        let entries: Vec<_> =
+            numbered.map(|(n, b)| BindGroupEntry { binding: n as u32, resource: b.as_entire_binding() }).collect();
+        self.device().create_bind_group(&BindGroupDescriptor { label: None, layout, entries: &entries })
+    }
+}

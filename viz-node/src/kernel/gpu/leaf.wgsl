@@ -1,0 +1,119 @@
+// Leaf mathematics of rendering: no bindings. Probed on boundary inputs against Rust in tests/leaf.rs.
+
+// Farther than anything, and far from overflow.
+const FAR: f32 = 1e30;
+// A form that changes by less than this along a ray, in units of itself, does not change.
+const STILL: f32 = 1e-12;
+// Beyond it nothing comes through in single precision.
+const OPAQUE: f32 = 80.0;
+// A stretch whose steps differ by no more than this, relative, runs along a depth plane.
+const FLAT: f32 = 1e-6;
+
+// 1 - exp(-t). Small ones by the series, whose next term is below 5e-8 of the value.
+fn opacity(optical_depth: f32) -> f32 {
+    let t = min(optical_depth, OPAQUE);
+    if t < 0.25 {
+        return t * (1.0 - t / 2.0 * (1.0 - t / 3.0 * (1.0 - t / 4.0 * (1.0 - t / 5.0 * (1.0 - t / 6.0)))));
+    }
+    return 1.0 - exp(-t);
+}
+
+// The part of `span` where a + b t >= 0; it ends before it begins if there is none.
+fn cut(span: vec2f, a: f32, b: f32) -> vec2f {
+    if abs(b) < STILL {
+        if a < 0.0 {
+            return vec2f(FAR, -FAR);
+        }
+        return span;
+    }
+    let t = -a / b;
+    if b > 0.0 {
+        return vec2f(max(span.x, t), span.y);
+    }
+    return vec2f(span.x, min(span.y, t));
+}
+
+// The slab at a place on the scale of slabs.
+fn slab(place: f32) -> u32 {
+    return u32(clamp(place, 0.0, 63.0));
+}
+
+// The bits of slabs `a <= b` and all between; the lower word first.
+fn bits(a: u32, b: u32) -> vec2u {
+    const ALL = 0xffffffffu;
+    let from_a = select(vec2u(0u, ALL << (a & 31u)), vec2u(ALL << (a & 31u), ALL), a < 32u);
+    let to_b = select(vec2u(ALL, ALL >> (31u - (b & 31u))), vec2u(ALL >> (31u - (b & 31u)), 0u), b < 32u);
+    return from_a & to_b;
+}
+
+// Which part of the way along a line between absolute depths z0 and z1 lies before place `mu`.
+fn way(mu: f32, z0: f32, z1: f32) -> f32 {
+    return min(mu * z0 / (z1 * (1.0 - mu) + z0 * mu), 1.0);
+}
+
+// One over the change of a column or row; beyond any place if there is none.
+fn per_change(change: f32) -> f32 {
+    if abs(change) < 1.0 / FAR {
+        return FAR;
+    }
+    return 1.0 / change;
+}
+
+// One axis of a walk over the tiles of one level; twin of walk.rs.
+struct Axis {
+    cell: i32,
+    step: i32,
+    // The last tile that the walk may enter.
+    last: i32,
+    // The boundary ahead, in pixels.
+    boundary: f32,
+    boundary_step: f32,
+    start: f32,
+    per_change: f32,
+    // mu at the boundary ahead.
+    next: f32,
+}
+
+fn boundary_mu(axis: Axis, boundary: f32) -> f32 {
+    return (boundary - axis.start) * axis.per_change;
+}
+
+// The tile at `mu`, between tiles `lo` and `hi`. A boundary met at `mu` itself is passed.
+fn axis_at(start: f32, change: f32, per_change: f32, shift: u32, mu: f32, lo: i32, hi: i32) -> Axis {
+    let forward = change >= 0.0;
+    let place = i32(start + change * mu) >> shift;
+    let step = select(-1, 1, forward);
+    let first = select(hi, lo, forward);
+    let last = select(lo, hi, forward);
+    let cell = clamp(place, lo, hi);
+    let boundary = f32((cell + i32(forward)) << shift);
+    let boundary_step = f32(step * (1 << shift));
+    var axis = Axis(cell, step, last, boundary, boundary_step, start, per_change, 0.0);
+    axis.next = boundary_mu(axis, boundary);
+    // Rounding of the place: what counts is the order of the boundaries' mu.
+    while axis.next <= mu && axis.cell != last {
+        axis = advanced(axis);
+    }
+    while axis.cell != first && boundary_mu(axis, axis.boundary - boundary_step) > mu {
+        axis.cell -= step;
+        axis.boundary -= boundary_step;
+        axis.next = boundary_mu(axis, axis.boundary);
+    }
+    return axis;
+}
+
+fn advanced(before: Axis) -> Axis {
+    var axis = before;
+    axis.cell += axis.step;
+    axis.boundary += axis.boundary_step;
+    axis.next = boundary_mu(axis, axis.boundary);
+    return axis;
+}
+
+// The part of the stretch from step `near` to step `far` that a supersegment has. Along a depth plane it is all or nothing.
+fn share(start: f32, end: f32, near: f32, far: f32) -> f32 {
+    if far - near <= FLAT * abs(far) {
+        return select(0.0, 1.0, start <= near && near < end);
+    }
+    return max(min(end, far) - max(start, near), 0.0) / (far - near);
+}

@@ -1,0 +1,152 @@
+//! VDIs on the device: supersegments as two columns, and of what was prepared what the kernels look at.
+
+use super::GpuError;
+use super::layout::{Span, Stored};
+use crate::kernel::PreparedVdi;
+use crate::kernel::cpu::{self, Index};
+use lamina_device::Gpu;
+use lamina_device::wgpu::{Buffer, BufferUsages};
+use lamina_model::{Supersegment, Vdi};
+use rayon::prelude::*;
+use std::ops::Deref;
+
+/// VDIs kept: what a viewer looks at, and what is measured meanwhile.
+const KEPT: usize = 3;
+/// Bytes that those beside the last one may take.
+const KEPT_BYTES: u64 = 1 << 30;
+/// Bytes of a supersegment's colour and optical depth: the largest array there is.
+const CONTENT_BYTES: u64 = 16;
+/// Bytes per ray of the largest array that grows with rays.
+const RAY_BYTES: u64 = 16;
+/// How many slabs places may be off beside what the volume's extent adds.
+const MARGIN: f64 = 2e-3;
+/// What the sums that give a depth may lose, in units of the box.
+const ROUNDING: f64 = 4e-6;
+/// Steps below which single precision does not tell where a ray's last step is cut; optical depth per step ends there.
+const SHORTEST: f64 = 1e-4;
+/// Optical depth per step that stands for infinity, which shaders need not know.
+const OPAQUE: f64 = 1e30;
+
+/// A VDI on the device.
+#[derive(Debug)]
+pub struct Resident {
+    id: u64,
+    bytes: u64,
+    /// In the order of their bindings.
+    pub buffers: [Buffer; 6],
+}
+
+/// Those that are there, the last one used last.
+#[derive(Debug, Default)]
+pub struct Residents(Vec<Resident>);
+
+impl Residents {
+    /// `vdi` on the device, uploaded if it is not there. To be called inside [`Gpu::run`], after [`check_size`].
+    pub fn get<V: Deref<Target = Vdi>>(&mut self, gpu: &Gpu, vdi: &PreparedVdi<V>) -> &Resident {
+        let found = self.0.iter().position(|r| r.id == vdi.id()).map(|n| self.0.remove(n));
+        let resident = found.unwrap_or_else(|| {
+            self.make_room();
+            Resident::new(gpu, vdi)
+        });
+        self.0.push(resident);
+        &self.0[self.0.len() - 1]
+    }
+
+    /// The oldest go first, and before another one comes: there may be no room for both.
+    fn make_room(&mut self) {
+        while self.0.len() >= KEPT || self.0.iter().map(|r| r.bytes).sum::<u64>() > KEPT_BYTES {
+            self.0.remove(0);
+        }
+    }
+}
+
+impl Resident {
+    fn new<V: Deref<Target = Vdi>>(gpu: &Gpu, prepared: &PreparedVdi<V>) -> Self {
+        let (vdi, index) = (&**prepared.vdi(), prepared.index());
+        let spans = spans(vdi, index);
+        let masks: Vec<u64> = index.masks.iter().flatten().copied().collect();
+        let ends: Vec<[u32; 2]> = vdi.segments().par_iter().map(|s| [s.start, s.end]).collect();
+        let upload = |label, bytes| gpu.upload(label, bytes, BufferUsages::STORAGE);
+        let buffers = [
+            gpu.upload("stored", bytemuck::bytes_of(&stored(vdi, index)), BufferUsages::UNIFORM),
+            upload("slots", bytemuck::cast_slice(&index.slots)),
+            upload("spans", bytemuck::cast_slice(&spans)),
+            // Little-endian, so the lower word comes first.
+            upload("masks", bytemuck::cast_slice(&masks)),
+            upload("ends", bytemuck::cast_slice(&ends)),
+            upload("contents", bytemuck::cast_slice(&contents(vdi, index))),
+        ];
+        Self { id: prepared.id(), bytes: buffers.iter().map(Buffer::size).sum(), buffers }
+    }
+}
+
+/// Passes a VDI none of whose arrays is larger than `most` bytes.
+pub fn check_size(most: u64, vdi: &Vdi, index: &Index) -> Result<(), GpuError> {
+    let (needed, limit) = (vdi.segments().len() as u64, most / CONTENT_BYTES);
+    if needed > limit {
+        let (what, unit, remedy) = ("the VDI", "supersegments", "raise gamma");
+        return Err(GpuError::TooLarge { what, needed, limit, unit, remedy });
+    }
+    // One span more than rays, one for none, and masks of tiles.
+    let (needed, limit) = (index.slots.len() as u64, (most / RAY_BYTES).saturating_sub(2));
+    if needed > limit {
+        let (what, unit, remedy) = ("the VDI", "rays", "lower the resolution");
+        return Err(GpuError::TooLarge { what, needed, limit, unit, remedy });
+    }
+    Ok(())
+}
+
+/// Depth of the plane that depths count from.
+pub fn middle_depth(index: &Index) -> f64 {
+    0.5 * (index.depths[0] + index.depths[1])
+}
+
+fn stored(vdi: &Vdi, index: &Index) -> Stored {
+    let [near, far] = index.depths;
+    // As where the slabs begin and end: nearer than a quarter of the farthest depth all is one.
+    let thickness = far - near.max(0.25 * far);
+    let lost = 64.0 * ROUNDING * vdi.header().bounds.size().length() / thickness;
+    let tiles = |level: usize| index.masks[level].len() as u32;
+    Stored {
+        size: index.size,
+        first_masks: [tiles(0), tiles(0) + tiles(1)],
+        depth: middle_depth(index) as f32,
+        far: (far - middle_depth(index)) as f32,
+        slabs: (index.slabs.per_inverse_depth * index.slabs.far) as f32,
+        // With 64 or more nothing is passed over.
+        margin: (MARGIN + lost).clamp(MARGIN, 64.0) as f32,
+    }
+}
+
+/// The spans, depths counted from the middle one, and one more where the last list ends.
+fn spans(vdi: &Vdi, index: &Index) -> Vec<Span> {
+    let middle = middle_depth(index);
+    // Only occupied pixels have a span, and their lists follow one another.
+    let firsts = vdi.offsets().windows(2).filter(|ends| ends[0] < ends[1]).map(|ends| ends[0]);
+    let firsts = std::iter::once(0).chain(firsts);
+    let span = |(s, first): (&cpu::Span, u32)| Span {
+        scale: s.scale as f32,
+        offset: (s.offset - s.scale * middle) as f32,
+        last: s.last as f32,
+        first,
+    };
+    let mut spans: Vec<Span> = index.spans.iter().zip(firsts).map(span).collect();
+    spans.push(Span { scale: 0.0, offset: 0.0, last: 0.0, first: vdi.segments().len() as u32 });
+    spans
+}
+
+/// Colours, and optical depth per step.
+fn contents(vdi: &Vdi, index: &Index) -> Vec<[f32; 4]> {
+    let content = |s: &Supersegment, last: f64| {
+        let steps = f64::from(s.end).min(last) - f64::from(s.start);
+        let per_step = if steps > 0.0 { f64::from(s.optical_depth) / steps.max(SHORTEST) } else { 0.0 };
+        let [red, green, blue] = s.color;
+        [red, green, blue, per_step.min(OPAQUE) as f32]
+    };
+    let lists = vdi.offsets().windows(2).filter(|ends| ends[0] < ends[1]);
+    let mut contents = Vec::with_capacity(vdi.segments().len());
+    for (ends, span) in lists.zip(&index.spans[1..]) {
+        contents.extend(vdi.segments()[ends[0] as usize..ends[1] as usize].iter().map(|s| content(s, span.last)));
+    }
+    contents
+}
