@@ -219,6 +219,9 @@ pub struct Render {
     /// A Volumetric Depth Image
     #[arg(value_name = "FILE.vdi")]
     pub input: PathBuf,
+    /// What draws: auto (a GPU if there is a real one), cpu or gpu
+    #[arg(long, default_value_t)]
+    pub backend: Choice,
     #[command(flatten)]
     pub view: View,
 }

@@ -82,7 +82,12 @@ impl Nodes {
         let backend = Backend::open(setup.backend)?;
         runtime.spawn(lamina_generator_node::run(config.check()?, backend, listener, stopped()));
 
-        let config = lamina_viz_node::Config { generator: generator.clone(), store: setup.store, ..Default::default() };
+        let config = lamina_viz_node::Config {
+            generator: generator.clone(),
+            store: setup.store,
+            backend: setup.backend,
+            ..Default::default()
+        };
         let listener = runtime.block_on(listen(setup.viewer))?;
         let viewer = listener.local_addr()?;
         let store = lamina_viz_node::open_store(&config)?;

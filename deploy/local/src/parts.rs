@@ -8,6 +8,7 @@ use anyhow::{Context, ensure};
 use lamina_generator_node::kernel::{Backend, Field};
 use lamina_model::{GenerationParams, Scene, Volume, psnr};
 use lamina_read::Series;
+use lamina_viz_node::kernel::PreparedVdi;
 use lamina_wire::codec::{self, Codec, DecodeLimits, EncodeOptions, Layout};
 use std::time::Instant;
 
@@ -76,8 +77,9 @@ pub fn render(arguments: &cli::Render) -> anyhow::Result<()> {
     let bytes = std::fs::read(&arguments.input).with_context(|| format!("{name}: cannot be read"))?;
     let vdi = codec::decode(&bytes, &DecodeLimits::default()).with_context(|| name.to_string())?;
     let (camera, size) = (vdi.header().camera.rotated_about_y(arguments.view.view)?, arguments.view.size);
+    let backend = lamina_viz_node::kernel::Backend::open(arguments.backend)?;
     let start = Instant::now();
-    let image = lamina_viz_node::kernel::render(&vdi, &camera, size, size)?;
+    let image = backend.render(&PreparedVdi::new(&vdi), &camera, size, size)?;
     println!("render_ms {:.1}", start.elapsed().as_secs_f64() * 1e3);
     picture_file::write(&arguments.view.out, &image)
 }
