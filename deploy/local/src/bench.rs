@@ -7,9 +7,10 @@ use crate::cli;
 use crate::parts::{open, prepare};
 use crate::process;
 use anyhow::{Context, ensure};
+use glam::DVec3;
 use lamina_generator_node::kernel::lanes::{self, Level, Shot};
 use lamina_generator_node::kernel::{Backend, Field};
-use lamina_model::{GenerationParams, Image, Scene, Supersegment, Vdi, Volume};
+use lamina_model::{GenerationParams, Grid, Image, Scene, Supersegment, Vdi, Volume, Voxels, suggest};
 use lamina_viz_node::kernel::PreparedVdi;
 use lamina_wire::codec::{self, DecodeLimits, EncodeOptions};
 use serde::Serialize;
@@ -167,7 +168,7 @@ fn median(values: &[f64]) -> Option<f64> {
     Some(0.5 * (low + high))
 }
 
-/// The most memory that was in use at once, beyond what the process had before it read its input.
+/// The most memory that was in use at once, beyond that of a process that has done the same with next to nothing.
 #[derive(Serialize)]
 struct Memory {
     name: String,
@@ -191,9 +192,14 @@ impl Memory {
     }
 }
 
-/// Memory in use before the input is read, threads started.
+/// Memory in use by a process that has done all there is with two voxels a side and one ray: code, threads, tables.
 fn memory_at_first() -> anyhow::Result<u64> {
-    rayon::broadcast(|_| ());
+    let grid = Grid::new([2; 3], DVec3::ONE, DVec3::ZERO)?;
+    let volume = Volume::new(grid, Voxels::F32((0..8_u8).map(f32::from).collect()))?;
+    let scene = suggest::suggest(&[&volume])?;
+    let vdi = Backend::cpu().generate(&Field::new(volume, &scene), &GenerationParams::new(1, 0.0)?)?;
+    let vdi = codec::decode(&codec::encode(&vdi, &EncodeOptions::default())?, &DecodeLimits::default())?;
+    PreparedVdi::new(&vdi).render(&scene.camera, 1, 1)?;
     Ok(process::memory()?.0)
 }
 
