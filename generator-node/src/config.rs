@@ -1,5 +1,6 @@
 //! The generator-node's configuration file.
 
+use lamina_device::Choice;
 use lamina_model::{GenerationParams, Invalid, SamplePlan, Scene};
 use lamina_wire::codec::{Codec, EncodeOptions, Layout};
 use serde::{Deserialize, Serialize};
@@ -23,6 +24,8 @@ pub struct Config {
     pub samples: SamplePlan,
     /// Parameters until the tuner sends some.
     pub params: GenerationParams,
+    /// What casts the rays: `auto`, `cpu` or `gpu`.
+    pub backend: Choice,
     /// Compressor of VDIs: `bzip2` or `zstd`.
     pub codec: CodecName,
     /// Byte layout of VDIs: `columns`, or `plain` (the paper's records) for comparison.
@@ -61,6 +64,7 @@ impl Default for Config {
             reference_every: 1,
             samples: SamplePlan::default(),
             params: default_params(),
+            backend: Choice::Auto,
             codec: CodecName::Bzip2,
             layout: LayoutName::Columns,
             scene: None,

@@ -28,13 +28,12 @@ pub struct Prepared {
 impl Prepared {
     /// The step's VDI, encoded, and what it cost.
     pub fn measure(&self, params: &GenerationParams, options: &EncodeOptions) -> Result<(Vec<u8>, v1::Cost), Invalid> {
-        let start = Instant::now();
-        let vdi = self.backend.generate(&self.field, params)?;
+        let (vdi, generation_time) = self.backend.generate(&self.field, params)?;
         let generated = Instant::now();
         let bytes = codec::encode(&vdi, options).map_err(|e| Invalid::new("vdi", e.to_string()))?;
         let cost = v1::Cost {
             size_bytes: bytes.len() as u64,
-            generation_ns: (generated - start).as_nanos() as u64,
+            generation_ns: generation_time.as_nanos() as u64,
             encode_ns: generated.elapsed().as_nanos() as u64,
             supersegments: vdi.segments().len() as u64,
         };

@@ -18,17 +18,22 @@ use lamina_wire::{MAX_MESSAGE_BYTES, v1};
 use std::{sync::Arc, time::Duration};
 use tokio::net::TcpListener;
 
-/// Runs the node on `listener` until `shutdown` completes.
+/// Runs the node on `listener` until `shutdown` completes, its rays cast by `backend`.
 ///
 /// # Errors
 /// If the transport fails.
-pub async fn run(config: Config, listener: TcpListener, shutdown: Shutdown) -> Result<(), NodeError> {
+pub async fn run(
+    config: Config,
+    backend: kernel::Backend,
+    listener: TcpListener,
+    shutdown: Shutdown,
+) -> Result<(), NodeError> {
     let ingest = Arc::new(ingest::Ingest::new(config.memory_bytes, Duration::from_secs_f64(config.idle_secs)));
     let publisher = Arc::new(publish::Publisher::new(config.history_bytes));
     let shared = Arc::new(cycle::Shared::new(
         config.params,
         config.encode_options(),
-        kernel::Backend::cpu(),
+        backend,
         config.samples.clone(),
         publisher.clone(),
     ));

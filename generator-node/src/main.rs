@@ -1,6 +1,8 @@
 //! The generator-node as a daemon.
 
 use clap::Parser;
+use lamina_device::Choice;
+use lamina_generator_node::kernel::Backend;
 use lamina_generator_node::{Config, run};
 use lamina_wire::node::{exit_code, listen, load_config, log_to_stderr, stop_signal};
 use std::{net::SocketAddr, path::PathBuf};
@@ -15,6 +17,9 @@ struct Arguments {
     /// Address to listen on, instead of the configuration's.
     #[arg(long, value_name = "IP:PORT")]
     listen: Option<SocketAddr>,
+    /// What casts the rays, instead of the configuration's: auto, cpu or gpu.
+    #[arg(long)]
+    backend: Option<Choice>,
 }
 
 #[tokio::main]
@@ -27,6 +32,7 @@ async fn start() -> anyhow::Result<()> {
     log_to_stderr("info");
     let config: Config = load_config(arguments.config.as_deref())?;
     let config = Config { listen: arguments.listen.unwrap_or(config.listen), ..config }.check()?;
+    let backend = Backend::open(arguments.backend.unwrap_or(config.backend))?;
     let listener = listen(config.listen).await?;
-    Ok(run(config, listener, Box::pin(stop_signal())).await?)
+    Ok(run(config, backend, listener, Box::pin(stop_signal())).await?)
 }

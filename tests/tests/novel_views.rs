@@ -17,7 +17,7 @@ fn scene_and_field() -> (Scene, Field) {
 }
 
 fn vdi(field: &Field, resolution: u32, gamma: f64) -> Vdi {
-    Backend::cpu().generate(field, &GenerationParams::new(resolution, gamma).unwrap()).unwrap()
+    Backend::cpu().generate(field, &GenerationParams::new(resolution, gamma).unwrap()).unwrap().0
 }
 
 fn compare(field: &Field, vdi: &Vdi, camera: &Camera) -> f64 {
@@ -89,8 +89,8 @@ fn a_generation_camera_inside_the_volume_gives_its_own_view_exactly() {
 fn an_opacity_cutoff_saves_supersegments_and_costs_novel_views_not_its_own() {
     let (scene, field) = scene_and_field();
     let params = GenerationParams::new(SIZE, 0.005).unwrap();
-    let whole = Backend::cpu().generate(&field, &params).unwrap();
-    let cut = Backend::cpu().generate(&field, &params.with_opacity_cutoff(0.99).unwrap()).unwrap();
+    let whole = Backend::cpu().generate(&field, &params).unwrap().0;
+    let cut = Backend::cpu().generate(&field, &params.with_opacity_cutoff(0.99).unwrap()).unwrap().0;
     assert!(cut.segments().len() < whole.segments().len());
     let side = scene.camera.rotated_about_y(60.0).unwrap();
     let at = |vdi: &Vdi, camera: &Camera| compare(&field, vdi, camera);

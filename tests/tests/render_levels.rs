@@ -21,7 +21,7 @@ fn fast_pictures_of_a_scene_are_those_of_the_oracle() {
         let scene = Scene { camera: generation, background: [0.1, 0.3, 0.2], ..front.clone() };
         let field = Field::new(sampled_cube(48, clumps), &scene);
         for (resolution, gamma) in [(1, 0.1), (33, 0.0), (257, 0.02)] {
-            let vdi = Backend::cpu().generate(&field, &GenerationParams::new(resolution, gamma).unwrap()).unwrap();
+            let vdi = Backend::cpu().generate(&field, &GenerationParams::new(resolution, gamma).unwrap()).unwrap().0;
             let prepared = PreparedVdi::new(&vdi);
             let turned = [0.0, 0.01, 10.0, 30.0, 60.0, 90.0, 180.0].map(|a| generation.rotated_about_y(a).unwrap());
             for camera in turned.into_iter().chain([within]) {

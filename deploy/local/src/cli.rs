@@ -2,6 +2,7 @@
 
 use crate::units::{Bytes, Dims, Millis};
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use lamina_device::Choice;
 use lamina_model::VoxelType;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -103,6 +104,9 @@ pub struct Watch {
     /// Parameters the tuner tries: 18 in a coarse grid, or the paper's 1300
     #[arg(long, default_value = "coarse")]
     pub grid: GridName,
+    /// What casts rays and draws: auto (a GPU if there is a real one), cpu or gpu
+    #[arg(long, default_value_t)]
+    pub backend: Choice,
     /// Address of the viewer
     #[arg(long, default_value = "127.0.0.1:7102", value_name = "IP:PORT")]
     pub viewer: SocketAddr,
@@ -146,6 +150,9 @@ pub struct Input {
     /// Scene file (TOML)
     #[arg(long, value_name = "FILE")]
     pub scene: Option<PathBuf>,
+    /// What casts the rays: auto (a GPU if there is a real one), cpu or gpu
+    #[arg(long, default_value_t)]
+    pub backend: Choice,
     /// Sampling step in voxels, instead of the scene's
     #[arg(long, value_name = "VOXELS", allow_negative_numbers = true)]
     pub step: Option<f64>,

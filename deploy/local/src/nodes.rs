@@ -1,6 +1,8 @@
 //! All three nodes in this process, on loopback, as the binaries run them.
 
 use anyhow::{Context, bail};
+use lamina_device::Choice;
+use lamina_generator_node::kernel::Backend;
 use lamina_model::{GenerationParams, Scene};
 use lamina_tuner::Utility;
 use lamina_tuner::search::Grid;
@@ -24,6 +26,8 @@ pub struct Setup {
     pub store: Option<PathBuf>,
     /// Bytes for time steps in the generator-node.
     pub memory_bytes: u64,
+    /// What casts the rays.
+    pub backend: Choice,
     /// Parameters before tuning, or for ever.
     pub params: GenerationParams,
     /// What the tuner is to reach; `None`: no tuner.
@@ -75,7 +79,8 @@ impl Nodes {
         };
         let listener = runtime.block_on(listen(any_port))?;
         let generator = format!("http://{}", listener.local_addr()?);
-        runtime.spawn(lamina_generator_node::run(config.check()?, listener, stopped()));
+        let backend = Backend::open(setup.backend)?;
+        runtime.spawn(lamina_generator_node::run(config.check()?, backend, listener, stopped()));
 
         let config = lamina_viz_node::Config { generator: generator.clone(), store: setup.store, ..Default::default() };
         let listener = runtime.block_on(listen(setup.viewer))?;

@@ -107,6 +107,7 @@ fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume) -> anyhow::Result
     Ok(Setup {
         viewer: if options.headless { SocketAddr::from((Ipv4Addr::LOCALHOST, 0)) } else { options.viewer },
         store: options.out.as_ref().map(|dir| dir.join("vdi")),
+        backend: options.backend,
         // Room for two waiting steps: more would only show the past.
         memory_bytes: 4 * volume.size_bytes() as u64 + 12 * voxels + (1 << 20),
         params: GenerationParams::new(resolution, gamma)?.with_step_voxels(scene.step_voxels)?,

@@ -71,6 +71,15 @@ impl GenerationParams {
         Ok(Self { resolution, gamma, opacity_cutoff: 1.0, step_voxels: Self::DEFAULT_STEP_VOXELS })
     }
 
+    /// The same with another interrupt parameter.
+    ///
+    /// # Errors
+    /// If it is negative or not finite.
+    pub fn with_gamma(self, gamma: f64) -> Result<Self, Invalid> {
+        let Self { opacity_cutoff, step_voxels, .. } = self;
+        Ok(Self { opacity_cutoff, step_voxels, ..Self::new(self.resolution, gamma)? })
+    }
+
     /// The same with rays ending at this accumulated opacity (1: never).
     ///
     /// # Errors

@@ -18,24 +18,54 @@ use lamina_model::{GenerationParams, Invalid, Supersegment, Vdi, VdiHeader};
 pub fn generate(level: Level, field: &Field, params: &GenerationParams) -> Result<Vdi, Invalid> {
     let header = header(field, params)?;
     let table = TransferTable::new(&field.scene().transfer, field.unit_length(), header.step_length);
-    let r = params.resolution();
-    let lens = Lens::new(field, &header.camera, [r; 2], header.step_length);
+    let rays = Rays::new(field, &header);
+    let gamma = params.gamma() as f32;
     let mut join = Join::new();
     for_stored!(field.stored(), v => {
         let view = View::new(field, v, &table);
-        let rows = |band: usize| {
-            level.run(Rows { view: &view, lens: &lens, header: &header, first_row: Tile::ROWS * band as u32 })
-        };
-        in_order(r.div_ceil(Tile::ROWS) as usize, rows, |rows: [Band; 2]| rows.into_iter().for_each(|row| join.add(row)));
+        let rows = |n: usize| level.run(Rows { view: &view, rays: &rays, gamma, first_row: Tile::ROWS * n as u32 });
+        in_order(rays.bands(), rows, |rows: [Band; 2]| rows.into_iter().for_each(|row| join.add(row)));
     });
     join.finish(header)
+}
+
+/// The rays of a VDI.
+pub struct Rays {
+    /// Their directions.
+    pub lens: Lens,
+    /// Optical depth at which a ray ends.
+    pub cutoff: f32,
+    resolution: u32,
+}
+
+impl Rays {
+    /// The rays that `header` describes.
+    pub fn new(field: &Field, header: &VdiHeader) -> Self {
+        let (resolution, cutoff) = (header.params.resolution(), header.params.opacity_cutoff());
+        Self {
+            lens: Lens::new(field, &header.camera, [resolution; 2], header.step_length),
+            cutoff: optical_depth_from_opacity(cutoff) as f32,
+            resolution,
+        }
+    }
+
+    /// Pairs of rows.
+    pub fn bands(&self) -> usize {
+        self.resolution.div_ceil(Tile::ROWS) as usize
+    }
+
+    /// The tiles of the pair of rows that starts at `first_row`.
+    #[inline(always)]
+    pub fn tiles(&self, first_row: u32) -> impl Iterator<Item = Tile> + use<> {
+        Tile::across(self.resolution, first_row, Tile::ROWS.min(self.resolution - first_row))
+    }
 }
 
 /// Two rows of rays.
 struct Rows<'a, V> {
     view: &'a View<'a, V>,
-    lens: &'a Lens,
-    header: &'a VdiHeader,
+    rays: &'a Rays,
+    gamma: f32,
     first_row: u32,
 }
 
@@ -43,11 +73,10 @@ impl<V: Pair> Job for Rows<'_, V> {
     type Output = [Band; 2];
     #[inline(always)]
     fn run<L: Lanes>(self) -> [Band; 2] {
-        let r = self.header.params.resolution();
         let mut rows = [Band::default(), Band::default()];
-        let mut cluster = Cluster::<L>::new(self.view.table, self.header);
-        for tile in Tile::across(r, self.first_row, Tile::ROWS.min(r - self.first_row)) {
-            let packet = Packet::<L>::new(self.lens, tile.pixels());
+        let mut cluster = Cluster::<L>::new(self.view.table, self.gamma, self.rays.cutoff);
+        for tile in self.rays.tiles(self.first_row) {
+            let packet = Packet::<L>::new(&self.rays.lens, tile.pixels());
             self.view.march(&packet, &mut cluster);
             cluster.finish();
             cluster.closed.hand_over(tile.pixels().iter().map(|&(_, j)| (j - self.first_row) as usize), &mut rows);
@@ -82,13 +111,13 @@ struct Cluster<'a, L: Lanes> {
 
 impl<'a, L: Lanes> Cluster<'a, L> {
     #[inline(always)]
-    fn new(table: &'a TransferTable, header: &VdiHeader) -> Self {
+    fn new(table: &'a TransferTable, gamma: f32, cutoff: f32) -> Self {
         let zero = L::F::splat(0.0);
         Self {
             table,
-            gamma: header.params.gamma() as f32,
+            gamma,
             unit_steps: table.unit_steps,
-            cutoff: optical_depth_from_opacity(header.params.opacity_cutoff()) as f32,
+            cutoff,
             start: L::I::splat(0),
             end: L::I::splat(-1),
             length: L::F::splat(1.0),

@@ -8,6 +8,7 @@
 mod avx2;
 mod exp;
 mod generate;
+mod generate_all;
 mod march;
 mod portable;
 mod raycast;
@@ -16,6 +17,7 @@ mod tile;
 #[cfg(target_arch = "x86_64")]
 pub use avx2::Avx2;
 pub use generate::generate;
+pub use generate_all::{MOST_GAMMAS, generate_all};
 pub use march::fits;
 pub use portable::Portable;
 pub use raycast::{Shot, raycast, raycast_pixels};
