@@ -17,7 +17,7 @@ import psnr, scene
 HERE = os.path.dirname(os.path.abspath(__file__))
 OUT = os.path.normpath(os.path.join(HERE, "../../out/bench"))
 LAMINA = os.environ.get("LAMINA", os.path.normpath(os.path.join(HERE, "../../target/release/lamina")))
-SCENE = ["--scene", os.path.join(HERE, "peers.toml")]
+SCENE = ["--scene", os.path.join(HERE, "peers.toml"), "--backend", "cpu"]
 FIELDS = {"plain": "vol256.raw", "noisy": "noisy256.raw", "large": "noisy512.raw"}
 GAMMAS = "generate 256, 65 gammas"
 
@@ -70,9 +70,8 @@ def measure(given, vtk):
         rounds.append({"vtk": {"raycast 768": {"wall_ms": frame["cast_ms"], "cpu_ms": frame["cpu_ms"]}}})
         for field, name in FIELDS.items():
             if field == "plain" or n < given.large_rounds:
-                sizes = "768,512" if field == "plain" else "768"
-                path = at(name + ".nhdr")
-                rounds[-1][field] = bench(path, *SCENE, "--rounds", 1, "--size", sizes)
+                more = ["--size", "768,512", "--gammas"] if field == "plain" else ["--size", "768"]
+                rounds[-1][field] = bench(at(name + ".nhdr"), *SCENE, "--rounds", 1, *more)
         print(f"round {n + 1} of {given.rounds}", file=sys.stderr, flush=True)
     return rounds
 

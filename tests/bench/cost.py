@@ -57,7 +57,8 @@ def drawing(rows):
     width, height, top, bottom, left, gap = 960, 330, 30, 280, 60, 24
     panel_width = (width - left - 3 * gap) / 3
     values = [row["cpu_ms"] for row in rows]
-    low, high = 10 ** math.floor(math.log10(min(values))), 10 ** math.ceil(math.log10(max(values)))
+    grid = [m * 10.0 ** e for e in range(-3, 7) for m in (1, 2, 5)]
+    low, high = max(g for g in grid if g <= min(values)), min(g for g in grid if g >= max(values))
     y = Log(low, high, bottom, top)
     parts = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
              'font-family="sans-serif" font-size="12" fill="#222">', f'<rect width="{width}" height="{height}" fill="#fff"/>',
@@ -66,12 +67,10 @@ def drawing(rows):
     for number, (panel, (title, ticks)) in enumerate(PANELS.items()):
         x0 = left + number * (panel_width + gap)
         x = Log(ticks[0], ticks[-1], x0 + 12, x0 + panel_width - 12)
-        decade = low
-        while decade <= high:
-            parts.append(f'<path d="M{x0:.1f} {y(decade)}h{panel_width:.1f}" stroke="#ddd"/>')
+        for value in grid[grid.index(low):grid.index(high) + 1]:
+            parts.append(f'<path d="M{x0:.1f} {y(value)}h{panel_width:.1f}" stroke="#ddd"/>')
             if number == 0:
-                parts.append(text(left - 6, y(decade) + 4, f"{decade:g}", "end"))
-            decade *= 10
+                parts.append(text(left - 6, y(value) + 4, f"{value:g}", "end"))
         parts += [text(x(tick), bottom + 18, tick) for tick in ticks]
         parts.append(text(round(x0 + panel_width / 2, 1), bottom + 40, title))
         for kernel, color in COLORS.items():

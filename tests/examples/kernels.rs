@@ -2,8 +2,8 @@
 //! `kernels KERNEL LEVEL`; without arguments it lists them. Everything runs on one thread, inside [`measured`].
 
 use glam::DVec3;
+use lamina_generator_node::kernel::Field;
 use lamina_generator_node::kernel::lanes::{self, Level, Shot};
-use lamina_generator_node::kernel::{Backend, Field};
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
 use lamina_model::{GenerationParams, Scene, Vdi, Volume};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
@@ -15,7 +15,7 @@ const CELLS: usize = 64;
 /// Rays and pixels a side.
 const SIDE: u32 = 96;
 /// Those that exist at each level; the others have one level only, called "all".
-const LEVELLED: [&str; 2] = ["raycast", "generate"];
+const LEVELLED: [&str; 3] = ["raycast", "generate", "generate-all"];
 const PLAIN: [&str; 3] = ["prepare-volume", "prepare-vdi", "render"];
 
 /// The profiler counts while this runs.
@@ -59,13 +59,17 @@ fn run(kernel: &str, level: Level, volume: Volume, scene: &Scene) -> Result<(), 
     }
     let field = Field::new(volume, scene);
     let params = GenerationParams::new(SIDE, 0.02).map_err(|e| e.to_string())?;
-    let generate = || Backend::Lanes(level).generate(&field, &params).map_err(|e| e.to_string());
+    let generate = || lanes::generate(level, &field, &params).map_err(|e| e.to_string());
     match kernel {
         "raycast" => {
             let shot = Shot { camera: &scene.camera, size: [SIDE; 2], floor: TRANSMITTANCE_FLOOR as f32 };
             measured(|| lanes::raycast(level, &field, &shot));
         }
         "generate" => drop(measured(generate)?),
+        "generate-all" => {
+            let all = measured(|| lanes::generate_all(level, &field, &params, &[0.001, 0.005, 0.021, 0.085, 0.257]));
+            drop(all.map_err(|e| e.to_string())?);
+        }
         "prepare-vdi" => {
             let vdi: Vdi = generate()?;
             measured(|| PreparedVdi::new(&vdi));

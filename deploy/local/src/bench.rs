@@ -8,7 +8,7 @@ use crate::parts::{open, prepare};
 use crate::process;
 use anyhow::{Context, ensure};
 use glam::DVec3;
-use lamina_generator_node::kernel::lanes::{self, Level, Shot};
+use lamina_generator_node::kernel::lanes::{self, Shot};
 use lamina_generator_node::kernel::{Backend, Field};
 use lamina_model::{GenerationParams, Grid, Image, Scene, Supersegment, Vdi, Volume, Voxels, suggest};
 use lamina_viz_node::kernel::PreparedVdi;
@@ -19,6 +19,9 @@ use std::time::Instant;
 
 /// From how far beside the generation camera VDIs are looked at, degrees.
 const NOVEL_ANGLE_DEG: f64 = 30.0;
+
+/// The paper's: 0.001 to 0.257.
+const PAPER_GAMMAS: u32 = 65;
 
 /// `lamina bench`.
 pub fn bench(arguments: &cli::Bench) -> anyhow::Result<()> {
@@ -37,8 +40,9 @@ pub fn bench(arguments: &cli::Bench) -> anyhow::Result<()> {
         clock.rounds(arguments.rounds, |clock| viewer_round(clock, &bytes, &arguments.size))?;
     } else {
         let (volume, scene) = open(&arguments.input)?;
+        let backend = Backend::open(arguments.input.backend)?;
         clock.rounds(arguments.rounds, |clock| {
-            let bytes = generator_round(clock, &volume, &scene, arguments)?;
+            let bytes = generator_round(clock, &backend, &volume, &scene, arguments)?;
             viewer_round(clock, &bytes, &arguments.size)
         })?;
     }
@@ -56,31 +60,43 @@ fn params(arguments: &cli::Bench, resolution: u32, scene: &Scene) -> anyhow::Res
 /// The generator-node's kernels; the VDI encoded.
 fn generator_round(
     clock: &mut Clock,
+    backend: &Backend,
     volume: &Volume,
     scene: &Scene,
     arguments: &cli::Bench,
 ) -> anyhow::Result<Vec<u8>> {
-    let (backend, camera) = (Backend::cpu(), &scene.camera);
     let copy = volume.clone();
     let field = clock.time("prepare volume".to_owned(), || Field::new(copy, scene));
-    for &size in &arguments.size {
-        clock.time(format!("raycast {size}"), || backend.raycast(&field, camera, size, size))?;
-    }
-    let side = arguments.size[0];
-    let novel = camera.rotated_about_y(NOVEL_ANGLE_DEG)?;
-    clock.time(format!("raycast {side} from aside"), || backend.raycast(&field, &novel, side, side))?;
-    if lanes::fits(&field) {
-        let whole = Shot { camera, size: [side; 2], floor: 0.0 };
-        clock.time(format!("raycast {side} to the end"), || lanes::raycast(Level::detect(), &field, &whole));
-    }
-    if side != arguments.resolution {
+    raycast_round(clock, backend, &field, &arguments.size)?;
+    let (r, side) = (arguments.resolution, arguments.size[0]);
+    if side != r {
         let same_rays = params(arguments, side, scene)?;
         clock.time(format!("generate {side}"), || backend.generate(&field, &same_rays))?;
     }
-    let r = arguments.resolution;
     let params = params(arguments, r, scene)?;
-    let vdi = clock.time(format!("generate {r}"), || backend.generate(&field, &params))?;
+    let (vdi, _) = clock.time(format!("generate {r}"), || backend.generate(&field, &params))?;
+    if arguments.gammas {
+        let gammas: Vec<f64> = (0..PAPER_GAMMAS).map(|n| 0.001 + 0.004 * f64::from(n)).collect();
+        let name = format!("generate {r}, {PAPER_GAMMAS} gammas");
+        clock.time(name, || backend.generate_all(&field, &params, &gammas))?;
+    }
     Ok(clock.time(format!("encode {r}"), || codec::encode(&vdi, &EncodeOptions::default()))?)
+}
+
+/// Pictures of the volume itself; the first size also from aside, and without an end for rays that can gather no more.
+fn raycast_round(clock: &mut Clock, backend: &Backend, field: &Field, sizes: &[u32]) -> anyhow::Result<()> {
+    let camera = &field.scene().camera;
+    for &size in sizes {
+        clock.time(format!("raycast {size}"), || backend.raycast(field, camera, size, size))?;
+    }
+    let side = sizes[0];
+    let novel = camera.rotated_about_y(NOVEL_ANGLE_DEG)?;
+    clock.time(format!("raycast {side} from aside"), || backend.raycast(field, &novel, side, side))?;
+    if let (Backend::Cpu(level), true) = (backend, lanes::fits(field)) {
+        let whole = Shot { camera, size: [side; 2], floor: 0.0 };
+        clock.time(format!("raycast {side} to the end"), || lanes::raycast(*level, field, &whole));
+    }
+    Ok(())
 }
 
 /// The viz-node's kernels.
@@ -193,11 +209,11 @@ impl Memory {
 }
 
 /// Memory in use by a process that has done all there is with two voxels a side and one ray: code, threads, tables.
-fn memory_at_first() -> anyhow::Result<u64> {
+fn memory_at_first(backend: &Backend) -> anyhow::Result<u64> {
     let grid = Grid::new([2; 3], DVec3::ONE, DVec3::ZERO)?;
     let volume = Volume::new(grid, Voxels::F32((0..8_u8).map(f32::from).collect()))?;
     let scene = suggest::suggest(&[&volume])?;
-    let vdi = Backend::cpu().generate(&Field::new(volume, &scene), &GenerationParams::new(1, 0.0)?)?;
+    let (vdi, _) = backend.generate(&Field::new(volume, &scene), &GenerationParams::new(1, 0.0)?)?;
     let vdi = codec::decode(&codec::encode(&vdi, &EncodeOptions::default())?, &DecodeLimits::default())?;
     PreparedVdi::new(&vdi).render(&scene.camera, 1, 1)?;
     Ok(process::memory()?.0)
@@ -205,13 +221,14 @@ fn memory_at_first() -> anyhow::Result<u64> {
 
 /// While a VDI is generated. Reading the file took more for a moment; that is over and is not counted.
 fn generator_memory(arguments: &cli::Bench) -> anyhow::Result<Memory> {
-    let first = memory_at_first()?;
+    let backend = Backend::open(arguments.input.backend)?;
+    let first = memory_at_first(&backend)?;
     let (volume, scene) = open(&arguments.input)?;
     let volume_bytes = volume.size_bytes() as u64;
     let field = prepare(volume, &scene);
     let params = params(arguments, arguments.resolution, &scene)?;
     process::forget_peak()?;
-    let vdi = Backend::cpu().generate(&field, &params)?;
+    let (vdi, _) = backend.generate(&field, &params)?;
     let peak_bytes = process::memory()?.1.saturating_sub(first);
     let name = format!("generate {}", arguments.resolution);
     Ok(Memory { name, peak_bytes, volume_bytes, vdi_bytes: vdi_bytes(&vdi) })
@@ -219,7 +236,7 @@ fn generator_memory(arguments: &cli::Bench) -> anyhow::Result<Memory> {
 
 /// While a VDI is read, decoded, prepared and drawn.
 fn viewer_memory(arguments: &cli::Bench) -> anyhow::Result<Memory> {
-    let first = memory_at_first()?;
+    let first = memory_at_first(&Backend::cpu())?;
     process::forget_peak()?;
     let bytes = read_vdi(&arguments.input.input)?;
     let vdi = codec::decode(&bytes, &DecodeLimits::default())?;

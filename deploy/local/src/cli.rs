@@ -247,6 +247,9 @@ pub struct Bench {
     /// as many
     #[arg(long, default_value = "768,512", value_delimiter = ',', value_name = "PX,..")]
     pub size: Vec<u32>,
+    /// Also generate for all 65 gammas of the paper at once; their VDIs are kept together and take memory
+    #[arg(long)]
+    pub gammas: bool,
     /// How often each is measured, after once to warm up
     #[arg(long, default_value_t = 7, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub rounds: u32,
