@@ -3,7 +3,8 @@ Usage: compare.py [--rounds 7] [--large-rounds 3] [--threads 2]
 
 A round is one frame of VTK and one `lamina bench` of each field, in turn, so that what else the machine does meets all;
 before each counted measurement Lamina runs it once to warm up, and VTK drew frames at the start. Times are medians
-over rounds; a ratio is the median of the rounds' own ratios, of wall and of processor time (all threads). VTK's time
+over rounds; a ratio is the median of the rounds' own ratios, of wall and of processor time (all threads), and what is
+wanted must hold for both: on a busy machine wall times say more of others than of the program. VTK's time
 is its rays' casting alone, without the window. Fields: 256^3; the same with noise of 0.03; and 512^3 with that noise.
 
 Memory is that of processes of their own (`lamina bench --memory`): the most in use at once while a VDI is generated,
@@ -135,6 +136,9 @@ def memory(field):
         yield part(f"memory of generate r {r} beside the volume : VDI, {field}", beside, made["vdi_bytes"], 1.5)
         lamina("generate", path, *SCENE, "--resolution", r, "--gamma", 0.02, "--codec", "zstd", "--out", vdi)
         (drawn,) = bench(vdi, "--memory").values()
+        grown = made["peak_bytes"] - made["before_bytes"]
+        figure = f"memory of generate r {r} beside all kept before : VDI, {field}"
+        yield part(figure, grown, made["vdi_bytes"], None)
         figure = f"memory of decode and render r {r} : VDI, {field}"
         yield part(figure, drawn["peak_bytes"], drawn["vdi_bytes"], 4.0)
 
@@ -154,7 +158,8 @@ def finished(row):
     for key in ("ratio", "cpu_ratio"):
         text[key] = "-" if row.get(key) is None else f"{row[key]:.2f}"
     text["wanted"] = "-" if wanted is None else f"<= {wanted:g}"
-    text["met"] = "-" if wanted is None else "not measured" if ratio is None else "yes" if ratio <= wanted else "NO"
+    worse = None if ratio is None else max(ratio, row.get("cpu_ratio") or ratio)
+    text["met"] = "-" if wanted is None else "not measured" if worse is None else "yes" if worse <= wanted else "NO"
     return text
 
 

@@ -61,7 +61,8 @@ def drawing(rows):
     low, high = max(g for g in grid if g <= min(values)), min(g for g in grid if g >= max(values))
     y = Log(low, high, bottom, top)
     parts = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
-             'font-family="sans-serif" font-size="12" fill="#222">', f'<rect width="{width}" height="{height}" fill="#fff"/>',
+             'font-family="sans-serif" font-size="12" fill="#222">',
+             f'<rect width="{width}" height="{height}" fill="#fff"/>',
              text(14, (top + bottom) / 2, "CPU time, ms",
                   more=f' transform="rotate(-90 14 {(top + bottom) / 2})"')]
     for number, (panel, (title, ticks)) in enumerate(PANELS.items()):
@@ -74,7 +75,8 @@ def drawing(rows):
         parts += [text(x(tick), bottom + 18, tick) for tick in ticks]
         parts.append(text(round(x0 + panel_width / 2, 1), bottom + 40, title))
         for kernel, color in COLORS.items():
-            points = [(x(row["at"]), y(row["cpu_ms"])) for row in rows if (row["panel"], row["kernel"]) == (panel, kernel)]
+            shown = [row for row in rows if (row["panel"], row["kernel"]) == (panel, kernel)]
+            points = [(x(row["at"]), y(row["cpu_ms"])) for row in shown]
             if points:
                 line = " ".join(f"{a},{b}" for a, b in points)
                 parts.append(f'<polyline points="{line}" fill="none" stroke="{color}" stroke-width="2"/>')

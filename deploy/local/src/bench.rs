@@ -189,6 +189,8 @@ fn median(values: &[f64]) -> Option<f64> {
 struct Memory {
     name: String,
     peak_bytes: u64,
+    /// In use before the measured part began.
+    before_bytes: u64,
     /// Voxels as kept; 0 where there are none.
     volume_bytes: u64,
     /// The VDI in memory.
@@ -200,7 +202,10 @@ impl Memory {
         if json {
             println!("{}", serde_json::to_string(self)?);
         } else {
-            for (what, bytes) in [("peak", self.peak_bytes), ("volume", self.volume_bytes), ("VDI", self.vdi_bytes)] {
+            let (peak, before) = (self.peak_bytes, self.before_bytes);
+            for (what, bytes) in
+                [("peak", peak), ("before", before), ("volume", self.volume_bytes), ("VDI", self.vdi_bytes)]
+            {
                 println!("{:<24}{what:<8}{:>12.2} MB", self.name, bytes as f64 / 1e6);
             }
         }
@@ -228,10 +233,11 @@ fn generator_memory(arguments: &cli::Bench) -> anyhow::Result<Memory> {
     let field = prepare(volume, &scene);
     let params = params(arguments, arguments.resolution, &scene)?;
     process::forget_peak()?;
+    let before_bytes = process::memory()?.0.saturating_sub(first);
     let (vdi, _) = backend.generate(&field, &params)?;
     let peak_bytes = process::memory()?.1.saturating_sub(first);
     let name = format!("generate {}", arguments.resolution);
-    Ok(Memory { name, peak_bytes, volume_bytes, vdi_bytes: vdi_bytes(&vdi) })
+    Ok(Memory { name, peak_bytes, before_bytes, volume_bytes, vdi_bytes: vdi_bytes(&vdi) })
 }
 
 /// While a VDI is read, decoded, prepared and drawn.
@@ -247,7 +253,7 @@ fn viewer_memory(arguments: &cli::Bench) -> anyhow::Result<Memory> {
     let peak_bytes = process::memory()?.1.saturating_sub(first);
     ensure!(image.width() == size, "a picture of another size");
     let name = format!("render {} at {size}", vdi.resolution());
-    Ok(Memory { name, peak_bytes, volume_bytes: 0, vdi_bytes: vdi_bytes(&vdi) })
+    Ok(Memory { name, peak_bytes, before_bytes: 0, volume_bytes: 0, vdi_bytes: vdi_bytes(&vdi) })
 }
 
 fn vdi_bytes(vdi: &Vdi) -> u64 {
