@@ -7,6 +7,7 @@
 use glam::DVec3;
 use lamina_client::{Brick, Client, ClientError, FullPolicy, Receipt, RunOptions, Summary};
 use lamina_generator_node::Config;
+use lamina_generator_node::kernel::Backend;
 use lamina_model::{GenerationParams, Grid, VoxelType};
 use lamina_wire::v1::{self, control_client::ControlClient, ingest_client::IngestClient, push_part::Part};
 use std::future::{Future, pending};
@@ -58,7 +59,7 @@ impl Node {
             ..Config::default()
         };
         Self::serve(address, |listener| async {
-            lamina_generator_node::run(config, listener, Box::pin(pending())).await.unwrap();
+            lamina_generator_node::run(config, Backend::cpu(), listener, Box::pin(pending())).await.unwrap();
         })
     }
 

@@ -141,6 +141,7 @@ impl Field {
 }
 
 /// The scalars to keep and whether they were moved up, and how many are not finite.
+#[expect(clippy::useless_conversion, reason = "one body for all voxel types, f64 among them")]
 fn stored(voxels: Voxels, range: &ScalarRange) -> ((Stored, bool), u64) {
     if range.scale() == Scale::Linear {
         match voxels {
@@ -158,6 +159,16 @@ fn stored(voxels: Voxels, range: &ScalarRange) -> ((Stored, bool), u64) {
         }
     }
     let mapped = match voxels {
+        Voxels::F32(mut v) if range.scale() == Scale::Linear => {
+            let (lo, per_range, most) = (range.lo(), 1.0 / (range.hi() - range.lo()), f64::from(f32::MAX));
+            v.par_chunks_mut(1 << 14).for_each(|chunk| {
+                for x in chunk {
+                    let unit = ((f64::from(*x) - lo) * per_range).clamp(-most, most) as f32;
+                    *x = if x.is_finite() { unit } else { f32::NAN };
+                }
+            });
+            v
+        }
         Voxels::F32(mut v) => {
             v.par_iter_mut().for_each(|x| *x = range.unit_from_value((*x).into()));
             v

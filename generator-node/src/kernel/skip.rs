@@ -103,30 +103,29 @@ fn visible<V: Scalar>(
 ) -> Vec<u8> {
     let [nx, ny, nz] = grid.dims();
     let mut bricks = vec![0; bx * by * bz];
-    let init = || vec![[0.0_f32; 2]; nx];
-    bricks.par_chunks_mut(bx).enumerate().for_each_init(init, |columns, (row, out)| {
+    let init = || (vec![0.0_f32; nx], vec![0.0_f32; nx]);
+    bricks.par_chunks_mut(bx).enumerate().for_each_init(init, |(lows, highs), (row, out)| {
         let (y, z) = (row % by * BRICK, row / by * BRICK);
-        columns.fill([f32::INFINITY, f32::NEG_INFINITY]);
+        lows.fill(f32::INFINITY);
+        highs.fill(f32::NEG_INFINITY);
         for (k, j) in (z..nz.min(z + BRICK + 1)).flat_map(|k| (y..ny.min(y + BRICK + 1)).map(move |j| (k, j))) {
             let start = (k * ny + j) * nx;
-            for (range, v) in columns.iter_mut().zip(&voxels[start..start + nx]) {
-                *range = widened(*range, [v.narrow(); 2]);
+            for ((lo, hi), v) in lows.iter_mut().zip(highs.iter_mut()).zip(&voxels[start..start + nx]) {
+                // NaN changes neither.
+                let v = v.narrow();
+                *lo = if v < *lo { v } else { *lo };
+                *hi = if v > *hi { v } else { *hi };
             }
         }
         for (b, brick) in out.iter_mut().enumerate() {
-            let ranges = columns[b * BRICK..nx.min((b + 1) * BRICK + 1)].iter().copied();
-            let [lo, hi] = ranges.reduce(widened).unwrap_or([f32::INFINITY, f32::NEG_INFINITY]);
+            let touched = b * BRICK..nx.min((b + 1) * BRICK + 1);
+            let lo = lows[touched.clone()].iter().copied().fold(f32::INFINITY, f32::min);
+            let hi = highs[touched].iter().copied().fold(f32::NEG_INFINITY, f32::max);
             // A range without a finite value stays empty, and shows nothing.
             *brick = u8::from(lo <= hi && shows(lo, hi));
         }
     });
     bricks
-}
-
-/// The range of two; NaN changes neither.
-#[inline(always)]
-fn widened(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
-    [if b[0] < a[0] { b[0] } else { a[0] }, if b[1] > a[1] { b[1] } else { a[1] }]
 }
 
 /// Grows the visible set by one brick in all directions again and again; the distance is how often it takes.

@@ -82,7 +82,8 @@ impl Resident {
             step_length,
             bins: table.bins() as u32,
             // Shaders need not know infinity.
-            visible: table.visible.map(|u| u.clamp(f32::MIN, f32::MAX)),
+            // The table counts in rows, the shader in the range.
+            visible: table.visible.map(|row| (row / table.bins() as f32).clamp(f32::MIN, f32::MAX)),
             step_rows: upload("step rows", bytemuck::cast_slice(&table.step)),
             unit_rows: upload("unit rows", bytemuck::cast_slice(&table.unit)),
         };

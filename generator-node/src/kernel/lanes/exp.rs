@@ -14,7 +14,7 @@ pub fn opacity<L: Lanes>(x: L::F) -> L::F {
     let n = (y - s(0.5)).to_int();
     let f = y - L::F::from(n);
     let square = f * f;
-    let p01 = s(1.000_000_1) + s(0.693_147_2) * f;
+    let p01 = s(1.000_000_1) + s(std::f32::consts::LN_2) * f;
     let p23 = s(0.240_221_08) + s(0.055_503_57) * f;
     let p45 = s(0.009_676_032) + s(0.001_339_086_3) * f;
     let p = p01 + square * (p23 + square * p45);

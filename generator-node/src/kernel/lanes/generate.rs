@@ -214,7 +214,20 @@ impl Record {
 
 impl<L: Lanes> Visit<L> for Cluster<'_, L> {
     #[inline(always)]
-    fn visit(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M {
+    fn visit(&mut self, packet: &Packet<L>, step: L::I, at: &[L::F], live: L::M) -> L::M {
+        let (mut step, mut live) = (step, live);
+        for &at in at {
+            live = self.sample(packet, step, at, live & packet.steps.gt(step));
+            step = step + L::I::splat(1);
+        }
+        live
+    }
+}
+
+impl<L: Lanes> Cluster<'_, L> {
+    /// One sample.
+    #[inline(always)]
+    fn sample(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M {
         let (zero, one) = (L::F::splat(0.0), L::F::splat(1.0));
         let mut shown = live & self.table.shown::<L>(at);
         if !shown.any() {

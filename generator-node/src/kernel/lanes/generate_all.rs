@@ -107,7 +107,20 @@ struct Clusters<'a, L: Lanes> {
 
 impl<L: Lanes> Visit<L> for Clusters<'_, L> {
     #[inline(always)]
-    fn visit(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M {
+    fn visit(&mut self, packet: &Packet<L>, step: L::I, at: &[L::F], live: L::M) -> L::M {
+        let (mut step, mut live) = (step, live);
+        for &at in at {
+            live = self.sample(packet, step, at, live & packet.steps.gt(step));
+            step = step + L::I::splat(1);
+        }
+        live
+    }
+}
+
+impl<L: Lanes> Clusters<'_, L> {
+    /// One sample.
+    #[inline(always)]
+    fn sample(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M {
         let mut shown = live & self.table.shown::<L>(at);
         if !shown.any() {
             return live;
@@ -214,7 +227,8 @@ impl States {
                     let l = unlike.trailing_zeros() as usize;
                     unlike &= unlike - 1;
                     let opacity = self.opacity[chunk][l];
-                    let apart = gammas.partition_point(|&gamma| !(differences[l] < gamma * opacity));
+                    let joins = |gamma: f32| differences[l] < gamma * opacity;
+                    let apart = gammas.partition_point(|&gamma| !joins(gamma));
                     let leaving = self.gammas[chunk * WIDTH + l] & below(apart);
                     self.close(chunk * WIDTH + l, leaving, closed);
                     parted |= leaving;

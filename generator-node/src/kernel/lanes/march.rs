@@ -31,11 +31,14 @@ macro_rules! axes {
     }};
 }
 
-/// What a sample is handed to.
+/// Samples handed over at once, at most.
+const MOST: usize = 16;
+
+/// What samples are handed to.
 pub trait Visit<L: Lanes> {
-    /// The sample of step `step`, as its position `at` in the rows of the transfer table, for the lanes in `live`; says
-    /// which of them go on.
-    fn visit(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M;
+    /// The samples from step `step` on, as their positions `at` in the rows of the transfer table, for the lanes in `live`;
+    /// says which of them go on. Steps beyond a ray's last are to be passed over.
+    fn visit(&mut self, packet: &Packet<L>, step: L::I, at: &[L::F], live: L::M) -> L::M;
 }
 
 /// A field as kernels read it.
@@ -151,23 +154,19 @@ impl<'a, V: Pair> View<'a, V> {
             let (distance, run) = ahead;
             let visible = live & distance.eq(L::I::splat(0));
             // Samples beyond a lane's brick do no harm, they are looked up like others: all go as far as the farthest.
-            let shared = L::I::select(visible, run, L::I::splat(0)).greatest();
+            let shared = L::I::select(visible, run, L::I::splat(0)).greatest().min(MOST as i32);
             let next = step + L::I::select(visible, L::I::splat(shared), run);
             // Looked up before it is needed: its latency passes while the samples below are taken.
             ahead = self.run(packet, packet.position(next));
             if visible.any() {
-                let mut active = visible;
-                for _ in 0..shared {
-                    let at = self.sample::<L>(packet.position(step));
-                    let on = visit.visit(packet, step, at, active);
-                    // Lanes that end here leave `live`, lanes not active now stay as they are.
-                    live = live & (on | !active);
-                    step = step + L::I::splat(1);
-                    active = active & on & packet.steps.gt(step);
-                    if !active.any() {
-                        break;
-                    }
+                // First all positions in the table, then what is done with them: each loop keeps its numbers in registers.
+                let mut at = [L::F::splat(0.0); MOST];
+                let count = shared as usize;
+                for (k, at) in at.iter_mut().enumerate().take(count) {
+                    *at = self.sample::<L>(packet.position(step + L::I::splat(k as i32)));
                 }
+                // Lanes that end here leave `live`, lanes not active now stay as they are.
+                live = live & (visit.visit(packet, step, &at[..count], visible) | !visible);
             }
             step = next;
             live = live & packet.steps.gt(step);
@@ -240,12 +239,12 @@ impl<L: Lanes> Packet<L> {
         }
         let (mut near, mut far, mut square) = ([0.0; WIDTH], [f64::MAX; WIDTH], [0.0; WIDTH]);
         let mut direction = [[0.0; WIDTH]; 3];
-        for a in 0..3 {
+        for (a, direction) in direction.iter_mut().enumerate() {
             for l in 0..WIDTH {
                 let world = lens.corner[a] + i[l] * lens.right[a] + j[l] * lens.down[a];
                 let d = world * lens.per_spacing[a];
                 square[l] += world * world;
-                direction[a][l] = d;
+                direction[l] = d;
                 // A ray that does not move along an axis is inside that slab for ever, or never.
                 let inverse = if d == 0.0 { 1e300 } else { 1.0 / d };
                 let (s, t) = ((0.0 - lens.eye[a]) * inverse, (lens.last[a] - lens.eye[a]) * inverse);

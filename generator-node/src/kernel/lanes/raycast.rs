@@ -127,7 +127,20 @@ struct Light<'a, L: Lanes> {
 
 impl<L: Lanes> Visit<L> for Light<'_, L> {
     #[inline(always)]
-    fn visit(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M {
+    fn visit(&mut self, packet: &Packet<L>, step: L::I, at: &[L::F], live: L::M) -> L::M {
+        let (mut step, mut live) = (step, live);
+        for &at in at {
+            live = self.sample(packet, step, at, live & packet.steps.gt(step));
+            step = step + L::I::splat(1);
+        }
+        live
+    }
+}
+
+impl<L: Lanes> Light<'_, L> {
+    /// One sample.
+    #[inline(always)]
+    fn sample(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M {
         let shown = live & self.table.shown::<L>(at);
         let [r, g, b, mut opacity] = L::rows4(&self.table.step, at);
         let mut color = [r, g, b];
@@ -137,9 +150,9 @@ impl<L: Lanes> Visit<L> for Light<'_, L> {
         }
         opacity = opacity.only(shown);
         let through = self.transmittance.only(shown);
-        for c in 0..3 {
-            self.color[c] = self.color[c] + through * color[c];
-        }
+        self.color[0] = self.color[0] + through * color[0];
+        self.color[1] = self.color[1] + through * color[1];
+        self.color[2] = self.color[2] + through * color[2];
         self.transmittance = self.transmittance - self.transmittance * opacity;
         live & L::F::splat(self.floor).le(self.transmittance)
     }

@@ -1,32 +1,14 @@
 //! The GPU kernels against the scalar oracle, on any Vulkan device, be it in software. Without one the tests say that they
 //! skip; with REQUIRE_GPU=1 they fail instead.
 
-#![allow(clippy::unwrap_used)]
-
+use crate::agreement::{MAX_CHANNEL, MAX_RAYS, agreement, compare, compare_pictures};
+use crate::fields::{DIMS, camera, field, fields, transfer, values};
 use glam::DVec3;
-use half::f16;
 use lamina_device::{Choice, Gpu, Opened};
 use lamina_generator_node::kernel::gpu::{GpuError, GpuKernels};
 use lamina_generator_node::kernel::{Field, scalar};
-use lamina_model::{
-    Camera, ControlPoint, GenerationParams, Grid, ScalarRange, Scale, Scene, SquaredError, Supersegment,
-    TransferFunction, Vdi, Volume, Voxels,
-};
+use lamina_model::{Camera, GenerationParams, Grid, Scale, Scene, TransferFunction, Volume, Voxels};
 use std::sync::OnceLock;
-
-// What single precision and the table cost. A sample's position is off by some 1e-5 of a voxel, its scalar by 1e-6 of the
-// range, the table's colour by the square of a bin, 1e-6: together some 1e-5 of a channel, 100 dB. Where a kink of the
-// transfer function lies inside a bin, or a ray just grazes a voxel that is not a number, single pixels differ by more.
-const MIN_PSNR_DB: f64 = 90.0;
-const MAX_CHANNEL: f32 = 0.02;
-/// Share of supersegments that may be more or fewer, and of rays whose lists are cut elsewhere: where a sample's difference
-/// comes within rounding of gamma, or of 0 opacity.
-const MAX_COUNT: f64 = 0.005;
-const MAX_RAYS: f64 = 0.01;
-/// Optical depth of a whole ray, relative. Beside it what one sample in a bin with a kink is off by: a quarter of the bin
-/// (1/1024) times the change of slope there (2.5 in opacity), times a step (0.43).
-const MAX_DEPTH: f64 = 1e-3;
-const MAX_DEPTH_ABSOLUTE: f64 = 3e-4;
 
 fn open() -> Option<GpuKernels> {
     match Gpu::open(Choice::Gpu) {
@@ -45,82 +27,6 @@ fn kernels() -> Option<&'static GpuKernels> {
     KERNELS.get_or_init(open).as_ref()
 }
 
-const DIMS: [usize; 3] = [17, 33, 9];
-
-/// Blobs on an empty ground, 0..1, with a slope so that no cell is flat.
-fn value(p: DVec3) -> f64 {
-    let blob = |center: DVec3, width: f64| (-(p - center).length_squared() / (width * width)).exp();
-    let blobs = blob(DVec3::new(0.3, 0.3, 0.5), 0.2) + 0.8 * blob(DVec3::new(0.7, 0.75, 0.4), 0.15);
-    (0.95 * blobs + 0.02 * p.x).min(1.0)
-}
-
-fn values(dims: [usize; 3]) -> Vec<f64> {
-    let unit = |i: usize, n: usize| if n == 1 { 0.45 } else { i as f64 / (n - 1) as f64 };
-    let at = |n: usize| {
-        let (i, j, k) = (n % dims[0], n / dims[0] % dims[1], n / (dims[0] * dims[1]));
-        value(DVec3::new(unit(i, dims[0]), unit(j, dims[1]), unit(k, dims[2])))
-    };
-    (0..dims.iter().product()).map(at).collect()
-}
-
-fn transfer(hi: f64, scale: Scale) -> TransferFunction {
-    let range = ScalarRange::new(if scale == Scale::Log10 { 0.01 * hi } else { 0.0 }, hi, scale).unwrap();
-    let p = |at, color, opacity| ControlPoint { at, color, opacity };
-    let points = vec![
-        p(0.15, [0.1, 0.1, 0.9], 0.0),
-        p(0.3, [0.1, 0.6, 0.9], 0.15),
-        p(0.4, [0.2, 0.9, 0.3], 0.0),
-        p(0.55, [0.9, 0.8, 0.1], 0.05),
-        p(1.0, [1.0, 0.2, 0.1], 0.6),
-    ];
-    TransferFunction::new(range, None, points).unwrap()
-}
-
-fn camera(grid: &Grid, away: f64) -> Camera {
-    let bounds = grid.bounds();
-    let eye = bounds.center() + away * bounds.size().length() * DVec3::new(0.48, 0.36, 0.8);
-    let fov_y_deg = 45.0 / away.max(1.0);
-    Camera::new(eye, bounds.center() + DVec3::new(0.11, -0.07, 0.05), DVec3::Y, fov_y_deg).unwrap()
-}
-
-fn field(dims: [usize; 3], voxels: Voxels, hi: f64, scale: Scale, away: f64) -> Field {
-    let grid = Grid::new(dims, DVec3::new(1.0, 0.6, 2.3), DVec3::new(-3.0, 100.0, 7.0)).unwrap();
-    let scene = Scene {
-        transfer: transfer(hi, scale),
-        camera: camera(&grid, away),
-        background: [0.1, 0.2, 0.4],
-        step_voxels: 0.37,
-    };
-    Field::new(Volume::new(grid, voxels).unwrap(), &scene)
-}
-
-/// One field of every kind, and the shapes that are easily got wrong.
-fn fields() -> Vec<(&'static str, Field)> {
-    let v = values(DIMS);
-    let holes = |x: &f64, n: usize| if n % 97 == 5 { f64::NAN } else { *x };
-    let whole = |top: f64| v.iter().map(move |x| (x * top).round());
-    let u8s = || Voxels::U8(whole(255.0).map(|x| x as u8).collect());
-    let u16s = Voxels::U16(whole(65535.0).map(|x| x as u16).collect());
-    let i16s = Voxels::I16(whole(32767.0).map(|x| x as i16).collect());
-    let f16s = Voxels::F16(v.iter().enumerate().map(|(n, x)| f16::from_f64(holes(x, n))).collect());
-    let f32s = || Voxels::F32(v.iter().enumerate().map(|(n, x)| holes(x, n) as f32).collect());
-    let slice = [33, 17, 1];
-    vec![
-        ("u8", field(DIMS, u8s(), 255.0, Scale::Linear, 1.3)),
-        ("u8 from inside", field(DIMS, u8s(), 255.0, Scale::Linear, 0.1)),
-        ("u8 from afar", field(DIMS, u8s(), 255.0, Scale::Linear, 60.0)),
-        ("u16", field(DIMS, u16s, 65535.0, Scale::Linear, 1.3)),
-        ("i16", field(DIMS, i16s, 32767.0, Scale::Linear, 1.3)),
-        ("f16 with holes", field(DIMS, f16s, 1.0, Scale::Linear, 1.3)),
-        ("f32 with holes", field(DIMS, f32s(), 1.0, Scale::Linear, 1.3)),
-        ("f32 in decades", field(DIMS, f32s(), 1.0, Scale::Log10, 1.3)),
-        (
-            "one layer",
-            field(slice, Voxels::F32(values(slice).iter().map(|&x| x as f32).collect()), 1.0, Scale::Linear, 1.3),
-        ),
-    ]
-}
-
 #[test]
 fn pictures_equal_the_oracles() {
     let Some(gpu) = kernels() else { return };
@@ -129,14 +35,7 @@ fn pictures_equal_the_oracles() {
         let camera = &field.scene().camera;
         let ours = gpu.raycast(&field, camera, width, height).unwrap();
         let oracle = scalar::raycast(&field, camera, width, height).unwrap();
-        let channels = |i: usize| (0..3).map(move |c| (i, c));
-        let difference = |(i, c): (usize, usize)| (ours.pixels()[i][c] - oracle.pixels()[i][c]).abs();
-        let worst = (0..ours.pixels().len()).flat_map(channels).map(difference).fold(0.0, f32::max);
-        let mut error = SquaredError::default();
-        error.add_all(ours.pixels(), oracle.pixels());
-        let psnr = error.psnr_db();
-        println!("{name}: {psnr:.1} dB, worst channel {worst:.1e}");
-        assert!(psnr > MIN_PSNR_DB && worst < MAX_CHANNEL, "{name}: {psnr} dB, worst channel {worst}");
+        compare_pictures(name, &ours, &oracle);
         let shown = oracle.pixels().iter().filter(|p| **p != field.scene().background).count();
         assert!(shown > 200, "{name} shows on {shown} pixels only");
         let some: Vec<(u32, u32)> = (0..200).map(|n| (n * 7 % width, n * 11 % height)).collect();
@@ -145,55 +44,6 @@ fn pictures_equal_the_oracles() {
             assert_eq!(*color, ours.pixels()[(j * width + i) as usize], "{name} at ({i}, {j})");
         }
     }
-}
-
-/// How near a VDI comes to the oracle's.
-#[derive(Debug, Default)]
-struct Agreement {
-    /// Supersegments of both.
-    counts: [usize; 2],
-    /// Share of rays whose lists start or end elsewhere.
-    other_rays: f64,
-    /// Greatest relative difference of a ray's optical depth, beyond the absolute one allowed.
-    worst_depth: f64,
-    /// Mean difference of optical depths, relative to their mean.
-    mean_depth: f64,
-    /// Greatest difference of colour between supersegments that are alike and not nearly transparent.
-    worst_color: f32,
-}
-
-fn agreement(ours: &Vdi, oracle: &Vdi) -> Agreement {
-    let r = ours.resolution();
-    let mut found = Agreement { counts: [ours, oracle].map(|v| v.segments().len()), ..Agreement::default() };
-    let (mut differences, mut depths) = (0.0, 1e-30);
-    for (i, j) in (0..r).flat_map(|j| (0..r).map(move |i| (i, j))) {
-        let (a, b) = (ours.list(i, j), oracle.list(i, j));
-        let steps = ours.header().ray_span(i, j).map_or(0, |(t_in, t_out)| ours.header().steps(t_out - t_in));
-        assert!(a.iter().all(|s| s.end <= steps), "({i}, {j}) is longer than its {steps} steps: {a:?}");
-        // Beyond 20 nothing is left of what lies behind.
-        let sum = |list: &[Supersegment]| list.iter().map(|s| f64::from(s.optical_depth)).sum::<f64>().min(20.0);
-        let (depth, difference) = (sum(b), (sum(a) - sum(b)).abs());
-        (differences, depths) = (differences + difference, depths + depth);
-        found.worst_depth = found.worst_depth.max((difference - MAX_DEPTH_ABSOLUTE) / depth.max(1e-30));
-        if a.len() != b.len() || a.iter().zip(b).any(|(a, b)| (a.start, a.end) != (b.start, b.end)) {
-            found.other_rays += 1.0 / f64::from(r * r);
-            continue;
-        }
-        for (a, b) in a.iter().zip(b).filter(|(_, b)| b.optical_depth > 1e-3) {
-            found.worst_color = (0..3).map(|c| (a.color[c] - b.color[c]).abs()).fold(found.worst_color, f32::max);
-        }
-    }
-    found.mean_depth = differences / depths;
-    found
-}
-
-/// Holds a VDI to the oracle's.
-fn compare(name: &str, ours: &Vdi, oracle: &Vdi) {
-    let found = agreement(ours, oracle);
-    println!("{name}: {found:?}");
-    let [n, m] = found.counts.map(|n| n as f64);
-    assert!((n - m).abs() <= MAX_COUNT * m && found.other_rays < MAX_RAYS, "{name}: {found:?}");
-    assert!(found.worst_depth < MAX_DEPTH && found.worst_color < MAX_CHANNEL, "{name}: {found:?}");
 }
 
 #[test]
@@ -321,7 +171,7 @@ fn the_greatest_resolution_runs() {
     assert!(vdi.segments().len() > 1 << 22);
 }
 
-/// `cargo test --release --workspace --test gpu -- --ignored --nocapture` prints how long both take.
+/// `cargo test --release --workspace --test levels -- --ignored --nocapture` prints how long both take.
 #[test]
 #[ignore = "figures, not a check"]
 fn figures() {

@@ -1,0 +1,8 @@
+//! The fast levels of the kernels against the scalar oracle, on one field of every kind.
+
+#![allow(clippy::unwrap_used)]
+
+mod agreement;
+mod fields;
+mod gpu;
+mod lanes;
