@@ -163,3 +163,32 @@ fn doctor_names_what_the_machine_has() {
         assert!(printed.contains(word), "{printed}");
     }
 }
+
+#[test]
+fn bench_measures_a_volume_and_a_vdi() {
+    let folder = tempfile::tempdir().unwrap();
+    let (series, vdi) = (text(&recorded_series()), text(&folder.path().join("x.vdi")));
+    let few = ["--size", "24,16", "--rounds", "2", "--json"];
+    let measured = |input: &str, options: &[&str]| -> Vec<serde_json::Value> {
+        let printed = lamina(&[&["bench", input][..], &few, options].concat());
+        printed.lines().map(|l| serde_json::from_str(l).unwrap()).collect()
+    };
+    let names = |lines: &[serde_json::Value]| -> Vec<String> {
+        assert!(lines.iter().all(|l| l["wall_ms"].as_f64() > Some(0.0) && l["rounds"] == 2), "{lines:?}");
+        lines.iter().map(|l| l["name"].as_str().unwrap().to_owned()).collect()
+    };
+    let lines = measured(&series, &["--resolution", "16", "--gammas"]);
+    let viewer = ["decode 16", "prepare VDI 16", "render 16 at 24", "render 16 at 16"];
+    let generator = ["prepare volume", "raycast 24", "raycast 16", "raycast 24 from aside", "raycast 24 to the end"];
+    let generated = ["generate 24", "generate 16", "generate 16, 65 gammas", "encode 16"];
+    assert_eq!(names(&lines), [&generator[..], &generated, &viewer].concat());
+    lamina(&["generate", &series, "--resolution", "16", "--out", &vdi]);
+    assert_eq!(names(&measured(&vdi, &[])), viewer);
+    if cfg!(target_os = "linux") {
+        for input in [&series, &vdi] {
+            let memory = measured(input, &["--memory", "--resolution", "16"]);
+            assert!(memory[0]["vdi_bytes"].as_u64() > Some(0) && memory[0]["peak_bytes"].is_u64(), "{memory:?}");
+        }
+    }
+    refused(&["bench", &series, "--rounds", "0"], &["--rounds"]);
+}

@@ -31,6 +31,8 @@ pub enum Command {
     Render(Render),
     /// Compare two pictures; the last line is `psnr_db <number>`
     Compare(Compare),
+    /// Measure what this machine takes for a volume or a .vdi: times, or memory
+    Bench(Bench),
     /// Say what this machine offers
     Doctor,
 }
@@ -232,4 +234,32 @@ pub struct Compare {
     pub a: PathBuf,
     /// Another of the same size
     pub b: PathBuf,
+}
+
+#[derive(Args)]
+pub struct Bench {
+    #[command(flatten)]
+    pub input: Input,
+    /// Rays per side of the VDI that is encoded and rendered
+    #[arg(long, default_value_t = 256, value_name = "R")]
+    pub resolution: u32,
+    /// Interrupt parameter
+    #[arg(long, default_value_t = 0.02, value_name = "G", allow_negative_numbers = true)]
+    pub gamma: f64,
+    /// Sides of the pictures, pixels. For the first one all rays are also cast to their end, and a VDI generated with
+    /// as many
+    #[arg(long, default_value = "768,512", value_delimiter = ',', value_name = "PX,..")]
+    pub size: Vec<u32>,
+    /// Also generate for all 65 gammas of the paper at once; their VDIs are kept together and take memory
+    #[arg(long)]
+    pub gammas: bool,
+    /// How often each is measured, after once to warm up
+    #[arg(long, default_value_t = 7, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub rounds: u32,
+    /// The most memory in use at once, instead of times
+    #[arg(long)]
+    pub memory: bool,
+    /// One JSON object a line
+    #[arg(long)]
+    pub json: bool,
 }

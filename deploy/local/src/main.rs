@@ -1,11 +1,13 @@
 //! The binary `lamina`: all nodes and an example simulation in one process, and the command-line tools.
 
+mod bench;
 mod cli;
 mod doctor;
 mod nodes;
 mod outputs;
 mod parts;
 mod picture_file;
+mod process;
 mod report;
 mod scene_file;
 mod source;
@@ -25,6 +27,7 @@ fn main() -> std::process::ExitCode {
         Command::Generate(arguments) => parts::generate(&arguments),
         Command::Render(arguments) => parts::render(&arguments),
         Command::Compare(arguments) => parts::compare(&arguments),
+        Command::Bench(arguments) => bench::bench(&arguments),
         Command::Doctor => doctor::doctor(),
     };
     lamina_wire::node::exit_code(outcome)

@@ -13,7 +13,7 @@ use lamina_wire::codec::{self, Codec, DecodeLimits, EncodeOptions, Layout};
 use std::time::Instant;
 
 /// The volume and scene that an input names.
-fn open(input: &cli::Input) -> anyhow::Result<(Volume, Scene)> {
+pub fn open(input: &cli::Input) -> anyhow::Result<(Volume, Scene)> {
     let series = Series::open(&input.input, &read_options(&input.raw))?;
     let (n, steps) = (input.time_step, series.len());
     ensure!(n < steps, "--time-step {n}: {} has {steps} steps, counted from 0", input.input.display());
@@ -26,7 +26,8 @@ fn open(input: &cli::Input) -> anyhow::Result<(Volume, Scene)> {
     Ok((volume, scene))
 }
 
-fn prepare(volume: Volume, scene: &Scene) -> Field {
+/// `volume` under `scene`, with a warning where voxels are missing.
+pub fn prepare(volume: Volume, scene: &Scene) -> Field {
     let field = Field::new(volume, scene);
     if field.empty_voxels() > 0 {
         eprintln!("warning: {} voxels are NaN or infinite; they are drawn as empty", field.empty_voxels());
