@@ -3,8 +3,9 @@
 use crate::Gpu;
 use wgpu::{
     BindGroup, BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntry,
-    BindingType, Buffer, BufferBindingType, ComputePipeline, ComputePipelineDescriptor, PipelineLayoutDescriptor,
-    ShaderModule, ShaderModuleDescriptor, ShaderSource, ShaderStages,
+    BindingResource, BindingType, Buffer, BufferBindingType, ComputePipeline, ComputePipelineDescriptor,
+    PipelineCompilationOptions, PipelineLayoutDescriptor, ShaderModule, ShaderModuleDescriptor, ShaderSource,
+    ShaderStages,
 };
 
 /// A uniform buffer.
@@ -38,8 +39,14 @@ impl Gpu {
         self.device().create_bind_group_layout(&BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
     }
 
-    /// The kernel `entry` of `module`; without `groups` their shapes are read from the kernel.
-    pub fn pipeline(&self, module: &ShaderModule, entry: &str, groups: &[&BindGroupLayout]) -> ComputePipeline {
+    /// The kernel `entry` of `module` with its override `constants`; without `groups` their shapes are read from the kernel.
+    pub fn pipeline(
+        &self,
+        module: &ShaderModule,
+        entry: &str,
+        groups: &[&BindGroupLayout],
+        constants: &[(&str, f64)],
+    ) -> ComputePipeline {
         let groups: Vec<_> = groups.iter().map(|&g| Some(g)).collect();
         let layout = (!groups.is_empty()).then(|| {
             self.device().create_pipeline_layout(&PipelineLayoutDescriptor {
@@ -53,16 +60,24 @@ impl Gpu {
             layout: layout.as_ref(),
             module,
             entry_point: Some(entry),
-            compilation_options: Default::default(),
+            compilation_options: PipelineCompilationOptions { constants, ..Default::default() },
             cache: None,
         })
     }
 
     /// Buffers bound to a group.
     pub fn bind(&self, layout: &BindGroupLayout, buffers: &[&Buffer]) -> BindGroup {
-        let numbered = buffers.iter().enumerate();
-        let entries: Vec<_> =
-            numbered.map(|(n, b)| BindGroupEntry { binding: n as u32, resource: b.as_entire_binding() }).collect();
+        self.bind_all(layout, buffers.iter().map(|b| b.as_entire_binding()))
+    }
+
+    /// Buffers and textures bound to a group.
+    pub fn bind_all<'a>(
+        &self,
+        layout: &BindGroupLayout,
+        resources: impl IntoIterator<Item = BindingResource<'a>>,
+    ) -> BindGroup {
+        let entry = |(n, resource): (usize, _)| BindGroupEntry { binding: n as u32, resource };
+        let entries: Vec<_> = resources.into_iter().enumerate().map(entry).collect();
         self.device().create_bind_group(&BindGroupDescriptor { label: None, layout, entries: &entries })
     }
 }

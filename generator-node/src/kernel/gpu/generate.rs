@@ -4,7 +4,6 @@
 //! write. Memory follows the real number of supersegments: lists longer than one binding are written in chunks of rays.
 
 use super::layout::{Clustering, Segment, UNSURE};
-use super::pipelines::bind_buffers;
 use super::scan::PrefixSum;
 use super::{BAND, Bound, GpuError, GpuKernels, Rays};
 use crate::kernel::Field;
@@ -133,7 +132,7 @@ impl Work<'_> {
         let size = SEGMENT_BYTES * u64::from(count);
         let segments = gpu.buffer("segments", size, RESULT);
         let mismatches = gpu.buffer("mismatches", 4, RESULT);
-        let bindings = bind_buffers(gpu, &pipelines.generate, [&settings, lists, &segments, &mismatches]);
+        let bindings = gpu.bind(&pipelines.generate, &[&settings, lists, &segments, &mismatches]);
         let wanted = if sum.is_some() { (lists, 0..lists.size()) } else { (&segments, 0..size) };
         let done = gpu.submit(
             "generate",

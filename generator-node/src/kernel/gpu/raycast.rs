@@ -1,7 +1,6 @@
 //! The reference on the GPU; twin of scalar/raycast.rs.
 
 use super::layout::Picture;
-use super::pipelines::bind_buffers;
 use super::{BAND, Bound, GpuError, GpuKernels, Rays};
 use crate::kernel::Field;
 use lamina_device::wgpu::{BufferUsages, ComputePipeline};
@@ -88,7 +87,7 @@ fn cast(
     let pixels = gpu.upload("pixels", bytemuck::cast_slice(pixels), BufferUsages::STORAGE);
     let size = COLOR_BYTES * count;
     let out = gpu.buffer("colors", size, BufferUsages::STORAGE | BufferUsages::COPY_SRC);
-    let bindings = bind_buffers(gpu, &bound.pipelines.raycast, [&picture, &pixels, &out]);
+    let bindings = gpu.bind(&bound.pipelines.raycast, &[&picture, &pixels, &out]);
     let done = gpu.submit(
         "raycast",
         |pass| {

@@ -1,7 +1,7 @@
 //! Prefix sums on the device: from counts per ray to where each list starts.
 
 use super::layout::Scan;
-use super::pipelines::{Pipelines, bind_buffers};
+use super::pipelines::Pipelines;
 use lamina_device::Gpu;
 use lamina_device::wgpu::{BindGroup, Buffer, BufferUsages, ComputePass};
 
@@ -25,7 +25,7 @@ impl PrefixSum {
             let scan = Scan { count, blocks, pad0: [0; 2] };
             let scan = gpu.upload("scan", bytemuck::bytes_of(&scan), BufferUsages::UNIFORM);
             let sums = gpu.buffer("sums", 4 * u64::from(blocks), BufferUsages::STORAGE);
-            levels.push((bind_buffers(gpu, &pipelines.scan, [&scan, &data, &sums]), blocks));
+            levels.push((gpu.bind(&pipelines.scan, &[&scan, &data, &sums]), blocks));
             if blocks == 1 {
                 return Self { levels };
             }

@@ -61,6 +61,43 @@ impl Rays {
     }
 }
 
+/// What there is to see at a sample of each ray.
+pub struct Seen<L: Lanes> {
+    /// The lanes where there is anything.
+    pub shown: L::M,
+    /// Premultiplied colour of one unit length.
+    pub color: [L::F; 3],
+    /// Opacity of one unit length.
+    pub unit: L::F,
+    /// Optical depth of the sample's length.
+    pub depth: L::F,
+    /// Opacity of the sample's length over that of a unit length.
+    pub ratio: L::F,
+    /// In steps: 1, or less at the end of a ray.
+    pub length: L::F,
+}
+
+impl<L: Lanes> Seen<L> {
+    /// At position `at` of the table; `None` if no lane of `live` shows anything.
+    #[inline(always)]
+    pub fn new(table: &TransferTable, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> Option<Self> {
+        let shown = live & table.shown::<L>(at);
+        if !shown.any() {
+            return None;
+        }
+        let [r, g, b, unit, mut depth, mut ratio] = L::rows6(&table.unit, at);
+        let shown = shown & L::F::splat(0.0).lt(unit);
+        let mut length = L::F::splat(1.0);
+        let last = shown & step.eq(packet.last);
+        if last.any() {
+            length = L::F::select(last, L::F::from_array(packet.last_length), length);
+            depth = depth * length;
+            ratio = L::F::select(last, opacity::<L>(depth).div(unit), ratio);
+        }
+        Some(Self { shown, color: [r, g, b], unit, depth, ratio, length })
+    }
+}
+
 /// Two rows of rays.
 struct Rows<'a, V> {
     view: &'a View<'a, V>,
@@ -214,34 +251,12 @@ impl Record {
 
 impl<L: Lanes> Visit<L> for Cluster<'_, L> {
     #[inline(always)]
-    fn visit(&mut self, packet: &Packet<L>, step: L::I, at: &[L::F], live: L::M) -> L::M {
-        let (mut step, mut live) = (step, live);
-        for &at in at {
-            live = self.sample(packet, step, at, live & packet.steps.gt(step));
-            step = step + L::I::splat(1);
-        }
-        live
-    }
-}
-
-impl<L: Lanes> Cluster<'_, L> {
-    /// One sample.
-    #[inline(always)]
     fn sample(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M {
-        let (zero, one) = (L::F::splat(0.0), L::F::splat(1.0));
-        let mut shown = live & self.table.shown::<L>(at);
-        if !shown.any() {
+        let Some(Seen { shown, color: [r, g, b], unit, depth, ratio, length }) =
+            Seen::new(self.table, packet, step, at, live)
+        else {
             return live;
-        }
-        let [r, g, b, unit, mut depth, mut ratio] = L::rows6(&self.table.unit, at);
-        shown = shown & zero.lt(unit);
-        let mut length = one;
-        let last = shown & step.eq(packet.last);
-        if last.any() {
-            length = L::F::select(last, L::F::from_array(packet.last_length), one);
-            depth = depth * length;
-            ratio = L::F::select(last, opacity::<L>(depth).div(unit), ratio);
-        }
+        };
         // The open supersegment and the sample at unit length, both times the open one's opacity: no division.
         let open = self.unit;
         let difference = ((open - unit) * self.opacity).abs();
@@ -257,7 +272,7 @@ impl<L: Lanes> Cluster<'_, L> {
         }
         // What a lane keeps, and what it adds: all and nothing where no sample is shown.
         let kept = !begins;
-        let shows = (one - self.opacity.only(kept)) * ratio.only(shown);
+        let shows = (L::F::splat(1.0) - self.opacity.only(kept)) * ratio.only(shown);
         self.color[0] = self.color[0].only(kept) + shows * r;
         self.color[1] = self.color[1].only(kept) + shows * g;
         self.color[2] = self.color[2].only(kept) + shows * b;

@@ -6,7 +6,7 @@
 //! and meet again in the state that starts there. The results are bit for bit those of one generation per gamma.
 
 use super::exp::opacity;
-use super::generate::{Rays, reciprocal};
+use super::generate::{Rays, Seen, reciprocal};
 use super::march::{Packet, View, Visit};
 use super::tile::Tile;
 use super::{Floats, Ints, Job, Lanes, Level, Masks, Pair, WIDTH};
@@ -107,34 +107,12 @@ struct Clusters<'a, L: Lanes> {
 
 impl<L: Lanes> Visit<L> for Clusters<'_, L> {
     #[inline(always)]
-    fn visit(&mut self, packet: &Packet<L>, step: L::I, at: &[L::F], live: L::M) -> L::M {
-        let (mut step, mut live) = (step, live);
-        for &at in at {
-            live = self.sample(packet, step, at, live & packet.steps.gt(step));
-            step = step + L::I::splat(1);
-        }
-        live
-    }
-}
-
-impl<L: Lanes> Clusters<'_, L> {
-    /// One sample.
-    #[inline(always)]
     fn sample(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M {
-        let mut shown = live & self.table.shown::<L>(at);
-        if !shown.any() {
+        let Some(Seen { shown, color: [r, g, b], unit, depth, ratio, length }) =
+            Seen::new(self.table, packet, step, at, live)
+        else {
             return live;
-        }
-        let [r, g, b, unit, mut depth, mut ratio] = L::rows6(&self.table.unit, at);
-        let (zero, one) = (L::F::splat(0.0), L::F::splat(1.0));
-        shown = shown & zero.lt(unit);
-        let mut length = one;
-        let last = shown & step.eq(packet.last);
-        if last.any() {
-            length = L::F::select(last, L::F::from_array(packet.last_length), one);
-            depth = depth * length;
-            ratio = L::F::select(last, opacity::<L>(depth).div(unit), ratio);
-        }
+        };
         let (steps, unit, ratio) = (step.to_array(), unit.to_array(), ratio.to_array());
         let (depths, lengths) = (depth.to_array(), length.to_array());
         let color = [r.to_array(), g.to_array(), b.to_array()];

@@ -38,7 +38,18 @@ const MOST: usize = 16;
 pub trait Visit<L: Lanes> {
     /// The samples from step `step` on, as their positions `at` in the rows of the transfer table, for the lanes in `live`;
     /// says which of them go on. Steps beyond a ray's last are to be passed over.
-    fn visit(&mut self, packet: &Packet<L>, step: L::I, at: &[L::F], live: L::M) -> L::M;
+    #[inline(always)]
+    fn visit(&mut self, packet: &Packet<L>, step: L::I, at: &[L::F], live: L::M) -> L::M {
+        let (mut step, mut live) = (step, live);
+        for &at in at {
+            live = self.sample(packet, step, at, live & packet.steps.gt(step));
+            step = step + L::I::splat(1);
+        }
+        live
+    }
+
+    /// One of them.
+    fn sample(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M;
 }
 
 /// A field as kernels read it.

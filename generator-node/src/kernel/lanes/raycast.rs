@@ -127,19 +127,6 @@ struct Light<'a, L: Lanes> {
 
 impl<L: Lanes> Visit<L> for Light<'_, L> {
     #[inline(always)]
-    fn visit(&mut self, packet: &Packet<L>, step: L::I, at: &[L::F], live: L::M) -> L::M {
-        let (mut step, mut live) = (step, live);
-        for &at in at {
-            live = self.sample(packet, step, at, live & packet.steps.gt(step));
-            step = step + L::I::splat(1);
-        }
-        live
-    }
-}
-
-impl<L: Lanes> Light<'_, L> {
-    /// One sample.
-    #[inline(always)]
     fn sample(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M {
         let shown = live & self.table.shown::<L>(at);
         let [r, g, b, mut opacity] = L::rows4(&self.table.step, at);

@@ -31,7 +31,7 @@ impl Pipelines {
         let vdi = gpu.layout("vdi", &[UNIFORM, UNIFORM, READ, READ, READ, READ, READ]);
         let picture = gpu.layout("picture", &[UNIFORM, READ, WRITE]);
         let module = gpu.module("render", RENDER);
-        let pipeline = |entry| gpu.pipeline(&module, entry, &[&vdi, &picture]);
+        let pipeline = |entry| gpu.pipeline(&module, entry, &[&vdi, &picture], &[]);
         let (render_rows, render_pixels) = (pipeline("render_rows"), pipeline("render_pixels"));
         Self { vdi, picture, render_rows, render_pixels }
     }

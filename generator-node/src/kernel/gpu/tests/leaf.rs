@@ -2,7 +2,6 @@
 
 use super::open;
 use crate::kernel::gpu::GpuError;
-use crate::kernel::gpu::pipelines::{bind_buffers, module};
 use crate::kernel::skip::BRICK;
 use glam::{DVec3, Vec3};
 use lamina_device::wgpu::{BufferUsages, ComputePass, ComputePipelineDescriptor};
@@ -46,12 +45,12 @@ fn probe(leaf: Leaf, cases: &[Case]) -> Option<Vec<[[f32; 4]; 2]>> {
         let pipeline = gpu.device().create_compute_pipeline(&ComputePipelineDescriptor {
             label: Some("probe"),
             layout: None,
-            module: &module(&gpu, "probe", PROBE),
+            module: &gpu.module("probe", PROBE),
             entry_point: Some("probe"),
             compilation_options: Default::default(),
             cache: None,
         });
-        let bindings = bind_buffers(&gpu, &pipeline.get_bind_group_layout(0), [&input, &output]);
+        let bindings = gpu.bind(&pipeline.get_bind_group_layout(0), &[&input, &output]);
         let record = |pass: &mut ComputePass<'_>| {
             pass.set_pipeline(&pipeline);
             pass.set_bind_group(0, &bindings, &[]);

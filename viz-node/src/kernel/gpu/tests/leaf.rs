@@ -48,7 +48,7 @@ fn probe(leaf: Leaf, cases: &[Case]) -> Option<Vec<[f32; 4]>> {
         let input = gpu.upload("cases", bytemuck::cast_slice(&input), BufferUsages::STORAGE);
         let size = 16 * cases.len() as u64;
         let output = gpu.buffer("outcomes", size, BufferUsages::STORAGE | BufferUsages::COPY_SRC);
-        let pipeline = gpu.pipeline(&gpu.module("probe", PROBE), "probe", &[]);
+        let pipeline = gpu.pipeline(&gpu.module("probe", PROBE), "probe", &[], &[]);
         let bindings = gpu.bind(&pipeline.get_bind_group_layout(0), &[&input, &output]);
         let record = |pass: &mut ComputePass<'_>| {
             pass.set_pipeline(&pipeline);
