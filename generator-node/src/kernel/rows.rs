@@ -62,6 +62,9 @@ pub fn in_order<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync, take: i
     });
 }
 
+/// Supersegments a ray that room is kept for.
+const USUAL_LIST: usize = 16;
+
 /// Joins bands, handed over in order, into a VDI.
 #[derive(Debug)]
 pub struct Join {
@@ -71,9 +74,14 @@ pub struct Join {
 }
 
 impl Join {
-    /// Nothing yet.
-    pub fn new() -> Self {
-        Self { offsets: vec![0], segments: Vec::new(), total: 0 }
+    /// Nothing yet, of a VDI of `rays` rays.
+    pub fn new(rays: usize) -> Self {
+        let mut offsets = Vec::with_capacity(rays + 1);
+        offsets.push(0);
+        // Room that is not touched costs nothing, and lists that outgrow theirs are held twice while they move.
+        let mut segments = Vec::new();
+        let _ = segments.try_reserve_exact(rays.saturating_mul(USUAL_LIST));
+        Self { offsets, segments, total: 0 }
     }
 
     /// Adds a band's lists.

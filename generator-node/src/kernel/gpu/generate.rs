@@ -32,7 +32,7 @@ impl GpuKernels {
             let work = Work { bound, header: &header, chunk_segments: (self.chunk_bytes / SEGMENT_BYTES).max(1) };
             // One list more than rays, and whole rows; a row of the greatest resolution is 32 KB.
             let rows = (BAND.min(bound.gpu.max_binding_bytes() / 4 - 1) / u64::from(r)).max(1) as u32;
-            let (mut join, mut time) = (Join::new(), Duration::ZERO);
+            let (mut join, mut time) = (Join::new((params.resolution() as usize).pow(2)), Duration::ZERO);
             for first_row in (0..r).step_by(rows as usize) {
                 let (band, took) = work.band(first_row, rows.min(r - first_row))?;
                 join.add(band);

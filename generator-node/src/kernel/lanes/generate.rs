@@ -20,7 +20,7 @@ pub fn generate(level: Level, field: &Field, params: &GenerationParams) -> Resul
     let table = TransferTable::new(&field.scene().transfer, field.unit_length(), header.step_length);
     let rays = Rays::new(field, &header);
     let gamma = params.gamma() as f32;
-    let mut join = Join::new();
+    let mut join = Join::new((params.resolution() as usize).pow(2));
     for_stored!(field.stored(), v => {
         let view = View::new(field, v, &table);
         let rows = |n: usize| level.run(Rows { view: &view, rays: &rays, gamma, first_row: Tile::ROWS * n as u32 });

@@ -37,7 +37,8 @@ pub fn generate_all(
     let table = TransferTable::new(&field.scene().transfer, field.unit_length(), first.step_length);
     let rays = Rays::new(field, first);
     let gammas: Vec<f32> = gammas.iter().map(|&g| g as f32).collect();
-    let mut joins: Vec<Join> = gammas.iter().map(|_| Join::new()).collect();
+    // Of many VDIs one at a time outgrows its room: none is kept for each.
+    let mut joins: Vec<Join> = gammas.iter().map(|_| Join::new(0)).collect();
     for_stored!(field.stored(), v => {
         let view = View::new(field, v, &table);
         let rows = |n: usize| level.run(Rows { view: &view, rays: &rays, gammas: &gammas, first_row: Tile::ROWS * n as u32 });

@@ -27,7 +27,7 @@ pub fn generate(field: &Field, params: &GenerationParams) -> Result<Vdi, Invalid
         }
         band
     };
-    let mut join = Join::new();
+    let mut join = Join::new(r as usize * r as usize);
     in_order(r as usize, row, |band| join.add(band));
     join.finish(header)
 }
