@@ -116,7 +116,7 @@ impl Lanes for Avx2 {
     }
 }
 
-/// Four pairs of floats. Broadcasts and blends: they leave the one port alone that all shuffles need.
+/// Four pairs of floats, as broadcasts and blends; the compiler makes of them what it thinks best.
 #[inline(always)]
 unsafe fn four_pairs<V>(voxels: &[V], index: [usize; 4]) -> __m256 {
     // SAFETY: the caller's indices are inside, and V is f32.
