@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
-use lamina_device::{Choice, Gpu, Opened};
+use lamina_device::{Choice, testing};
 use lamina_model::{
     Aabb, Camera, ControlPoint, GenerationParams, ReferenceSamples, SamplePlan, ScalarRange, Scale, Scene,
     Supersegment, TransferFunction, Vdi, VdiHeader,
@@ -29,15 +29,7 @@ const MIN_PSNR_DB: f64 = 90.0;
 const MAX_DISPLACED: f64 = 0.002;
 
 fn open() -> Option<GpuKernels> {
-    match Gpu::open(Choice::Gpu) {
-        Ok(Opened::Gpu(gpu)) => Some(GpuKernels::new(*gpu).unwrap()),
-        Ok(Opened::Cpu(reason)) => panic!("asked for a GPU, got the processor: {reason}"),
-        Err(e) if std::env::var_os("REQUIRE_GPU").is_some_and(|v| v == "1") => panic!("REQUIRE_GPU=1, and {e}"),
-        Err(e) => {
-            println!("skipped: {e}");
-            None
-        }
-    }
+    testing::gpu().map(|gpu| GpuKernels::new(gpu).unwrap())
 }
 
 fn kernels() -> Option<&'static GpuKernels> {

@@ -19,54 +19,24 @@ pub struct SkipMap {
     distances: Vec<u8>,
 }
 
-/// A scalar that voxels are stored as.
-pub trait Scalar: Copy + Send + Sync {
+/// A scalar that voxels are stored as; both conversions are exact.
+pub trait Scalar: Copy + Send + Sync + Into<f32> + Into<f64> {
     /// In double precision.
-    fn wide(self) -> f64;
-    /// In single precision, exact.
-    fn narrow(self) -> f32;
+    #[inline(always)]
+    fn wide(self) -> f64 {
+        self.into()
+    }
+    /// In single precision.
+    #[inline(always)]
+    fn narrow(self) -> f32 {
+        self.into()
+    }
 }
 
-impl Scalar for u8 {
-    #[inline(always)]
-    fn wide(self) -> f64 {
-        self.into()
-    }
-    #[inline(always)]
-    fn narrow(self) -> f32 {
-        self.into()
-    }
-}
-impl Scalar for u16 {
-    #[inline(always)]
-    fn wide(self) -> f64 {
-        self.into()
-    }
-    #[inline(always)]
-    fn narrow(self) -> f32 {
-        self.into()
-    }
-}
-impl Scalar for f16 {
-    #[inline(always)]
-    fn wide(self) -> f64 {
-        self.into()
-    }
-    #[inline(always)]
-    fn narrow(self) -> f32 {
-        self.into()
-    }
-}
-impl Scalar for f32 {
-    #[inline(always)]
-    fn wide(self) -> f64 {
-        self.into()
-    }
-    #[inline(always)]
-    fn narrow(self) -> f32 {
-        self
-    }
-}
+impl Scalar for u8 {}
+impl Scalar for u16 {}
+impl Scalar for f16 {}
+impl Scalar for f32 {}
 
 impl SkipMap {
     /// The map of `voxels` on `grid`, where `shows(lo, hi)` says whether anything from `lo` to `hi` is visible.

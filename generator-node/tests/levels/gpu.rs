@@ -4,22 +4,14 @@
 use crate::agreement::{MAX_CHANNEL, MAX_RAYS, agreement, compare, compare_pictures};
 use crate::fields::{DIMS, camera, field, fields, transfer, values};
 use glam::DVec3;
-use lamina_device::{Choice, Gpu, Opened};
+use lamina_device::{Choice, Gpu, Opened, testing};
 use lamina_generator_node::kernel::gpu::{GpuError, GpuKernels};
 use lamina_generator_node::kernel::{Field, scalar};
 use lamina_model::{Camera, GenerationParams, Grid, Scale, Scene, TransferFunction, Volume, Voxels};
 use std::sync::OnceLock;
 
 fn open() -> Option<GpuKernels> {
-    match Gpu::open(Choice::Gpu) {
-        Ok(Opened::Gpu(gpu)) => Some(GpuKernels::new(*gpu).unwrap()),
-        Ok(Opened::Cpu(reason)) => panic!("asked for a GPU, got the processor: {reason}"),
-        Err(e) if std::env::var_os("REQUIRE_GPU").is_some_and(|v| v == "1") => panic!("REQUIRE_GPU=1, and {e}"),
-        Err(e) => {
-            println!("skipped: {e}");
-            None
-        }
-    }
+    testing::gpu().map(|gpu| GpuKernels::new(gpu).unwrap())
 }
 
 fn kernels() -> Option<&'static GpuKernels> {

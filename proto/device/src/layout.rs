@@ -28,6 +28,17 @@ pub fn struct_layout(module: &Module, name: &str) -> Option<StructLayout> {
     })
 }
 
+/// The name and [`StructLayout`](crate::layout::StructLayout) of a Rust struct whose members are named: the twin of WGSL's.
+#[macro_export]
+macro_rules! layout_of {
+    ($name:ident { $($member:ident),* $(,)? }) => {
+        (stringify!($name), $crate::layout::StructLayout {
+            size: size_of::<$name>(),
+            members: vec![$((stringify!($member).to_owned(), ::std::mem::offset_of!($name, $member))),*],
+        })
+    };
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -8,6 +8,7 @@ mod gpu;
 pub mod layout;
 pub mod pipeline;
 mod submit;
+pub mod testing;
 
 pub use adapter::{AdapterFacts, adapter};
 pub use choice::Choice;

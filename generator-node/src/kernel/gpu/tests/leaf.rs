@@ -4,7 +4,7 @@ use super::open;
 use crate::kernel::gpu::GpuError;
 use crate::kernel::skip::BRICK;
 use glam::{DVec3, Vec3};
-use lamina_device::wgpu::{BufferUsages, ComputePass, ComputePipelineDescriptor};
+use lamina_device::wgpu::{BufferUsages, ComputePass};
 use lamina_model::composite::opacity_from_optical_depth;
 use lamina_model::{Aabb, Ray, vdi};
 
@@ -42,14 +42,7 @@ fn probe(leaf: Leaf, cases: &[Case]) -> Option<Vec<[[f32; 4]; 2]>> {
         let input = gpu.upload("cases", bytemuck::cast_slice(&input), BufferUsages::STORAGE);
         let size = 32 * cases.len() as u64;
         let output = gpu.buffer("outcomes", size, BufferUsages::STORAGE | BufferUsages::COPY_SRC);
-        let pipeline = gpu.device().create_compute_pipeline(&ComputePipelineDescriptor {
-            label: Some("probe"),
-            layout: None,
-            module: &gpu.module("probe", PROBE),
-            entry_point: Some("probe"),
-            compilation_options: Default::default(),
-            cache: None,
-        });
+        let pipeline = gpu.pipeline(&gpu.module("probe", PROBE), "probe", &[], &[]);
         let bindings = gpu.bind(&pipeline.get_bind_group_layout(0), &[&input, &output]);
         let record = |pass: &mut ComputePass<'_>| {
             pass.set_pipeline(&pipeline);

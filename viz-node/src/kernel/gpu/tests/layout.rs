@@ -2,18 +2,8 @@
 
 use crate::kernel::gpu::layout::{Form, Picture, Span, Stored, View};
 use crate::kernel::gpu::pipelines::RENDER;
-use lamina_device::layout::{StructLayout, parse, struct_layout};
-use std::mem::offset_of;
-
-/// The layout of a Rust struct, its members named.
-macro_rules! layout_of {
-    ($name:ident { $($member:ident),* $(,)? }) => {
-        (stringify!($name), StructLayout {
-            size: size_of::<$name>(),
-            members: vec![$((stringify!($member).to_owned(), offset_of!($name, $member))),*],
-        })
-    };
-}
+use lamina_device::layout::{parse, struct_layout};
+use lamina_device::layout_of;
 
 #[test]
 fn structs_equal_their_twins() {

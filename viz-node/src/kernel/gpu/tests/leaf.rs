@@ -2,7 +2,7 @@
 
 use crate::kernel::cpu::Slabs;
 use lamina_device::wgpu::{BufferUsages, ComputePass};
-use lamina_device::{Choice, DeviceError, Gpu, Opened};
+use lamina_device::{DeviceError, testing};
 use lamina_model::composite::opacity_from_optical_depth;
 
 const PROBE: &str = concat!(include_str!("../leaf.wgsl"), include_str!("probe.wgsl"));
@@ -26,22 +26,9 @@ fn case<const N: usize>(numbers: [f32; N]) -> Case {
     [[at(0), at(1), at(2), at(3)], [at(4), at(5), at(6), at(7)]]
 }
 
-/// Any device; `None`, said aloud, where there is none, unless REQUIRE_GPU=1.
-fn open() -> Option<Gpu> {
-    match Gpu::open(Choice::Gpu) {
-        Ok(Opened::Gpu(gpu)) => Some(*gpu),
-        Ok(Opened::Cpu(reason)) => panic!("asked for a GPU, got the processor: {reason}"),
-        Err(e) if std::env::var_os("REQUIRE_GPU").is_some_and(|v| v == "1") => panic!("REQUIRE_GPU=1, and {e}"),
-        Err(e) => {
-            println!("skipped: {e}");
-            None
-        }
-    }
-}
-
 /// The device's answers. `None` without a device.
 fn probe(leaf: Leaf, cases: &[Case]) -> Option<Vec<[f32; 4]>> {
-    let gpu = open()?;
+    let gpu = testing::gpu()?;
     let outcomes = gpu.run("probing", || {
         let tag = [leaf as u32 as f32, 0.0, 0.0, 0.0];
         let input: Vec<[f32; 4]> = cases.iter().flat_map(|c| c.iter().copied().chain([tag])).collect();
