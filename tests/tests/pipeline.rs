@@ -117,7 +117,7 @@ fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
     // The second run of the same simulation is tuned from its first step on.
     cluster.replay(series.len());
     let (rows, folder, scene) = (cluster.rows(), cluster.run_folder().unwrap(), chosen_scene(&series));
-    let plan = SamplePlan { image_size: 256, tile: 4, angles_deg: vec![10.0, 30.0, 60.0] };
+    let plan = SamplePlan { image_size: 256, tile: 4, batches: 1, angles_deg: vec![10.0, 30.0, 60.0] };
     for (n, row) in rows.iter().enumerate() {
         let bytes = std::fs::read(folder.join(format!("step_{n:06}.vdi"))).unwrap();
         let vdi = codec::decode(&bytes, &codec::DecodeLimits::default()).unwrap();
@@ -132,7 +132,7 @@ fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
         let field = Field::new(series.read(n).unwrap(), &scene);
         let reference = Backend::cpu().reference_samples(&field, &plan, row.step).unwrap();
         let q = quality(&vdi, &reference).unwrap();
-        assert!((f64::from(row.psnr_db.unwrap()) - q.psnr_db).abs() < 0.01, "step {n}: {row:?} but {q:?}");
+        assert!((f64::from(row.psnr_db.unwrap()) - q.psnr_db()).abs() < 0.01, "step {n}: {row:?} but {q:?}");
         assert_eq!(row.views.len(), 3);
         assert_eq!(row.size_limit_bytes, Some(LIMIT_BYTES), "the tuner's limit reaches the frames");
         assert!(row.limit_kept && row.size_bytes <= LIMIT_BYTES, "{row:?}");

@@ -100,14 +100,14 @@ impl Meter {
         let step = frame.step;
         let vdi = codec::decode(&payload, &self.limits).map_err(|e| format!("step {step}: {e}"))?;
         let vdi = PreparedVdi::new(Arc::new(vdi));
-        let quality = self.reference_of(frame).map(|r| self.backend.quality(&vdi, &r)).transpose();
+        let quality = self.reference_of(frame).map(|r| self.backend.quality(&vdi, &r, 0..r.plan.batches)).transpose();
         let quality = quality.map_err(|e| format!("step {step}: {e}"))?;
         let row = StepRow::new(frame, quality.as_ref());
         let bytes = row.size_bytes;
         self.store.record(row, payload, Arc::new(vdi)).map_err(|e| format!("step {step}: not recorded: {e}"))?;
         self.counters.frames.fetch_add(1, Ordering::Relaxed);
         self.counters.frame_bytes.fetch_add(bytes, Ordering::Relaxed);
-        tracing::info!(step, bytes, psnr_db = quality.map_or(f64::NAN, |q| q.psnr_db), "recorded");
+        tracing::info!(step, bytes, psnr_db = quality.as_ref().map_or(f64::NAN, Quality::psnr_db), "recorded");
         Ok(())
     }
 

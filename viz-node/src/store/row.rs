@@ -1,6 +1,6 @@
 //! The numbers of one step, as the page, `steps.csv` and the report show them.
 
-use lamina_model::Quality;
+use lamina_model::{Quality, ViewError};
 use lamina_wire::v1;
 use serde::{Deserialize, Serialize};
 
@@ -88,7 +88,7 @@ impl StepRow {
         let cost = frame.cost.unwrap_or_default();
         let size_kept = frame.size_limit_bytes.is_none_or(|limit| cost.size_bytes <= limit);
         let time_kept = frame.time_limit_ns.is_none_or(|limit| cost.generation_ns <= limit);
-        let view = |&(angle_deg, psnr_db): &(f64, f64)| View { angle_deg, psnr_db: psnr_db.into() };
+        let view = |v: &ViewError| View { angle_deg: v.angle_deg, psnr_db: v.psnr_db().into() };
         Self {
             step: frame.step,
             time: frame.time,
@@ -96,7 +96,7 @@ impl StepRow {
             gamma: params.gamma,
             size_bytes: cost.size_bytes,
             generation_ms: cost.generation_ns as f64 / 1e6,
-            psnr_db: quality.map(|q| q.psnr_db.into()),
+            psnr_db: quality.map(|q| q.psnr_db().into()),
             encode_ms: cost.encode_ns as f64 / 1e6,
             supersegments: cost.supersegments,
             dropped_steps: frame.dropped_steps,
@@ -192,7 +192,8 @@ mod tests {
     #[test]
     fn rows_go_to_csv_and_come_back() {
         let frame = v1::Frame { step: 12, time: 0.25, size_limit_bytes: Some(100), ..Default::default() };
-        let quality = Quality { psnr_db: 31.5, views: vec![(10.0, 40.25), (20.0, f64::INFINITY)] };
+        let view = |angle_deg, mse| ViewError { angle_deg, batch_mse: vec![mse] };
+        let quality = Quality { views: vec![view(10.0, 1e-4), view(20.0, 0.0)] };
         for row in [StepRow::new(&frame, Some(&quality)), StepRow::new(&frame, None)] {
             assert_eq!(StepRow::from_csv(&row.to_csv()).unwrap(), row);
             assert_eq!(row.to_csv().split(',').count(), StepRow::CSV_HEADER.split(',').count());
