@@ -79,9 +79,8 @@ impl SamplePlan {
         let mut pixels = Vec::with_capacity(self.samples_per_batch());
         for (by, bx) in (0..blocks).flat_map(|y| (0..blocks).map(move |x| (y, x))) {
             let side = |b: u32| self.tile.min(self.image_size - b * self.tile);
-            let random = splitmix64(
-                ((view as u64) << 56) ^ (u64::from(batch) << 48) ^ (u64::from(by) << 24) ^ u64::from(bx),
-            );
+            let random =
+                splitmix64(((view as u64) << 56) ^ (u64::from(batch) << 48) ^ (u64::from(by) << 24) ^ u64::from(bx));
             let pick = |bits: u64, n: u32| (((bits & 0xffff_ffff) * u64::from(n)) >> 32) as u32;
             pixels.push((bx * self.tile + pick(random, side(bx)), by * self.tile + pick(random >> 32, side(by))));
         }

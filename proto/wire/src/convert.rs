@@ -4,8 +4,7 @@ use crate::{required, v1};
 use glam::DVec3;
 use lamina_model::{
     Camera, ControlPoint, GenerationParams, Grid, Invalid, Quality, ScalarRange, Scale, Scene, TransferFunction,
-    ViewError,
-    VoxelType, camera::CameraFields,
+    ViewError, VoxelType, camera::CameraFields,
 };
 use std::time::Duration;
 
