@@ -56,8 +56,8 @@ impl Cluster {
         self.viz = Some(Daemon::start("viz-node", self.ports[1], &["--config", &config, "--generator", &generator]));
     }
     fn start_tuner(&mut self) {
-        let (config, generator, viz) = (self.path("tuner.toml"), self.url(0), self.url(1));
-        let arguments = ["--config", &config, "--generator", &generator, "--viz", &viz];
+        let (config, generator) = (self.path("tuner.toml"), self.url(0));
+        let arguments = ["--config", &config, "--generator", &generator];
         self.tuner = Some(Daemon::start("tuner", self.ports[2], &arguments));
     }
 

@@ -101,7 +101,7 @@ impl Daemon {
     }
 
     async fn study(&mut self, control: &ControlClient<Channel>, report: &v1::StepReport) -> Result<(), TrialError> {
-        let mut remote = Remote::open(control, &self.config.generator, &self.config.viz).await?;
+        let mut remote = Remote::open(control, &self.config.generator).await?;
         let study = tune(&mut remote, &self.config.utility, &self.candidates, |row| self.status.tried(row)).await?;
         self.studied_step = Some(study.step.max(report.step));
         let Some((chosen, setting)) = decide(&study, &self.config.utility) else { return Ok(()) };
@@ -114,8 +114,8 @@ impl Daemon {
             step = study.step,
             resolution = row.params.resolution(),
             gamma = row.params.gamma(),
-            bytes = row.measured.indicators.size_bytes,
-            psnr_db = row.measured.indicators.psnr_db,
+            bytes = row.measured.indicators().size_bytes,
+            psnr_db = row.measured.indicators().psnr_db,
             from,
             "tuned"
         );

@@ -5,7 +5,7 @@
 pub mod config;
 mod daemon;
 mod push;
-mod remote;
+pub mod remote;
 pub mod search;
 mod status;
 pub mod trial;

@@ -18,9 +18,6 @@ struct Arguments {
     /// The generator-node, instead of the configuration's.
     #[arg(long, value_name = "http://HOST:PORT")]
     generator: Option<String>,
-    /// The viz-node, instead of the configuration's.
-    #[arg(long, value_name = "http://HOST:PORT")]
-    viz: Option<String>,
 }
 
 #[tokio::main]
@@ -35,7 +32,6 @@ async fn start() -> anyhow::Result<()> {
     let config = Config {
         listen: arguments.listen.unwrap_or(config.listen),
         generator: arguments.generator.unwrap_or(config.generator),
-        viz: arguments.viz.unwrap_or(config.viz),
         ..config
     };
     config.candidates()?;

@@ -48,12 +48,12 @@ impl Status {
             step: study.step,
             params: Some((&row.params).into()),
             cost: Some(v1::Cost {
-                size_bytes: row.measured.indicators.size_bytes,
-                generation_ns: row.measured.indicators.generation_time.as_nanos() as u64,
-                encode_ns: row.measured.encode_time.as_nanos() as u64,
-                supersegments: row.measured.supersegments,
+                size_bytes: row.measured.cost.size_bytes,
+                generation_ns: row.measured.cost.generation_time.as_nanos() as u64,
+                encode_ns: row.measured.cost.encode_time.as_nanos() as u64,
+                supersegments: row.measured.cost.supersegments,
             }),
-            psnr_db: row.measured.indicators.psnr_db,
+            psnr_db: row.measured.quality.psnr_db(),
             chosen: n == chosen,
         };
         let mut state = self.state();
