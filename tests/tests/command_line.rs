@@ -35,8 +35,18 @@ fn figure(output: &str, name: &str) -> f64 {
 fn a_headless_live_run_leaves_what_it_promises() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("run");
-    let printed =
-        lamina(&["live", "--cells", "24", "--steps", "3", "--headless", "--size-limit", "60kB", "--out", &text(&out)]);
+    let printed = lamina(&[
+        "live",
+        "--cells",
+        "24",
+        "--steps",
+        "3",
+        "--headless",
+        "--contract",
+        "size <= 60kB",
+        "--out",
+        &text(&out),
+    ]);
     assert!(printed.contains("3 steps, 0 above their limit"), "{printed}");
     let csv = std::fs::read_to_string(out.join("steps.csv")).unwrap();
     assert!(csv.starts_with("step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,"));
@@ -115,7 +125,16 @@ fn wrong_arguments_and_files_are_refused_with_the_remedy() {
     refused(&["raycast", &file("x.raw", b"123"), "--out", &png], &["--dims", "--dtype"]);
     refused(&["raycast", &file("y.raw", b"123"), "--dims", "2x2x2", "--dtype", "uint8", "--out", &png], &["y.raw"]);
     refused(&["raycast", &series, "--size", "32", "--out", "/proc/nowhere/x.png"], &["/proc/nowhere"]);
-    refused(&["replay", &series, "--size-limit", "300 parsecs"], &["300kB"]);
+    refused(&["replay", &series, "--contract", "size <= 300 parsecs"], &["300 parsecs", "size <= 300kB"]);
+    refused(&["tune", &series, "--contract", "size <= 1kB, size <= 2kB"], &["limited twice"]);
+    refused(
+        &["tune", &series, "--contract", "size <= 40B", "--grid", "coarse"],
+        &["nothing tried keeps this contract"],
+    );
+    refused(
+        &["study", &series, "--steps", "99", "--out", &text(&folder.path().join("study"))],
+        &["--steps 99", "0 to 7"],
+    );
     refused(&["replay", &series, "--headless", "--out", "/proc/nowhere"], &["/proc/nowhere", "--out"]);
     refused(&["live", "--headless"], &["--steps"]);
     refused(&["live", "--cells", "1", "--steps", "1"], &["cells"]);

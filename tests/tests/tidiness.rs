@@ -72,6 +72,6 @@ fn configuration_files_of_the_deployment_are_the_defaults() {
     let store = Some(PathBuf::from("lamina-store"));
     assert_eq!(viz.check().unwrap(), lamina_viz_node::Config { store, ..Default::default() });
     let tuner: lamina_tuner::Config = toml::from_str(&read("tuner.toml")).unwrap();
-    tuner.candidates().unwrap();
+    tuner.base().unwrap();
     assert_eq!(tuner, lamina_tuner::Config::default());
 }

@@ -115,7 +115,7 @@ mod tests {
         for (r, gamma) in
             [(96, 0.005), (96, 0.02), (96, 0.1), (160, 0.01), (192, 0.02), (256, 0.02), (224, 0.02), (240, 0.015)]
         {
-            let size_bytes = (much * f64::from(r).powf(1.8) * gamma.powf(-0.3)) as u64;
+            let size_bytes = (much * f64::from(r).powf(1.8) * f64::powf(gamma, -0.3)) as u64;
             let mse = 10_f64.powf(-(20.0 * f64::from(r).log10() - 50.0 * gamma) / 10.0);
             let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse] }] };
             let measured = Measured { cost: Cost { size_bytes, ..Cost::default() }, quality };
@@ -142,7 +142,7 @@ mod tests {
     #[test]
     fn memory_is_bounded_and_different_steps_stay() {
         let mut all = Characteristic::default();
-        for n in 0..40 {
+        for n in 0..40_u32 {
             // Slow growth, with one step that is like no other.
             let much = if n == 5 { 20.0 } else { 1.0 + 0.02 * f64::from(n) };
             let study = study(n.into(), much, 50_000_000);

@@ -12,10 +12,8 @@ use std::net::SocketAddr;
 pub struct Config {
     /// Where the tuner's status can be asked for.
     pub listen: SocketAddr,
-    /// The generator-node.
+    /// The generator-node; the viz-nodes that measure quality are those that subscribe to it.
     pub generator: String,
-    /// The viz-node that measures quality.
-    pub viz: String,
     /// What the user wants.
     pub contract: Contract,
     /// Parameters tried.
@@ -35,7 +33,6 @@ impl Default for Config {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 7103)),
             generator: "http://127.0.0.1:7101".to_owned(),
-            viz: "http://127.0.0.1:7102".to_owned(),
             contract: Contract::size(300_000),
             grid: Grid::default(),
             opacity_cutoff: 1.0,

@@ -9,7 +9,7 @@ mod daemon;
 pub mod interval;
 pub mod pareto;
 mod push;
-mod remote;
+pub mod remote;
 pub mod search;
 mod status;
 pub mod trial;

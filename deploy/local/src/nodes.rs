@@ -102,7 +102,6 @@ impl Nodes {
         if let Some(tuning) = setup.tuning {
             let config = lamina_tuner::Config {
                 generator: generator.clone(),
-                viz: format!("http://{}", SocketAddr::from((loopback_if_any(viewer), viewer.port()))),
                 contract: tuning.contract,
                 grid: tuning.grid,
                 retune_every: tuning.retune_every,
@@ -163,11 +162,6 @@ impl Nodes {
         self.stop.send_replace(true);
         self.runtime.shutdown_timeout(Duration::from_secs(2));
     }
-}
-
-/// An address that listens on all interfaces is reached on loopback.
-fn loopback_if_any(address: SocketAddr) -> std::net::IpAddr {
-    if address.ip().is_unspecified() { Ipv4Addr::LOCALHOST.into() } else { address.ip() }
 }
 
 /// Where quality is measured.

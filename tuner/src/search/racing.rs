@@ -159,7 +159,7 @@ impl<'a> Race<'a> {
         // Quality of what breaks another limit matters only while the model of quality knows little.
         let known = self.tried.iter().filter(|r| r.measured.quality.batches() > 0).count();
         if self.contract.excess(&measured.cost, f64::NAN) <= 0.0 || known < 6 {
-            let first = (trial.batches() / 4).max(2);
+            let first = (trial.batches() / 4).max(2).min(trial.batches());
             if let Ok(more) = one(trial, params, first).await? {
                 measured = more;
             }
