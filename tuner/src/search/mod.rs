@@ -5,6 +5,8 @@ mod grid;
 mod models;
 mod racing;
 mod range;
+#[cfg(test)]
+mod tests;
 
 pub use gauss::{Process, place};
 pub use grid::{Axis, Grid};
