@@ -50,8 +50,8 @@ mod tests {
 
     #[test]
     fn what_is_nearly_nothing_keeps_its_digits() {
-        for n in 0..100_000 {
-            let x = SMALL * (-20.0 * f32::from_bits(0x3f80_0000 | n * 80).fract()).exp();
+        for n in 0..100_000_u32 {
+            let x = SMALL * (n as f32 * -2e-4).exp();
             let ours = small_opacity::<Portable>(<Portable as Lanes>::F::from_array([x; WIDTH])).to_array()[0];
             let exact = -(-f64::from(x)).exp_m1();
             assert!((f64::from(ours) / exact - 1.0).abs() < 3e-7, "{x}: {ours} {exact}");
