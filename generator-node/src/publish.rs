@@ -38,11 +38,11 @@ impl Item {
         matches!(self.announcement, Part::Frame(_))
     }
 
-    /// True for steps and references up to `step` of run `run_id`.
+    /// True for live steps and their references up to `step` of run `run_id`.
     fn is_recorded(&self, run_id: &str, step: u64) -> bool {
         self.run.run_id == run_id
             && match &self.announcement {
-                Part::Frame(f) => f.trial_id == 0 && f.step <= step,
+                Part::Frame(f) => f.step <= step,
                 Part::Reference(r) => r.step <= step,
                 Part::Run(_) | Part::Chunk(_) => false,
             }
@@ -62,16 +62,14 @@ impl Held {
         self.live.iter().find(|(_, item)| item.run.run_id == run_id).map_or(0, |(seq, _)| *seq)
     }
 
-    /// What comes next for `viewer` from `cursor` on: a live item, or a trial taken out of what waits for it.
-    fn take_from(&mut self, cursor: u64, viewer: Option<&str>) -> Option<(u64, Item)> {
+    /// What comes next for `viewer` from `cursor` on: a live item, or a trial (true) taken out of what waits for it.
+    fn take_from(&mut self, cursor: u64, viewer: Option<&str>) -> Option<(u64, Item, bool)> {
         let live = self.live.get(self.live.partition_point(|(seq, _)| *seq < cursor));
+        let before = |seq: u64| live.is_none_or(|(live, _)| seq < *live);
         let waiting = viewer.and_then(|v| self.viewers.waiting(v));
-        match (live, waiting) {
-            (Some((seq, _)), Some(waiting)) => {
-                waiting.pop_front_if(|(trial, _)| *trial < *seq).or_else(|| live.cloned())
-            }
-            (None, Some(waiting)) => waiting.pop_front(),
-            (live, None) => live.cloned(),
+        match waiting.and_then(|w| w.pop_front_if(|(seq, _)| before(*seq))) {
+            Some((seq, item)) => Some((seq, item, true)),
+            None => live.cloned().map(|(seq, item)| (seq, item, false)),
         }
     }
 
@@ -162,9 +160,10 @@ impl Publisher {
             loop {
                 let next = {
                     let mut held = publisher.held();
-                    if let Some((seq, item)) = held.take_from(cursor, seat.as_ref().map(|s| s.viewer.as_str())) {
+                    let found = held.take_from(cursor, seat.as_ref().map(|s| s.viewer.as_str()));
+                    if let Some((seq, item, trial)) = found {
                         drop(held);
-                        return Some((item, (newest, seq + 1, publisher, seat)));
+                        return Some(((item, trial), (newest, seq + 1, publisher, seat)));
                     }
                     held.next
                 };
@@ -173,9 +172,10 @@ impl Publisher {
                 newest.wait_for(|&newest| newest > next).await.ok()?;
             }
         });
-        all.filter(move |item| {
-            let recorded = request.after_step.is_some_and(|step| item.is_recorded(&request.run_id, step));
-            std::future::ready(!recorded)
+        all.filter_map(move |(item, trial)| {
+            // A trial is about a step that may long be recorded.
+            let recorded = !trial && request.after_step.is_some_and(|step| item.is_recorded(&request.run_id, step));
+            std::future::ready((!recorded).then_some(item))
         })
     }
 }
@@ -234,6 +234,7 @@ mod tests {
     ) -> Vec<(u64, u64)> {
         let number = |item: Item| match item.announcement {
             Part::Frame(f) => (f.step, f.trial_id),
+            Part::Reference(r) => (r.step, 0),
             _ => unreachable!(),
         };
         publisher.clone().follow(request, seat).take(n).map(number).collect().await
@@ -281,7 +282,12 @@ mod tests {
         list.changed().await.unwrap();
         assert_eq!(addresses(&list.borrow_and_update()), ["http://two:2"]);
         assert!(!publisher.publish_trial(&names[0], vec![item("a", 4, 1, 11)]));
-        drop(two);
+        // One that has recorded the step needs what its trials are compared with all the same.
+        let reference = Part::Reference(v1::Reference { step: 3, ..Default::default() });
+        let reference = Item { announcement: reference, ..item("a", 3, 0, 0) };
+        publisher.publish_trial(&names[1], vec![reference, item("a", 3, 1, 12)]);
+        let recorded = v1::SubscribeRequest { run_id: "a".into(), after_step: Some(4), ..Default::default() };
+        assert_eq!(steps(&publisher, recorded, Some(two), 3).await, [(3, 9), (3, 0), (3, 12)]);
         assert!(addresses(&list.borrow_and_update()).is_empty());
     }
 }

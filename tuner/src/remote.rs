@@ -9,9 +9,11 @@ mod viewers;
 use crate::trial::{Cost, Measured, Trial, TrialError};
 use generator::Generator;
 use lamina_model::{GenerationParams, Invalid, Quality, ViewError};
+use lamina_wire::node::innermost;
 use lamina_wire::v1::{self, control_client::ControlClient};
 use round::{Generating, Round};
 use std::collections::HashMap;
+use tonic::Status;
 use tonic::transport::Channel;
 use viewers::Viewers;
 
@@ -71,6 +73,11 @@ impl Known {
 
 fn node_error(kind: &str, address: &str, reason: &str) -> TrialError {
     TrialError::Node { node: format!("{kind} {address}"), reason: reason.to_owned() }
+}
+
+/// What a failed call says: the cause at the bottom, if the transport knows one.
+fn words(status: &Status) -> String {
+    std::error::Error::source(status).map_or_else(|| status.message().to_owned(), innermost)
 }
 
 /// A connection to the node at `address`.

@@ -1,6 +1,6 @@
 //! The stream of trials to the generator-node: one request at a time.
 
-use super::node_error;
+use super::{node_error, words};
 use crate::trial::TrialError;
 use lamina_wire::v1::{self, control_client::ControlClient};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -35,7 +35,7 @@ impl Generator {
     /// # Errors
     /// If the node does not answer, or has no step yet.
     pub async fn open(control: &ControlClient<Channel>, address: &str) -> Result<Self, TrialError> {
-        let failed = |status: Status| node_error(NODE, address, status.message());
+        let failed = |status: Status| node_error(NODE, address, &words(&status));
         let (requests, stream) = mpsc::channel(1);
         let mut replies = control.clone().trials(ReceiverStream::new(stream)).await.map_err(failed)?.into_inner();
         let late = |_| node_error(NODE, address, &format!("named no step within {TRIAL_DEADLINE:?}"));
@@ -90,7 +90,7 @@ impl Generator {
             }
             Ok(Some(reply)) => Err(self.failed(format!("answered trial {} instead of {trial_id}", reply.trial_id))),
             Ok(None) => Err(self.failed("ended the stream of trials; its log says why".to_owned())),
-            Err(status) => Err(self.failed(status.message().to_owned())),
+            Err(status) => Err(self.failed(words(&status))),
         }
     }
 

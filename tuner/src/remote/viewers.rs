@@ -1,13 +1,12 @@
 //! The viz-nodes that measure: those the generator-node lists, but for those that failed during this study.
 
-use super::node_error;
+use super::{node_error, words};
 use crate::trial::TrialError;
 use futures::FutureExt;
 use futures::future::BoxFuture;
 use lamina_model::Quality;
-use lamina_wire::node::{connect, innermost};
+use lamina_wire::node::connect;
 use lamina_wire::v1::{self, control_client::ControlClient, quality_client::QualityClient};
-use std::error::Error;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
@@ -60,7 +59,7 @@ impl Viewers {
     /// # Errors
     /// If it does not answer, or lists nobody for some seconds.
     pub async fn open(control: &ControlClient<Channel>, generator: &str) -> Result<Self, TrialError> {
-        let failed = |status: Status| node_error("generator-node", generator, status.message());
+        let failed = |status: Status| node_error("generator-node", generator, &words(&status));
         let list = control.clone().viewers(v1::ViewersRequest {}).await.map_err(failed)?.into_inner();
         let generator = generator.to_owned();
         let mut viewers =
@@ -84,7 +83,7 @@ impl Viewers {
             .list
             .message()
             .await
-            .map_err(|status| node_error("generator-node", &self.generator, status.message()))?;
+            .map_err(|status| node_error("generator-node", &self.generator, &words(&status)))?;
         self.update(list.ok_or_else(|| {
             node_error("generator-node", &self.generator, "ended the list of viz-nodes; its log says why")
         })?);
@@ -194,10 +193,9 @@ impl Viewer {
 }
 
 fn fault(status: Status) -> Fault {
-    let message = status.message().to_owned();
     match status.code() {
-        Code::NotFound => Fault::Missing(message),
-        Code::InvalidArgument => Fault::Refused(message),
-        _ => Fault::Failed(status.source().map_or(message, innermost)),
+        Code::NotFound => Fault::Missing(words(&status)),
+        Code::InvalidArgument => Fault::Refused(words(&status)),
+        _ => Fault::Failed(words(&status)),
     }
 }

@@ -193,8 +193,10 @@ mod tests {
     fn rows_go_to_csv_and_come_back() {
         let frame = v1::Frame { step: 12, time: 0.25, size_limit_bytes: Some(100), ..Default::default() };
         let view = |angle_deg, mse| ViewError { angle_deg, batch_mse: vec![mse] };
-        let quality = Quality { views: vec![view(10.0, 1e-4), view(20.0, 0.0)] };
-        for row in [StepRow::new(&frame, Some(&quality)), StepRow::new(&frame, None)] {
+        // 40 dB, and identical.
+        let [some, none] = [1e-4, 0.0].map(|mse| Quality { views: vec![view(10.0, mse), view(20.0, mse)] });
+        for quality in [Some(&some), Some(&none), None] {
+            let row = StepRow::new(&frame, quality);
             assert_eq!(StepRow::from_csv(&row.to_csv()).unwrap(), row);
             assert_eq!(row.to_csv().split(',').count(), StepRow::CSV_HEADER.split(',').count());
             assert_eq!(StepRow::from_csv(&row.to_csv()[..9]), None);
