@@ -5,7 +5,7 @@
 use lamina_generator_node::kernel::{Backend, Field};
 use lamina_model::{GenerationParams, Quality, SamplePlan, ViewError, decibels, suggest::suggest};
 use lamina_read::{Options, Series};
-use lamina_tests::recorded_series;
+use lamina_tests::processes::recorded_series;
 use lamina_tuner::interval::half_width_db;
 use lamina_viz_node::kernel::render;
 

@@ -105,9 +105,9 @@ pub struct Watch {
     /// Tune again every n-th step (0: only when a step is unlike those tuned for, or a limit is broken)
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub retune_every: u64,
-    /// Parameters the tuner chooses from
-    #[arg(long, default_value = "auto")]
-    pub grid: GridName,
+    /// Parameters the tuner chooses from: auto, coarse, paper, or R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
+    #[arg(long, default_value = "auto", value_name = "GRID")]
+    pub grid: Grid,
     /// What casts rays and draws: auto (a GPU if there is a real one), cpu or gpu
     #[arg(long, default_value_t)]
     pub backend: Choice,
@@ -117,16 +117,6 @@ pub struct Watch {
     /// Push to this running generator-node instead of starting the nodes here
     #[arg(long, value_name = "http://HOST:PORT", conflicts_with_all = ["out", "headless", "contract", "resolution"])]
     pub generator: Option<String>,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum GridName {
-    /// 22 resolutions by 40 gammas, from a range found from the data
-    Auto,
-    /// 3 resolutions by 6 gammas
-    Coarse,
-    /// 20 resolutions by 65 gammas
-    Paper,
 }
 
 #[derive(Args)]
@@ -140,9 +130,10 @@ pub struct Study {
     /// Which time steps of series, counted from 0
     #[arg(long, value_name = "N,..", value_delimiter = ',')]
     pub steps: Vec<usize>,
-    /// Parameters measured: the paper's 1300, or 18 for a quick look
-    #[arg(long, default_value = "paper")]
-    pub grid: GridName,
+    /// Parameters measured: the paper's 1300, coarse: 18 for a quick look, auto: 880 in a range found from the data, or
+    /// R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
+    #[arg(long, default_value = "paper", value_name = "GRID")]
+    pub grid: Grid,
     /// Size limits to choose under; without: a ladder, each 1.5 times the one before
     #[arg(long, value_name = "SIZE,..", value_delimiter = ',')]
     pub size_limits: Vec<Bytes>,
@@ -159,17 +150,6 @@ pub struct Study {
     pub backend: Choice,
 }
 
-impl GridName {
-    /// What the name stands for.
-    pub fn grid(self) -> Grid {
-        match self {
-            Self::Auto => Grid::default(),
-            Self::Coarse => Grid::coarse(),
-            Self::Paper => Grid::paper(),
-        }
-    }
-}
-
 #[derive(Args)]
 pub struct Tune {
     #[command(flatten)]
@@ -177,9 +157,9 @@ pub struct Tune {
     /// What to keep and what is best, such as "size <= 300kB, psnr >= 35dB, minimise time"
     #[arg(long, value_name = "CONTRACT", default_value = "size <= 300kB")]
     pub contract: Contract,
-    /// Parameters to choose from
-    #[arg(long)]
-    pub grid: Option<GridName>,
+    /// Parameters to choose from: auto, coarse, paper, or R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
+    #[arg(long, default_value = "auto", value_name = "GRID")]
+    pub grid: Grid,
 }
 
 /// What a raw file does not say.

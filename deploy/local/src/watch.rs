@@ -100,7 +100,7 @@ fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume) -> anyhow::Result
     let contract = Contract { cone_deg: None, ..contract };
     let tuning = Tuning {
         contract,
-        grid: options.grid.grid(),
+        grid: options.grid,
         retune_every: options.retune_every,
         // Without a viewer every step waits for its tuning.
         budget: if options.headless { 1.0 } else { lamina_tuner::Config::default().budget },

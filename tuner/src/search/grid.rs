@@ -2,6 +2,7 @@
 
 use lamina_model::{GenerationParams, Invalid};
 use serde::{Deserialize, Serialize};
+use std::str::FromStr;
 
 /// Evenly spaced values from `from` to at most `to`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -47,6 +48,39 @@ impl Default for Grid {
     /// 22 resolutions; gammas as the data wants them.
     fn default() -> Self {
         Self { resolution: Axis { from: 96.0, to: 768.0, step: 32.0 }, gamma: None }
+    }
+}
+
+impl FromStr for Axis {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers: Option<Vec<f64>> = text.split(':').map(|n| n.trim().parse().ok()).collect();
+        match numbers.as_deref() {
+            Some(&[from, to, step]) => Ok(Self { from, to, step }),
+            _ => Err(format!("\"{text}\" is not FROM:TO:STEP")),
+        }
+    }
+}
+
+impl FromStr for Grid {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "auto" => return Ok(Self::default()),
+            "coarse" => return Ok(Self::coarse()),
+            "paper" => return Ok(Self::paper()),
+            _ => {}
+        }
+        let help = "write auto, coarse, paper, or resolutions and gammas such as 160:768:64,0.001:0.26:0.008";
+        let (resolution, gamma) = text.split_once(',').ok_or_else(|| format!("\"{text}\" is no grid; {help}"))?;
+        let axis = |text: &str| text.parse::<Axis>().map_err(|e| format!("{e}; {help}"));
+        let grid = Self { resolution: axis(resolution)?, gamma: Some(axis(gamma)?) };
+        // Whatever is wrong with it is wrong for every base.
+        let base = GenerationParams::new(1, 0.0).map_err(|e| e.to_string())?;
+        grid.candidates(&base).map_err(|e| e.to_string())?;
+        Ok(grid)
     }
 }
 
@@ -115,6 +149,17 @@ mod tests {
         assert_eq!(Grid::coarse().candidates(&base).unwrap().len(), 18);
         assert!(Grid::default().candidates(&base).is_err(), "gammas are not stated");
         assert_eq!(Grid::default().with_gammas(&base, &[0.1, 0.2]).unwrap().len(), 44);
+    }
+
+    #[test]
+    fn grids_are_read_from_the_command_line() {
+        let base = GenerationParams::new(1, 0.0).unwrap();
+        let grid: Grid = "160:768:64,0.001:0.26:0.008".parse().unwrap();
+        assert_eq!(grid.candidates(&base).unwrap().len(), 10 * 33);
+        assert_eq!("paper".parse(), Ok(Grid::paper()));
+        for bad in ["fine", "1:2,3:4:5", "1:2:1,x:1:1", "9:1:1,0:1:1", "1:2:1,-1:0:1"] {
+            assert!(bad.parse::<Grid>().is_err(), "{bad}");
+        }
     }
 
     #[test]

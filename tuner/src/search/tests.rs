@@ -46,7 +46,11 @@ impl Trial for Response {
         self.marches += 1;
         gammas.iter().map(|g| Ok(self.cost(&params.with_gamma(*g)?))).collect()
     }
-    async fn measure(&mut self, all: &[GenerationParams], batches: u32) -> Result<Vec<Result<Measured, Invalid>>, TrialError> {
+    async fn measure(
+        &mut self,
+        all: &[GenerationParams],
+        batches: u32,
+    ) -> Result<Vec<Result<Measured, Invalid>>, TrialError> {
         let batches = batches.min(16);
         self.measured += usize::from(batches == 0) * all.len();
         self.batches += batches as usize * all.len();
@@ -81,7 +85,8 @@ async fn a_few_trials_find_what_thirteen_hundred_find() {
         let found = search(&mut response, &contract, &papers(), None, |_| {}).await.unwrap();
         let row = &found.study.rows[found.study.best.unwrap_or_else(|| panic!("{text}: {found:?}"))];
         assert!(contract.excess(&row.measured.cost, row.measured.quality.psnr_db()) <= 0.0, "{text} is kept");
-        let off = (row.cost - best.cost) / if text.contains("minimise") || text.starts_with("psnr") { best.cost.abs() } else { 1.0 };
+        let off = (row.cost - best.cost)
+            / if text.contains("minimise") || text.starts_with("psnr") { best.cost.abs() } else { 1.0 };
         assert!(off <= 0.1, "{text}: {row:?}, but {best:?}");
         assert!(response.measured <= 24 && response.marches == 1, "{text}: {} trials", response.measured);
         assert_eq!(row.measured.quality.batches(), 16, "{text}: the winner is measured on all pixels");

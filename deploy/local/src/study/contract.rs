@@ -1,12 +1,15 @@
 //! `lamina tune`: the best parameters of one step under a contract, with a few trials.
 
 use super::cache::Cache;
-use super::{Local, sample_plan};
-use crate::cli::{self, GridName};
-use crate::parts::{open, prepare};
+use super::{Local, sample_plan, scene_of};
+use crate::cli;
+use crate::parts::prepare;
 use crate::process;
+use crate::source::read_options;
+use anyhow::ensure;
 use lamina_generator_node::kernel::Backend;
-use lamina_model::{GenerationParams, SamplePlan};
+use lamina_model::{GenerationParams, SamplePlan, Scene};
+use lamina_read::Series;
 use lamina_tuner::Contract;
 use lamina_tuner::interval::half_width_db;
 use lamina_tuner::pareto::{Offer, front, offers};
@@ -17,7 +20,15 @@ use lamina_viz_node::kernel as viz;
 /// `lamina tune`.
 pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
     let contract = &arguments.contract;
-    let (volume, scene) = open(&arguments.input)?;
+    let input = &arguments.input;
+    let series = Series::open(&input.input, &read_options(&input.raw))?;
+    let (n, steps) = (input.time_step, series.len());
+    ensure!(n < steps, "--time-step {n}: {} has {steps} steps, counted from 0", input.input.display());
+    let mut scene = scene_of(&series, input.scene.as_deref())?;
+    if let Some(step_voxels) = input.step {
+        scene = Scene { step_voxels, ..scene }.check()?;
+    }
+    let volume = series.read(n)?;
     let backends = (Backend::open(arguments.input.backend)?, viz::Backend::open(arguments.input.backend)?);
     let step = arguments.input.time_step as u64;
     let field = prepare(volume, &scene);
@@ -27,8 +38,7 @@ pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
     let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
     let before = process::cpu_time();
     let runtime = tokio::runtime::Builder::new_current_thread().build()?;
-    let grid = arguments.grid.unwrap_or(GridName::Auto).grid();
-    let all = runtime.block_on(candidates(&mut trial, &grid, &base))?;
+    let all = runtime.block_on(candidates(&mut trial, &arguments.grid, &base))?;
     let found =
         runtime.block_on(search(&mut trial, contract, &all, None, |row| println!("  {}", line(contract, row))))?;
     let used = process::cpu_time().zip(before).map(|(now, before)| now.saturating_sub(before).as_secs_f64());

@@ -50,17 +50,18 @@ pub fn sample_plan() -> SamplePlan {
     SamplePlan { batches: 64, ..SamplePlan::default() }
 }
 
-/// Steps of a series that its scene is chosen from, as `replay` does.
-fn scene_steps(series: &Series) -> Vec<usize> {
+/// The scene of a series: chosen from its first, middle and last step, as `replay` does.
+fn scene_of(series: &Series, file: Option<&Path>) -> anyhow::Result<Scene> {
     let last = series.len() - 1;
     let mut steps = vec![0, last / 2, last];
     steps.dedup();
-    steps
+    let read = |n| series.read(n).with_context(|| format!("{}, step {n}", series.name()));
+    let volumes = steps.into_iter().map(read).collect::<anyhow::Result<Vec<Volume>>>()?;
+    scene_for(file, &volumes.iter().collect::<Vec<_>>())
 }
 
 /// `lamina study`.
 pub fn study(arguments: &cli::Study) -> anyhow::Result<()> {
-    let grid = arguments.grid.grid();
     std::fs::create_dir_all(&arguments.out)
         .with_context(|| format!("{}: cannot be created", arguments.out.display()))?;
     let backends = (Backend::open(arguments.backend)?, viz::Backend::open(arguments.backend)?);
@@ -73,14 +74,11 @@ pub fn study(arguments: &cli::Study) -> anyhow::Result<()> {
         for step in &chosen {
             ensure!(*step <= last, "--steps {step}: {} has steps 0 to {last}", input.display());
         }
-        let read = |n: usize| series.read(n).with_context(|| format!("{}, step {n}", input.display()));
-        let volumes = scene_steps(&series).into_iter().map(read).collect::<anyhow::Result<Vec<Volume>>>()?;
-        let scene = scene_for(arguments.scene.as_deref(), &volumes.iter().collect::<Vec<_>>())?;
-        drop(volumes);
+        let scene = scene_of(&series, arguments.scene.as_deref())?;
         for step in chosen {
             let name = series.name().to_owned();
-            let trial = open(&name, step as u64, read(step)?, &scene, &backends, &arguments.out)?;
-            all.push(measure(name, step as u64, &scene, trial, &grid)?);
+            let trial = open(&name, step as u64, series.read(step)?, &scene, &backends, &arguments.out)?;
+            all.push(measure(name, step as u64, &scene, trial, &arguments.grid)?);
             // What is there is written after every step: the next may take an hour.
             csv::measurements(&arguments.out, &all)?;
         }
