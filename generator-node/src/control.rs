@@ -76,8 +76,7 @@ impl control_server::Control for ControlService {
 fn setting_from(request: &v1::SetParametersRequest) -> Result<Setting, lamina_model::Invalid> {
     Ok(Setting {
         params: required(request.params, "params")?.try_into()?,
-        size_limit_bytes: request.size_limit_bytes,
-        time_limit_ns: request.time_limit_ns,
+        limits: request.limits.unwrap_or_default(),
         fallbacks: request.fallbacks.iter().map(|p| GenerationParams::try_from(*p)).collect::<Result<_, _>>()?,
     })
 }

@@ -65,8 +65,7 @@ impl Prepared {
             dropped_steps,
             bytes: bytes.len() as u64,
             empty_voxels: self.field.empty_voxels(),
-            size_limit_bytes: setting.and_then(|s| s.size_limit_bytes),
-            time_limit_ns: setting.and_then(|s| s.time_limit_ns),
+            limits: setting.map(|s| s.limits),
         };
         Item::new(&self.run, Part::Frame(frame), bytes)
     }
@@ -260,7 +259,7 @@ impl Cycle {
         for params in std::iter::once(&setting.params).chain(&setting.fallbacks) {
             let (bytes, cost) = prepared.measure(params, &self.shared.options)?;
             (generation_ns, encode_ns) = (generation_ns + cost.generation_ns, encode_ns + cost.encode_ns);
-            let kept = setting.size_limit_bytes.is_none_or(|limit| cost.size_bytes <= limit);
+            let kept = setting.limits.size_bytes.is_none_or(|limit| cost.size_bytes <= limit);
             if best.as_ref().is_none_or(|(_, smallest, _)| bytes.len() < smallest.len()) {
                 best = Some((*params, bytes, cost));
             }

@@ -7,6 +7,7 @@
 use crate::Contract;
 use crate::search::{Price, Process, place};
 use crate::tune::Study;
+use crate::utility::Utility;
 use lamina_model::GenerationParams;
 
 /// Tables kept.
@@ -86,16 +87,20 @@ impl Characteristic {
     }
 }
 
-/// Decibels that new parameters must gain before those in use are given up.
+/// What new parameters must gain before those in use are given up: decibels, or a share of whatever else is wanted.
 const WORTH_CHANGING_DB: f64 = 0.2;
+const WORTH_CHANGING: f64 = 0.03;
 
 /// The row to use: the study's best, or the parameters in use where they keep the contract and lose next to nothing, so that
 /// pictures do not change their grain for no gain. Where nothing keeps the contract, what comes nearest.
 pub fn choose(study: &Study, contract: &Contract, in_use: Option<&GenerationParams>) -> Option<usize> {
     let Some(best) = study.best else { return study.nearest(contract) };
-    let db = |n: usize| study.rows[n].measured.quality.psnr_db();
+    let worth = match contract.utility() {
+        Utility::Quality => WORTH_CHANGING_DB,
+        Utility::Size | Utility::Time | Utility::Expression(_) => WORTH_CHANGING * study.rows[best].cost.abs(),
+    };
     let same = study.rows.iter().position(|r| Some(&r.params) == in_use && r.cost < f64::INFINITY);
-    Some(same.filter(|&n| db(best) - db(n) < WORTH_CHANGING_DB).unwrap_or(best))
+    Some(same.filter(|&n| study.rows[n].cost - study.rows[best].cost < worth).unwrap_or(best))
 }
 
 #[cfg(test)]

@@ -163,6 +163,8 @@ impl Daemon {
         let begun = Instant::now();
         let outcome = self.measure(control, report).await;
         self.run.spent += begun.elapsed();
+        let (studies, run) = (self.run.spent.as_secs_f64(), self.run.since.elapsed().as_secs_f64());
+        tracing::info!(kept = self.run.characteristic.len(), "studies took {studies:.1} s of {run:.1} s");
         outcome
     }
 

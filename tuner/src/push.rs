@@ -13,9 +13,13 @@ pub fn setting(study: &Study, chosen: usize, contract: &Contract) -> v1::SetPara
     v1::SetParametersRequest {
         params: Some((&study.rows[chosen].params).into()),
         from_step: 0,
-        size_limit_bytes: contract.size_bytes,
+        limits: Some(v1::Limits {
+            size_bytes: contract.size_bytes,
+            time_ns: contract.time_ms.map(|ms| (ms * 1e6) as u64),
+            with_encoding: contract.with_encoding,
+            psnr_db: contract.psnr_db,
+        }),
         fallbacks: ladder.iter().map(Into::into).collect(),
-        time_limit_ns: contract.time_ms.map(|ms| (ms * 1e6) as u64),
     }
 }
 

@@ -148,6 +148,9 @@ impl<'a> Race<'a> {
         params: &GenerationParams,
         progress: &mut (impl FnMut(&Row) + Send),
     ) -> Result<(), TrialError> {
+        if self.tried.iter().any(|r| r.params == *params) {
+            return Ok(());
+        }
         let mut measured = match one(trial, params, 0).await? {
             Ok(measured) => measured,
             Err(reason) => {
@@ -179,7 +182,8 @@ impl<'a> Race<'a> {
     fn tolerance(&self, least: f64) -> f64 {
         match self.contract.utility() {
             Utility::Quality => 0.02,
-            Utility::Size | Utility::Time | Utility::Expression(_) => 0.002 * least.abs().max(1e-9),
+            Utility::Size | Utility::Time => 0.002 * least.abs().max(1e-9),
+            Utility::Expression(_) => 0.0005 * least.abs().max(1e-9),
         }
     }
 
