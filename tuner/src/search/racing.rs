@@ -13,7 +13,7 @@ use crate::interval::{difference_db, half_width_db};
 use crate::trial::{Measured, Trial, TrialError};
 use crate::tune::{Row, Study};
 use crate::utility::Utility;
-use lamina_model::{GenerationParams, Invalid};
+use lamina_model::{GenerationParams, Invalid, decibels};
 
 /// The most trials of one search.
 const MOST_TRIALS: usize = 24;
@@ -46,7 +46,7 @@ pub async fn search(
     in_use: Option<&GenerationParams>,
     mut progress: impl FnMut(&Row) + Send,
 ) -> Result<Found, TrialError> {
-    let mut race = Race::new(contract, candidates);
+    let mut race = Race::new(contract, candidates, trial.batches() as usize);
     race.march(trial).await?;
     if let Some(params) = in_use {
         race.measure(trial, params, &mut progress).await?;
@@ -55,13 +55,17 @@ pub async fn search(
         race.measure(trial, &params, &mut progress).await?;
     }
     let mut best = Promise::default();
-    while race.tried.len() < MOST_TRIALS.min(candidates.len()) {
-        best = race.most_promising();
-        let Some(params) = best.params.filter(|_| best.worth_trying(&race)) else { break };
-        race.measure(trial, &params, &mut progress).await?;
+    loop {
+        while race.tried.len() < MOST_TRIALS.min(candidates.len()) {
+            best = race.most_promising();
+            let Some(params) = best.params.filter(|_| best.worth_trying(&race)) else { break };
+            race.measure(trial, &params, &mut progress).await?;
+        }
+        // All pixels may tell other than a quarter of them did: then something else may have become worth trying.
+        if !race.settle(trial).await? {
+            return race.finish(trial.step(), &best);
+        }
     }
-    race.settle(trial).await?;
-    race.finish(trial.step(), &best)
 }
 
 /// The candidate most worth trying.
@@ -92,11 +96,21 @@ struct Race<'a> {
     tried: Vec<Row>,
     refused: Vec<GenerationParams>,
     draws: Vec<[f64; 3]>,
+    /// Batches that there are.
+    batches: usize,
 }
 
 impl<'a> Race<'a> {
-    fn new(contract: &'a Contract, candidates: &'a [GenerationParams]) -> Self {
-        Self { contract, candidates, marched: Vec::new(), tried: Vec::new(), refused: Vec::new(), draws: draws() }
+    fn new(contract: &'a Contract, candidates: &'a [GenerationParams], batches: usize) -> Self {
+        Self {
+            contract,
+            candidates,
+            marched: Vec::new(),
+            tried: Vec::new(),
+            refused: Vec::new(),
+            draws: draws(),
+            batches,
+        }
     }
 
     fn lowest(&self) -> u32 {
@@ -162,7 +176,7 @@ impl<'a> Race<'a> {
         // Quality of what breaks another limit matters only while the model of quality knows little.
         let known = self.tried.iter().filter(|r| r.measured.quality.batches() > 0).count();
         if self.contract.excess(&measured.cost, f64::NAN) <= 0.0 || known < 6 {
-            let first = (trial.batches() / 4).max(2).min(trial.batches());
+            let first = self.first_batches() as u32;
             if let Ok(more) = one(trial, params, first).await? {
                 measured = more;
             }
@@ -200,9 +214,32 @@ impl<'a> Race<'a> {
         };
         let times =
             Price::of_times(self.tried.iter().map(at).collect(), &self.tried.iter().map(time).collect::<Vec<_>>());
-        let quality = |r: &Row| Some((at(r), r.measured.quality.psnr_db())).filter(|(_, q)| q.is_finite());
+        let off = self.first_batches_off_db();
+        let quality = |r: &Row| {
+            let found = &r.measured.quality;
+            let partly = found.batches() < self.batches;
+            Some((at(r), found.psnr_db() + if partly { off } else { 0.0 })).filter(|(_, q)| q.is_finite())
+        };
         let (seen, decibels): (Vec<Place>, Vec<f64>) = self.tried.iter().filter_map(quality).unzip();
         (Price::of_sizes(places, &sizes), times, (!seen.is_empty()).then(|| Quality::through(seen, &decibels)))
+    }
+
+    /// By how many decibels the first batches are worse than all of them: the same pixels for every trial, so trials that
+    /// were measured on all tell it for the others.
+    fn first_batches_off_db(&self) -> f64 {
+        let first = self.first_batches();
+        let off = |r: &Row| {
+            let all = r.measured.quality.batch_mse();
+            let begin = all.iter().take(first).sum::<f64>() / first as f64;
+            (all.len() == self.batches && begin > 0.0).then(|| decibels(r.measured.quality.mse()) - decibels(begin))
+        };
+        let known: Vec<f64> = self.tried.iter().filter_map(off).filter(|db| db.is_finite()).collect();
+        if known.is_empty() { 0.0 } else { known.iter().sum::<f64>() / known.len() as f64 }
+    }
+
+    /// Batches measured first: a quarter.
+    fn first_batches(&self) -> usize {
+        (self.batches / 4).max(2).min(self.batches)
     }
 
     fn most_promising(&self) -> Promise {
@@ -249,24 +286,25 @@ impl<'a> Race<'a> {
         (improvement / n, feasible / n)
     }
 
-    /// Measures contenders on all pixels, until nothing else may be the best.
-    async fn settle(&mut self, trial: &mut impl Trial) -> Result<(), TrialError> {
+    /// Measures contenders on all pixels, until nothing else may be the best; true if there were any.
+    async fn settle(&mut self, trial: &mut impl Trial) -> Result<bool, TrialError> {
+        let mut settled = false;
         loop {
             let least = |r: &Row| if r.cost.is_nan() { f64::INFINITY } else { r.cost };
             let Some(best) =
                 (0..self.tried.len()).min_by(|&a, &b| least(&self.tried[a]).total_cmp(&least(&self.tried[b])))
             else {
-                return Ok(());
+                return Ok(settled);
             };
-            let all = trial.batches() as usize;
-            let partly = |r: &Row| (1..all).contains(&r.measured.quality.batches());
+            let partly = |r: &Row| (1..self.batches).contains(&r.measured.quality.batches());
             let contends = |n: usize| {
                 let row = &self.tried[n];
                 partly(row)
                     && self.contract.excess(&row.measured.cost, f64::NAN) <= 0.0
                     && (n == best || self.may_beat(n, best))
             };
-            let Some(next) = (0..self.tried.len()).find(|&n| contends(n)) else { return Ok(()) };
+            let Some(next) = (0..self.tried.len()).find(|&n| contends(n)) else { return Ok(settled) };
+            settled = true;
             let params = self.tried[next].params;
             match one(trial, &params, u32::MAX).await? {
                 Ok(measured) => {

@@ -2,6 +2,7 @@
 
 use super::Measured;
 use super::choices::best;
+use crate::report::html::escape;
 use crate::report::numbers::{bytes, decibels, finite_range, fixed, significant};
 use crate::report::svg::{self, Axis};
 use crate::report::trials::colour_at;
@@ -32,7 +33,7 @@ fn frame(x: &Axis, y: &Axis) -> String {
 }
 
 fn figure(title: &str, note: &str, drawing: &str) -> String {
-    let (title, note) = (crate::report::html::escape(title), crate::report::html::escape(note));
+    let (title, note) = (escape(title), escape(note));
     format!("<figure><figcaption><b>{title}</b><span class=\"note\">{note}</span></figcaption>{drawing}</figure>")
 }
 
@@ -95,25 +96,43 @@ fn every(rows: &[Row], r: usize, gamma: usize) -> Vec<&Row> {
 
 /// Fig. 8 and 9: where the best under each rising limit lies, limit by limit, and what it gives.
 pub fn best_under(m: &Measured, contracts: &[Contract]) -> String {
-    let (x, y) = axes(&m.rows, 12.0);
     let chosen: Vec<(&Contract, &Row)> =
         contracts.iter().filter_map(|c| best(&m.rows, c).map(|n| (c, &m.rows[n]))).collect();
+    let of = |value: fn(&Row) -> f64| finite_range(chosen.iter().map(|(_, row)| value(row))).unwrap_or((0.0, 0.0));
+    let x = Axis::fitting(of(|r| r.params.gamma()), LEFT + 24.0, RIGHT - 24.0);
+    let y = Axis::linear(of(|r| f64::from(r.params.resolution())), BOTTOM - 24.0, TOP + 24.0);
     let place = |row: &Row| (x.at(row.params.gamma()), y.at(f64::from(row.params.resolution())));
     let path: Vec<(f64, f64)> = chosen.iter().map(|(_, row)| place(row)).collect();
-    let mut parts = frame(&x, &y) + &svg::line("curve", &path);
+    let mut parts = frame(&x, &y) + &svg::line("path", &path);
+    let mut lines = String::new();
     for (n, (contract, row)) in chosen.iter().enumerate() {
         let at = place(row);
         let q = decibels(row.measured.quality.psnr_db());
-        parts += &svg::circle("point", at, 4.0, " style=\"fill:var(--accent)\"", &format!("{contract}: {q}"));
-        // To the right by turns above and below, so that labels of neighbours stay apart.
-        let label = format!("{}: {q}", limit(contract));
-        let side = if n % 2 == 0 { -6.0 } else { 14.0 };
-        let anchor = if at.0 > 0.6 * WIDTH { "end" } else { "start" };
-        parts += &svg::text("tick", (at.0 + if anchor == "end" { -7.0 } else { 7.0 }, at.1 + side), anchor, &label);
+        let (r, gamma) = (row.params.resolution(), significant(row.params.gamma(), 3));
+        parts += &svg::circle("stop", at, 4.0, "", &format!("{contract}: r {r}, gamma {gamma}, {q}"));
+        // Limits that lead to the same place share a label, the first one's.
+        if n == 0 || path[n - 1] != at {
+            parts += &svg::text("tick", (at.0 + 8.0, at.1 - 7.0), "start", &format!("{}", n + 1));
+        }
+        let cells = [
+            format!("{}", n + 1),
+            limit(contract),
+            r.to_string(),
+            gamma,
+            bytes(row.measured.cost.size_bytes as f64),
+            q,
+        ];
+        let time = format!("{} ms", fixed(ms(row), 1));
+        let cells: String = cells.iter().chain([&time]).map(|c| format!("<td>{}</td>", escape(c))).collect();
+        lines += &format!("<tr>{cells}</tr>");
     }
     let kept = format!("{} of {} limits can be kept", chosen.len(), contracts.len());
     let what = format!("Best gamma and r under each limit, {} step {}", m.name, m.step);
-    figure(&format!("{}, step {}", m.name, m.step), &kept, &svg::drawing(WIDTH, HEIGHT, &what, &parts))
+    let head: String = ["", "limit", "r", "gamma", "size", "quality", "time"].map(|h| format!("<th>{h}</th>")).concat();
+    let table =
+        format!("<div class=\"scroll\"><table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table></div>");
+    let drawing = svg::drawing(WIDTH, HEIGHT, &what, &parts);
+    figure(&format!("{}, step {}", m.name, m.step), &kept, &(drawing + &table))
 }
 
 /// The one limit of a contract, for people.
