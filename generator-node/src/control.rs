@@ -1,7 +1,8 @@
 //! The control service: parameters and trials in, numbers out.
 
-use crate::cycle::{Prepared, Purpose, Shared};
+use crate::cycle::Shared;
 use crate::schedule::Setting;
+use crate::trials::Trials;
 use futures::{Stream, StreamExt, stream};
 use lamina_model::GenerationParams;
 use lamina_wire::v1::{self, control_server};
@@ -10,6 +11,7 @@ use std::pin::Pin;
 use std::sync::Arc;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::mpsc;
+use tokio_stream::wrappers::{ReceiverStream, WatchStream};
 use tonic::{Request, Response, Status, Streaming};
 
 /// The gRPC face of [`Shared`].
@@ -54,66 +56,27 @@ impl control_server::Control for ControlService {
         request: Request<Streaming<v1::TrialRequest>>,
     ) -> Result<Response<Self::TrialsStream>, Status> {
         let held = self.0.newest().ok_or_else(|| Status::failed_precondition("no step yet; trials need one"))?;
-        let shared = self.0.clone();
+        let trials = Trials::new(self.0.clone(), held);
         let (answers, stream) = mpsc::channel(1);
         tokio::spawn(async move {
-            if let Err(status) = serve_trials(&shared, &held, request.into_inner(), &answers).await {
+            if let Err(status) = trials.serve(request.into_inner(), &answers).await {
                 let _ = answers.send(Err(status)).await;
             }
         });
-        Ok(Response::new(tokio_stream::wrappers::ReceiverStream::new(stream).boxed()))
+        Ok(Response::new(ReceiverStream::new(stream).boxed()))
+    }
+
+    type ViewersStream = Answers<v1::ViewerList>;
+
+    async fn viewers(&self, _: Request<v1::ViewersRequest>) -> Result<Response<Self::ViewersStream>, Status> {
+        Ok(Response::new(WatchStream::new(self.0.publisher.viewers()).map(Ok).boxed()))
     }
 }
 
 fn setting_from(request: &v1::SetParametersRequest) -> Result<Setting, lamina_model::Invalid> {
     Ok(Setting {
         params: required(request.params, "params")?.try_into()?,
-        size_limit_bytes: request.size_limit_bytes,
-        time_limit_ns: request.time_limit_ns,
+        limits: request.limits.unwrap_or_default(),
         fallbacks: request.fallbacks.iter().map(|p| GenerationParams::try_from(*p)).collect::<Result<_, _>>()?,
     })
-}
-
-/// Measures trial after trial on the step held; the tuner's hanging up ends it.
-async fn serve_trials(
-    shared: &Arc<Shared>,
-    held: &Arc<Prepared>,
-    mut requests: Streaming<v1::TrialRequest>,
-    answers: &mpsc::Sender<Result<v1::TrialReply, Status>>,
-) -> Result<(), Status> {
-    let mut first = true;
-    while let Some(request) = requests.message().await? {
-        if request.trial_id == 0 {
-            return Err(Status::invalid_argument("trial_id: 0 means a live step; choose another number"));
-        }
-        let params: GenerationParams =
-            required(request.params, "params").and_then(TryInto::try_into).map_err(|e| invalid(&e))?;
-        let permit = shared.kernel.acquire().await.map_err(|_| Status::unavailable("stopping"))?;
-        let (step, worker) = (held.clone(), shared.clone());
-        let work = move || {
-            let reference = if first { Some(step.reference(&worker.plan)?) } else { None };
-            let (bytes, cost) = step.measure(&params, &worker.options)?;
-            let frame = step.frame(&params, cost, bytes, Purpose::Trial(request.trial_id));
-            worker.publisher.publish_trial(reference.into_iter().chain([frame]).collect());
-            Ok::<_, lamina_model::Invalid>(cost)
-        };
-        let measured = tokio::task::spawn_blocking(work).await.map_err(|e| Status::internal(e.to_string()))?;
-        drop(permit);
-        first = false;
-        let (cost, refusal) = match measured {
-            Ok(cost) => (Some(cost), String::new()),
-            Err(invalid) => (None, invalid.to_string()),
-        };
-        let reply = v1::TrialReply {
-            trial_id: request.trial_id,
-            run_id: held.run.run_id.clone(),
-            step: held.step,
-            cost,
-            refusal,
-        };
-        if answers.send(Ok(reply)).await.is_err() {
-            return Ok(());
-        }
-    }
-    Ok(())
 }

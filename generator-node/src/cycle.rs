@@ -4,13 +4,14 @@ use crate::ingest::{CompleteStep, Ingest};
 use crate::kernel::{Backend, Field};
 use crate::publish::{Item, Publisher};
 use crate::schedule::{Schedule, Setting};
-use lamina_model::{GenerationParams, Invalid, ReferenceSamples, SamplePlan, Scene, suggest::suggest};
+use lamina_model::{GenerationParams, Invalid, ReferenceSamples, SamplePlan, Scene, Vdi, suggest::suggest};
 use lamina_wire::codec::{self, EncodeOptions};
 use lamina_wire::reference;
 use lamina_wire::v1::{self, delivery::Part};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use tokio::sync::{Semaphore, broadcast};
+use tonic::codegen::Bytes;
 
 /// A step ready to be looked at: kept for trials until a newer one comes.
 pub struct Prepared {
@@ -29,15 +30,14 @@ impl Prepared {
     /// The step's VDI, encoded, and what it cost.
     pub fn measure(&self, params: &GenerationParams, options: &EncodeOptions) -> Result<(Vec<u8>, v1::Cost), Invalid> {
         let (vdi, generation_time) = self.backend.generate(&self.field, params)?;
-        let generated = Instant::now();
-        let bytes = codec::encode(&vdi, options).map_err(|e| Invalid::new("vdi", e.to_string()))?;
-        let cost = v1::Cost {
-            size_bytes: bytes.len() as u64,
-            generation_ns: generation_time.as_nanos() as u64,
-            encode_ns: generated.elapsed().as_nanos() as u64,
-            supersegments: vdi.segments().len() as u64,
-        };
-        Ok((bytes, cost))
+        encode(&vdi, generation_time, options)
+    }
+
+    /// The VDI for each of `gammas`, and the time that the march for all of them took.
+    pub fn generate_all(&self, params: &GenerationParams, gammas: &[f64]) -> Result<(Vec<Vdi>, Duration), Invalid> {
+        let start = Instant::now();
+        let vdis = self.backend.generate_all(&self.field, params, gammas)?;
+        Ok((vdis, start.elapsed()))
     }
 
     /// The step's reference samples, cast once.
@@ -49,7 +49,8 @@ impl Prepared {
     }
 
     /// Announces an encoded VDI of this step.
-    pub fn frame(&self, params: &GenerationParams, cost: v1::Cost, bytes: Vec<u8>, purpose: Purpose) -> Item {
+    pub fn frame(&self, params: &GenerationParams, cost: v1::Cost, bytes: impl Into<Bytes>, purpose: Purpose) -> Item {
+        let bytes = bytes.into();
         let (trial_id, dropped_steps, setting) = match purpose {
             Purpose::Trial(id) => (id, 0, None),
             Purpose::Live { dropped_steps, setting } => (0, dropped_steps, Some(setting)),
@@ -64,11 +65,23 @@ impl Prepared {
             dropped_steps,
             bytes: bytes.len() as u64,
             empty_voxels: self.field.empty_voxels(),
-            size_limit_bytes: setting.and_then(|s| s.size_limit_bytes),
-            time_limit_ns: setting.and_then(|s| s.time_limit_ns),
+            limits: setting.map(|s| s.limits),
         };
         Item::new(&self.run, Part::Frame(frame), bytes)
     }
+}
+
+/// An encoded VDI, and what it cost.
+pub fn encode(vdi: &Vdi, generation_time: Duration, options: &EncodeOptions) -> Result<(Vec<u8>, v1::Cost), Invalid> {
+    let generated = Instant::now();
+    let bytes = codec::encode(vdi, options).map_err(|e| Invalid::new("vdi", e.to_string()))?;
+    let cost = v1::Cost {
+        size_bytes: bytes.len() as u64,
+        generation_ns: generation_time.as_nanos() as u64,
+        encode_ns: generated.elapsed().as_nanos() as u64,
+        supersegments: vdi.segments().len() as u64,
+    };
+    Ok((bytes, cost))
 }
 
 /// What a VDI was made for.
@@ -246,7 +259,7 @@ impl Cycle {
         for params in std::iter::once(&setting.params).chain(&setting.fallbacks) {
             let (bytes, cost) = prepared.measure(params, &self.shared.options)?;
             (generation_ns, encode_ns) = (generation_ns + cost.generation_ns, encode_ns + cost.encode_ns);
-            let kept = setting.size_limit_bytes.is_none_or(|limit| cost.size_bytes <= limit);
+            let kept = setting.limits.size_bytes.is_none_or(|limit| cost.size_bytes <= limit);
             if best.as_ref().is_none_or(|(_, smallest, _)| bytes.len() < smallest.len()) {
                 best = Some((*params, bytes, cost));
             }

@@ -10,6 +10,8 @@ pub mod ingest;
 pub mod kernel;
 mod publish;
 mod schedule;
+mod trials;
+mod viewers;
 
 pub use config::Config;
 

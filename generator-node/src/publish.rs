@@ -1,9 +1,11 @@
-//! Frames out: a bounded history that every subscriber reads at its own pace.
+//! Frames out: a bounded history that every subscriber reads at its own pace, and trials to the one they are meant for.
 //!
 //! Nothing here waits for a subscriber: one that falls behind what is held skips to the oldest held.
 
+use crate::viewers::{Viewers, reachable, trim};
 use futures::{Stream, StreamExt, stream};
 use lamina_wire::chunks::deliver;
+use lamina_wire::invalid;
 use lamina_wire::v1::{self, delivery::Part, frames_server};
 use std::collections::VecDeque;
 use std::pin::Pin;
@@ -22,15 +24,25 @@ pub struct Item {
 
 impl Item {
     /// Reference samples or a frame of `run`.
-    pub fn new(run: &Arc<v1::Run>, announcement: Part, payload: Vec<u8>) -> Self {
+    pub fn new(run: &Arc<v1::Run>, announcement: Part, payload: impl Into<Bytes>) -> Self {
         Self { run: run.clone(), announcement, payload: payload.into() }
     }
 
-    /// True for steps and references up to `step` of run `run_id`.
+    /// Bytes of the payload.
+    pub fn bytes(&self) -> u64 {
+        self.payload.len() as u64
+    }
+
+    /// True for a VDI, false for what it is compared with.
+    pub fn is_frame(&self) -> bool {
+        matches!(self.announcement, Part::Frame(_))
+    }
+
+    /// True for live steps and their references up to `step` of run `run_id`.
     fn is_recorded(&self, run_id: &str, step: u64) -> bool {
         self.run.run_id == run_id
             && match &self.announcement {
-                Part::Frame(f) => f.trial_id == 0 && f.step <= step,
+                Part::Frame(f) => f.step <= step,
                 Part::Reference(r) => r.step <= step,
                 Part::Run(_) | Part::Chunk(_) => false,
             }
@@ -41,7 +53,7 @@ impl Item {
 struct Held {
     next: u64,
     live: VecDeque<(u64, Item)>,
-    trials: VecDeque<(u64, Item)>,
+    viewers: Viewers,
 }
 
 impl Held {
@@ -50,23 +62,41 @@ impl Held {
         self.live.iter().find(|(_, item)| item.run.run_id == run_id).map_or(0, |(seq, _)| *seq)
     }
 
-    fn first_from(&self, cursor: u64) -> Option<(u64, Item)> {
-        let find = |queue: &VecDeque<(u64, Item)>| queue.get(queue.partition_point(|(seq, _)| *seq < cursor)).cloned();
-        match (find(&self.live), find(&self.trials)) {
-            (Some(a), Some(b)) => Some(if a.0 < b.0 { a } else { b }),
-            (a, b) => a.or(b),
+    /// What comes next for `viewer` from `cursor` on: a live item, or a trial (true) taken out of what waits for it.
+    fn take_from(&mut self, cursor: u64, viewer: Option<&str>) -> Option<(u64, Item, bool)> {
+        let live = self.live.get(self.live.partition_point(|(seq, _)| *seq < cursor));
+        let before = |seq: u64| live.is_none_or(|(live, _)| seq < *live);
+        let waiting = viewer.and_then(|v| self.viewers.waiting(v));
+        match waiting.and_then(|w| w.pop_front_if(|(seq, _)| before(*seq))) {
+            Some((seq, item)) => Some((seq, item, true)),
+            None => live.cloned().map(|(seq, item)| (seq, item, false)),
         }
     }
-}
 
-/// Bytes of trial VDIs held for subscribers to fetch.
-const TRIAL_BYTES: u64 = 128 << 20;
+    fn number(&mut self) -> u64 {
+        self.next += 1;
+        self.next - 1
+    }
+}
 
 /// The history and its subscribers.
 pub struct Publisher {
     history_bytes: u64,
     held: Mutex<Held>,
     newest: watch::Sender<u64>,
+}
+
+/// A viewer's place among those present; it leaves when this is dropped.
+struct Seat {
+    publisher: Arc<Publisher>,
+    viewer: String,
+}
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        tracing::info!(viewer = self.viewer, "viz-node left");
+        self.publisher.held().viewers.leave(&self.viewer);
+    }
 }
 
 impl Publisher {
@@ -79,52 +109,73 @@ impl Publisher {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// The subscribers that measure trials, now and at every change.
+    pub fn viewers(&self) -> watch::Receiver<v1::ViewerList> {
+        self.held().viewers.list()
+    }
+
     /// Adds a step's items to the history.
     pub fn publish(&self, items: Vec<Item>) {
-        self.add(items, |held| &mut held.live, self.history_bytes);
-    }
-
-    /// Adds a trial's items, for those subscribed now.
-    pub fn publish_trial(&self, items: Vec<Item>) {
-        self.add(items, |held| &mut held.trials, TRIAL_BYTES);
-    }
-
-    fn add(&self, items: Vec<Item>, queue: impl Fn(&mut Held) -> &mut VecDeque<(u64, Item)>, max_bytes: u64) {
         let mut held = self.held();
         for item in items {
-            let seq = held.next;
-            held.next += 1;
-            queue(&mut held).push_back((seq, item));
+            let seq = held.number();
+            held.live.push_back((seq, item));
         }
-        let queue = queue(&mut held);
-        let mut bytes: u64 = queue.iter().map(|(_, i)| i.payload.len() as u64).sum();
-        while bytes > max_bytes && queue.len() > 1 {
-            bytes -= queue.pop_front().map_or(0, |(_, i)| i.payload.len() as u64);
+        let mut bytes: u64 = held.live.iter().map(|(_, i)| i.bytes()).sum();
+        while bytes > self.history_bytes && held.live.len() > 1 {
+            bytes -= held.live.pop_front().map_or(0, |(_, i)| i.bytes());
         }
+        self.announce(held);
+    }
+
+    /// Sends a trial's items to `viewer`; false if it is not there.
+    pub fn publish_trial(&self, viewer: &str, items: Vec<Item>) -> bool {
+        let mut held = self.held();
+        for item in items {
+            let seq = held.number();
+            let Some(waiting) = held.viewers.waiting(viewer) else { return false };
+            waiting.push_back((seq, item));
+            trim(waiting);
+        }
+        self.announce(held);
+        true
+    }
+
+    fn announce(&self, held: MutexGuard<'_, Held>) {
         let next = held.next;
         drop(held);
         self.newest.send_replace(next);
     }
 
-    /// All items from `request` on, then live ones for ever.
-    fn follow(self: Arc<Self>, request: v1::SubscribeRequest) -> impl Stream<Item = Item> + Send {
-        // Trials of the past are nobody's business any more.
-        let trials_from = self.held().next;
+    fn seat(self: &Arc<Self>, address: String) -> Seat {
+        let viewer = self.held().viewers.join(address);
+        Seat { publisher: self.clone(), viewer }
+    }
+
+    /// All items from `request` on, then live ones for ever, and the trials for `seat`.
+    fn follow(self: Arc<Self>, request: v1::SubscribeRequest, seat: Option<Seat>) -> impl Stream<Item = Item> + Send {
         let first = self.held().first_of(&request.run_id);
-        let follower = (self.newest.subscribe(), first, self);
-        let all = stream::unfold(follower, |(mut newest, cursor, publisher)| async move {
+        let follower = (self.newest.subscribe(), first, self, seat);
+        let all = stream::unfold(follower, |(mut newest, mut cursor, publisher, seat)| async move {
             loop {
-                let found = publisher.held().first_from(cursor);
-                if let Some((seq, item)) = found {
-                    return Some(((seq, item), (newest, seq + 1, publisher)));
-                }
-                newest.wait_for(|&next| next > cursor).await.ok()?;
+                let next = {
+                    let mut held = publisher.held();
+                    let found = held.take_from(cursor, seat.as_ref().map(|s| s.viewer.as_str()));
+                    if let Some((seq, item, trial)) = found {
+                        drop(held);
+                        return Some(((item, trial), (newest, seq + 1, publisher, seat)));
+                    }
+                    held.next
+                };
+                // What is numbered below is for others.
+                cursor = next;
+                newest.wait_for(|&newest| newest > next).await.ok()?;
             }
         });
-        all.filter_map(move |(seq, item)| {
-            let past_trial = matches!(&item.announcement, Part::Frame(f) if f.trial_id != 0) && seq < trials_from;
-            let recorded = request.after_step.is_some_and(|step| item.is_recorded(&request.run_id, step));
-            std::future::ready((!past_trial && !recorded).then_some(item))
+        all.filter_map(move |(item, trial)| {
+            // A trial is about a step that may long be recorded.
+            let recorded = !trial && request.after_step.is_some_and(|step| item.is_recorded(&request.run_id, step));
+            std::future::ready((!recorded).then_some(item))
         })
     }
 }
@@ -140,9 +191,19 @@ impl frames_server::Frames for FramesService {
         &self,
         request: Request<v1::SubscribeRequest>,
     ) -> Result<Response<Self::SubscribeStream>, Status> {
-        tracing::info!("viz-node subscribed");
+        let peer = request.remote_addr().map(|a| a.ip());
+        let request = request.into_inner();
+        let seat = match request.quality_address.as_str() {
+            "" => None,
+            address => Some(self.0.seat(reachable(address, peer).map_err(|e| invalid(&e))?)),
+        };
+        tracing::info!(
+            viewer = seat.as_ref().map(|s| s.viewer.as_str()),
+            request.quality_address,
+            "viz-node subscribed"
+        );
         let mut announced: Option<Arc<v1::Run>> = None;
-        let deliveries = self.0.clone().follow(request.into_inner()).flat_map(move |item| {
+        let deliveries = self.0.clone().follow(request, seat).flat_map(move |item| {
             let new_run = announced.as_ref().is_none_or(|run| run.run_id != item.run.run_id);
             announced = Some(item.run.clone());
             let run = new_run.then(|| v1::Delivery { part: Some(Part::Run((*item.run).clone())) });
@@ -165,12 +226,18 @@ mod tests {
         )
     }
 
-    async fn steps(publisher: &Arc<Publisher>, request: v1::SubscribeRequest, n: usize) -> Vec<(u64, u64)> {
+    async fn steps(
+        publisher: &Arc<Publisher>,
+        request: v1::SubscribeRequest,
+        seat: Option<Seat>,
+        n: usize,
+    ) -> Vec<(u64, u64)> {
         let number = |item: Item| match item.announcement {
             Part::Frame(f) => (f.step, f.trial_id),
+            Part::Reference(r) => (r.step, 0),
             _ => unreachable!(),
         };
-        publisher.clone().follow(request).take(n).map(number).collect().await
+        publisher.clone().follow(request, seat).take(n).map(number).collect().await
     }
 
     #[tokio::test]
@@ -178,25 +245,49 @@ mod tests {
         let publisher = Arc::new(Publisher::new(25));
         for step in 0..4 {
             publisher.publish(vec![item("a", step, 10, 0)]);
-            publisher.publish_trial(vec![item("a", step, 1, 7)]);
         }
         let all = v1::SubscribeRequest::default();
-        assert_eq!(
-            steps(&publisher, all.clone(), 2).await,
-            [(2, 0), (3, 0)],
-            "the oldest two went, past trials are not told"
-        );
-        let after = v1::SubscribeRequest { run_id: "a".into(), after_step: Some(2) };
-        assert_eq!(steps(&publisher, after, 1).await, [(3, 0)]);
-        let other = v1::SubscribeRequest { run_id: "b".into(), after_step: Some(9) };
-        assert_eq!(steps(&publisher, other, 2).await, [(2, 0), (3, 0)]);
+        assert_eq!(steps(&publisher, all.clone(), None, 2).await, [(2, 0), (3, 0)], "the oldest two went");
+        let request = |run_id: &str, step| v1::SubscribeRequest {
+            run_id: run_id.into(),
+            after_step: Some(step),
+            ..Default::default()
+        };
+        assert_eq!(steps(&publisher, request("a", 2), None, 1).await, [(3, 0)]);
+        assert_eq!(steps(&publisher, request("b", 9), None, 2).await, [(2, 0), (3, 0)]);
+    }
+
+    #[tokio::test]
+    async fn a_trial_goes_to_the_viewer_named_and_to_nobody_else() {
+        let publisher = Arc::new(Publisher::new(25));
+        publisher.publish(vec![item("a", 3, 1, 0)]);
+        let [one, two] = ["http://one:1", "http://two:2"].map(|a| publisher.seat(a.into()));
+        let names = [one.viewer.clone(), two.viewer.clone()];
+        let addresses = |list: &v1::ViewerList| list.viewers.iter().map(|v| v.address.clone()).collect::<Vec<_>>();
+        let mut list = publisher.viewers();
+        assert_eq!(addresses(&list.borrow_and_update()), ["http://one:1", "http://two:2"]);
+        let all = v1::SubscribeRequest::default();
         let live = tokio::spawn({
             let publisher = publisher.clone();
-            async move { steps(&publisher, all, 4).await }
+            async move { steps(&publisher, all, Some(one), 4).await }
         });
         tokio::task::yield_now().await;
-        publisher.publish_trial(vec![item("a", 3, 1, 8)]);
+        assert!(publisher.publish_trial(&names[0], vec![item("a", 3, 1, 8)]));
+        assert!(publisher.publish_trial(&names[1], vec![item("a", 3, 1, 9)]));
+        tokio::task::yield_now().await;
         publisher.publish(vec![item("a", 4, 1, 0)]);
-        assert_eq!(live.await.unwrap(), [(2, 0), (3, 0), (3, 8), (4, 0)]);
+        assert!(publisher.publish_trial(&names[0], vec![item("a", 3, 1, 10)]));
+        assert_eq!(live.await.unwrap(), [(3, 0), (3, 8), (4, 0), (3, 10)]);
+        // The first one's stream has ended, and with it its place.
+        list.changed().await.unwrap();
+        assert_eq!(addresses(&list.borrow_and_update()), ["http://two:2"]);
+        assert!(!publisher.publish_trial(&names[0], vec![item("a", 4, 1, 11)]));
+        // One that has recorded the step needs what its trials are compared with all the same.
+        let reference = Part::Reference(v1::Reference { step: 3, ..Default::default() });
+        let reference = Item { announcement: reference, ..item("a", 3, 0, 0) };
+        publisher.publish_trial(&names[1], vec![reference, item("a", 3, 1, 12)]);
+        let recorded = v1::SubscribeRequest { run_id: "a".into(), after_step: Some(4), ..Default::default() };
+        assert_eq!(steps(&publisher, recorded, Some(two), 3).await, [(3, 9), (3, 0), (3, 12)]);
+        assert!(addresses(&list.borrow_and_update()).is_empty());
     }
 }

@@ -1,16 +1,15 @@
 //! Which parameters hold for which step.
 
 use lamina_model::GenerationParams;
+use lamina_wire::v1;
 
 /// Parameters and what to do when a step's VDI exceeds the size limit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Setting {
     /// Used first.
     pub params: GenerationParams,
-    /// Largest VDI to publish, bytes.
-    pub size_limit_bytes: Option<u64>,
-    /// The limit on generation time that `params` were chosen for; only echoed, since time cannot be taken back.
-    pub time_limit_ns: Option<u64>,
+    /// What `params` were chosen for. Only the size is looked at here: time cannot be taken back, and quality is not known.
+    pub limits: v1::Limits,
     /// Tried in turn while the VDI is larger.
     pub fallbacks: Vec<GenerationParams>,
 }
@@ -24,7 +23,7 @@ pub struct Schedule {
 impl Schedule {
     /// `params` for every step until told otherwise.
     pub fn new(params: GenerationParams) -> Self {
-        let setting = Setting { params, size_limit_bytes: None, time_limit_ns: None, fallbacks: Vec::new() };
+        let setting = Setting { params, limits: v1::Limits::default(), fallbacks: Vec::new() };
         Self { settings: vec![(0, setting)], next_step: 0 }
     }
 
@@ -59,8 +58,7 @@ mod tests {
     fn setting(resolution: u32) -> Setting {
         Setting {
             params: GenerationParams::new(resolution, 0.1).unwrap(),
-            size_limit_bytes: None,
-            time_limit_ns: None,
+            limits: v1::Limits::default(),
             fallbacks: vec![],
         }
     }

@@ -669,7 +669,7 @@ async fn trials_need_a_step_a_number_and_parameters() {
     let node = Node::generator(1);
     let mut control = ControlClient::new(node.channel().await);
     let good = v1::GenerationParams::from(&GenerationParams::new(2, 0.5).unwrap());
-    let ask = |trial_id, params| tokio_stream::iter([v1::TrialRequest { trial_id, params }]);
+    let ask = |trial_id, params| tokio_stream::iter([v1::TrialRequest { trial_id, params, ..Default::default() }]);
     refused(within(control.trials(ask(1, Some(good)))).await, Code::FailedPrecondition, "no step yet");
 
     let mut ingest = IngestClient::new(node.channel().await);
@@ -682,6 +682,13 @@ async fn trials_need_a_step_a_number_and_parameters() {
     let bad_gamma = Some(v1::GenerationParams { gamma: f64::NAN, ..good });
     for (trial_id, params, word) in [(0, Some(good), "trial_id"), (1, None, "params"), (1, bad_gamma, "gamma")] {
         let mut answers = within(control.trials(ask(trial_id, params))).await.unwrap().into_inner();
-        refused(within(answers.message()).await, Code::InvalidArgument, word);
+        let greeting = within(answers.message()).await.unwrap().unwrap();
+        assert_eq!((greeting.trial_id, greeting.step), (0, 4), "what is held is said before anything is asked");
+        if trial_id == 0 {
+            refused(within(answers.message()).await, Code::InvalidArgument, word);
+        } else {
+            let reply = within(answers.message()).await.unwrap().unwrap();
+            assert!(reply.trial_id == 1 && reply.refusal.contains(word), "{}", reply.refusal);
+        }
     }
 }

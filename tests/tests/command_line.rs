@@ -35,8 +35,18 @@ fn figure(output: &str, name: &str) -> f64 {
 fn a_headless_live_run_leaves_what_it_promises() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("run");
-    let printed =
-        lamina(&["live", "--cells", "24", "--steps", "3", "--headless", "--size-limit", "60kB", "--out", &text(&out)]);
+    let printed = lamina(&[
+        "live",
+        "--cells",
+        "24",
+        "--steps",
+        "3",
+        "--headless",
+        "--contract",
+        "size <= 60kB",
+        "--out",
+        &text(&out),
+    ]);
     assert!(printed.contains("3 steps, 0 above their limit"), "{printed}");
     let csv = std::fs::read_to_string(out.join("steps.csv")).unwrap();
     assert!(csv.starts_with("step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,"));
@@ -46,7 +56,13 @@ fn a_headless_live_run_leaves_what_it_promises() {
     assert!(rows[1..].iter().all(|r| r.size_limit_bytes == Some(60_000) && r.size_bytes <= 60_000), "{rows:?}");
     assert!(rows.iter().all(|r| r.psnr_db.is_some() && r.views.len() == 6));
     let trials = std::fs::read_to_string(out.join("trials.csv")).unwrap();
-    assert_eq!(trials.lines().filter(|l| l.ends_with(",true")).count(), 1, "{trials}");
+    let mut studied: Vec<&str> = trials.lines().skip(1).map(|l| l.split(',').next().unwrap()).collect();
+    studied.dedup();
+    assert!(studied[0] == "0", "{trials}");
+    for step in studied {
+        let chosen = trials.lines().filter(|l| l.starts_with(&format!("{step},")) && l.ends_with(",true"));
+        assert_eq!(chosen.count(), 1, "one choice a study: {trials}");
+    }
     let report = std::fs::read_to_string(out.join("report.html")).unwrap();
     assert!(report.contains("<svg") && report.contains("data:image/png;base64,"));
     assert!(!report.contains("src=\"http") && !report.contains("<link"), "self-contained");
@@ -115,7 +131,16 @@ fn wrong_arguments_and_files_are_refused_with_the_remedy() {
     refused(&["raycast", &file("x.raw", b"123"), "--out", &png], &["--dims", "--dtype"]);
     refused(&["raycast", &file("y.raw", b"123"), "--dims", "2x2x2", "--dtype", "uint8", "--out", &png], &["y.raw"]);
     refused(&["raycast", &series, "--size", "32", "--out", "/proc/nowhere/x.png"], &["/proc/nowhere"]);
-    refused(&["replay", &series, "--size-limit", "300 parsecs"], &["300kB"]);
+    refused(&["replay", &series, "--contract", "size <= 300 parsecs"], &["300 parsecs", "size <= 300kB"]);
+    refused(&["tune", &series, "--contract", "size <= 1kB, size <= 2kB"], &["limited twice"]);
+    refused(
+        &["tune", &series, "--contract", "size <= 40B", "--grid", "coarse"],
+        &["nothing tried keeps this contract"],
+    );
+    refused(
+        &["study", &series, "--steps", "99", "--out", &text(&folder.path().join("study"))],
+        &["--steps 99", "0 to 7"],
+    );
     refused(&["replay", &series, "--headless", "--out", "/proc/nowhere"], &["/proc/nowhere", "--out"]);
     refused(&["live", "--headless"], &["--steps"]);
     refused(&["live", "--cells", "1", "--steps", "1"], &["cells"]);

@@ -49,9 +49,9 @@ fn small_angles_do_not_collapse() {
 #[test]
 fn quality_rises_with_resolution_and_with_falling_gamma() {
     let (_, field) = scene_and_field();
-    let plan = SamplePlan { image_size: SIZE, tile: 1, angles_deg: vec![10.0, 30.0, 60.0] };
+    let plan = SamplePlan { image_size: SIZE, tile: 1, batches: 1, angles_deg: vec![10.0, 30.0, 60.0] };
     let reference = Backend::cpu().reference_samples(&field, &plan, 0).unwrap();
-    let q = |r, gamma| quality(&vdi(&field, r, gamma), &reference).unwrap().psnr_db;
+    let q = |r, gamma| quality(&vdi(&field, r, gamma), &reference).unwrap().psnr_db();
     let by_resolution = [32, 64, 128, 256].map(|r| q(r, 0.01));
     assert!(by_resolution.is_sorted_by(|a, b| a + 1.0 < *b), "{by_resolution:?}");
     let by_gamma = [0.3, 0.1, 0.03, 0.01].map(|gamma| q(256, gamma));

@@ -32,7 +32,7 @@ impl Cluster {
         write("generator-node.toml", "[samples]\nimage_size = 256\ntile = 4\nangles_deg = [10.0, 30.0, 60.0]\n".into());
         write("viz-node.toml", format!("store = \"{}\"\n", folder.path().join("store").display()));
         let grid = "resolution = { from = 32, to = 128, step = 32 }\ngamma = { from = 0.01, to = 0.11, step = 0.05 }";
-        write("tuner.toml", format!("retune_every = 4\n[utility.size]\nlimit_bytes = {LIMIT_BYTES}\n[grid]\n{grid}\n"));
+        write("tuner.toml", format!("contract = \"size <= {LIMIT_BYTES}B\"\nbudget = 1.0\n[grid]\n{grid}\n"));
         let mut cluster =
             Self { folder, ports: [(); 3].map(|()| free_port()), generator: None, viz: None, tuner: None };
         cluster.start_generator();
@@ -56,8 +56,8 @@ impl Cluster {
         self.viz = Some(Daemon::start("viz-node", self.ports[1], &["--config", &config, "--generator", &generator]));
     }
     fn start_tuner(&mut self) {
-        let (config, generator, viz) = (self.path("tuner.toml"), self.url(0), self.url(1));
-        let arguments = ["--config", &config, "--generator", &generator, "--viz", &viz];
+        let (config, generator) = (self.path("tuner.toml"), self.url(0));
+        let arguments = ["--config", &config, "--generator", &generator];
         self.tuner = Some(Daemon::start("tuner", self.ports[2], &arguments));
     }
 
@@ -117,7 +117,7 @@ fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
     // The second run of the same simulation is tuned from its first step on.
     cluster.replay(series.len());
     let (rows, folder, scene) = (cluster.rows(), cluster.run_folder().unwrap(), chosen_scene(&series));
-    let plan = SamplePlan { image_size: 256, tile: 4, angles_deg: vec![10.0, 30.0, 60.0] };
+    let plan = SamplePlan { image_size: 256, tile: 4, batches: 1, angles_deg: vec![10.0, 30.0, 60.0] };
     for (n, row) in rows.iter().enumerate() {
         let bytes = std::fs::read(folder.join(format!("step_{n:06}.vdi"))).unwrap();
         let vdi = codec::decode(&bytes, &codec::DecodeLimits::default()).unwrap();
@@ -132,7 +132,7 @@ fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
         let field = Field::new(series.read(n).unwrap(), &scene);
         let reference = Backend::cpu().reference_samples(&field, &plan, row.step).unwrap();
         let q = quality(&vdi, &reference).unwrap();
-        assert!((f64::from(row.psnr_db.unwrap()) - q.psnr_db).abs() < 0.01, "step {n}: {row:?} but {q:?}");
+        assert!((f64::from(row.psnr_db.unwrap()) - q.psnr_db()).abs() < 0.01, "step {n}: {row:?} but {q:?}");
         assert_eq!(row.views.len(), 3);
         assert_eq!(row.size_limit_bytes, Some(LIMIT_BYTES), "the tuner's limit reaches the frames");
         assert!(row.limit_kept && row.size_bytes <= LIMIT_BYTES, "{row:?}");
@@ -261,7 +261,10 @@ fn daemons_stop_cleanly_and_refuse_bad_configurations_by_name() {
     refused("generator-node", &["--config", &file("a.toml", "memry_bytes = 3")], &["memry_bytes", "memory_bytes"]);
     refused("generator-node", &["--config", &file("b.toml", "[params]\nresolution = 0\ngamma = 0.1")], &["resolution"]);
     refused("generator-node", &["--config", &file("c.toml", "memory_bytes = 5")], &["memory_bytes"]);
-    refused("tuner", &["--config", &file("d.toml", "[utility.size]\nlimit_bytes = 0")], &["limit_bytes"]);
+    let size = "contract = \"size <= 300 parsecs\"";
+    refused("tuner", &["--config", &file("d.toml", size)], &["300 parsecs", "size <= 300kB"]);
+    refused("tuner", &["--config", &file("g.toml", "contract = \"cone <= 30deg\"")], &["samples.angles_deg"]);
+    refused("tuner", &["--config", &file("h.toml", "budget = 5")], &["budget", "0..=1"]);
     refused("tuner", &["--config", &file("e.toml", "[grid]\ngamma = { from = 1, to = 0, step = 1 }")], &["grid.gamma"]);
     refused(
         "viz-node",

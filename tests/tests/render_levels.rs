@@ -31,7 +31,7 @@ fn fast_pictures_of_a_scene_are_those_of_the_oracle() {
                     let channels = fast.pixels().as_flattened().iter().zip(exact.pixels().as_flattened());
                     let worst = channels.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
                     let db = psnr(&fast, &exact).unwrap();
-                    assert!(worst < 2e-4 && db > 80.0, "r {resolution}, {}: {worst:e}, {db} dB", camera.position());
+                    assert!(worst < 2e-4 && db > 95.0, "r {resolution}, {}: {worst:e}, {db} dB", camera.position());
                     (largest, least_db) = (largest.max(worst), least_db.min(db));
                 }
             }

@@ -22,12 +22,13 @@ fn crates_point_only_where_the_layout_says() {
     let allowed: BTreeMap<&str, &[&str]> = BTreeMap::from([
         ("proto/model", &[][..]),
         ("proto/device", &[]),
+        ("proto/lanes", &[]),
         ("deploy/example", &[]),
         ("deploy/read", &["model"]),
         ("proto/wire", &["model"]),
         ("proto/client", &["model", "wire"]),
-        ("generator-node", &["model", "wire", "device"]),
-        ("viz-node", &["model", "wire", "device"]),
+        ("generator-node", &["model", "lanes", "wire", "device"]),
+        ("viz-node", &["model", "lanes", "wire", "device"]),
         ("tuner", &["model", "wire"]),
     ]);
     for (folder, allowed) in allowed {
@@ -39,7 +40,16 @@ fn crates_point_only_where_the_layout_says() {
 
 #[test]
 fn one_crate_alone_opens_a_gpu() {
-    for folder in ["proto/model", "proto/wire", "proto/client", "generator-node", "viz-node", "tuner", "deploy/local"] {
+    for folder in [
+        "proto/model",
+        "proto/lanes",
+        "proto/wire",
+        "proto/client",
+        "generator-node",
+        "viz-node",
+        "tuner",
+        "deploy/local",
+    ] {
         let text = std::fs::read_to_string(root().join(folder).join("Cargo.toml")).unwrap();
         let manifest: toml::Table = text.parse().unwrap();
         let table = manifest["dependencies"].as_table().unwrap();
@@ -72,6 +82,6 @@ fn configuration_files_of_the_deployment_are_the_defaults() {
     let store = Some(PathBuf::from("lamina-store"));
     assert_eq!(viz.check().unwrap(), lamina_viz_node::Config { store, ..Default::default() });
     let tuner: lamina_tuner::Config = toml::from_str(&read("tuner.toml")).unwrap();
-    tuner.candidates().unwrap();
+    tuner.base().unwrap();
     assert_eq!(tuner, lamina_tuner::Config::default());
 }

@@ -1,7 +1,7 @@
 //! The tuner's configuration file.
 
+use crate::Contract;
 use crate::search::Grid;
-use crate::utility::Utility;
 use lamina_model::{GenerationParams, Invalid};
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
@@ -12,20 +12,20 @@ use std::net::SocketAddr;
 pub struct Config {
     /// Where the tuner's status can be asked for.
     pub listen: SocketAddr,
-    /// The generator-node.
+    /// The generator-node; the viz-nodes that measure quality are those that subscribe to it.
     pub generator: String,
-    /// The viz-node that measures quality.
-    pub viz: String,
     /// What the user wants.
-    pub utility: Utility,
+    pub contract: Contract,
     /// Parameters tried.
     pub grid: Grid,
     /// Opacity cut-off of every candidate; 1 is off.
     pub opacity_cutoff: f64,
     /// Sampling step of every candidate, voxels.
     pub step_voxels: f64,
-    /// Tune again every n-th step; 0: only when a limit is broken.
+    /// Tune again every n-th step; 0: only when a step is unlike those tuned for, or breaks a limit.
     pub retune_every: u64,
+    /// The most share of the time that studies may take, 0 to 1; the first one is always made.
+    pub budget: f64,
 }
 
 impl Default for Config {
@@ -33,26 +33,44 @@ impl Default for Config {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 7103)),
             generator: "http://127.0.0.1:7101".to_owned(),
-            viz: "http://127.0.0.1:7102".to_owned(),
-            utility: Utility::Size { limit_bytes: 300_000 },
+            contract: Contract::size(300_000),
             grid: Grid::default(),
             opacity_cutoff: 1.0,
             step_voxels: GenerationParams::DEFAULT_STEP_VOXELS,
-            retune_every: 20,
+            retune_every: 0,
+            budget: 0.05,
         }
     }
 }
 
 impl Config {
-    /// All parameters to try.
+    /// Passes a configuration that can be run, with what all candidates have in common.
     ///
     /// # Errors
     /// Names the first key whose value cannot be used.
-    pub fn candidates(&self) -> Result<Vec<GenerationParams>, Invalid> {
-        self.utility.check()?;
+    pub fn base(&self) -> Result<GenerationParams, Invalid> {
+        if !(0.0..=1.0).contains(&self.budget) {
+            return Err(Invalid::new(
+                "budget",
+                format!("{} must lie in 0..=1, the share of time for studies", self.budget),
+            ));
+        }
+        if self.contract.cone_deg.is_some() {
+            let reason =
+                "a cone is a matter of where quality is measured; set samples.angles_deg at the generator-node";
+            return Err(Invalid::new("contract", reason));
+        }
         let base = GenerationParams::new(1, 0.0)?
             .with_opacity_cutoff(self.opacity_cutoff)?
             .with_step_voxels(self.step_voxels)?;
-        self.grid.candidates(&base)
+        let gammas = if self.grid.gamma.is_some() {
+            self.grid.candidates(&base)?
+        } else {
+            self.grid.with_gammas(&base, &[0.0])?
+        };
+        if gammas.is_empty() {
+            return Err(Invalid::new("grid", "holds no parameters"));
+        }
+        Ok(base)
     }
 }

@@ -1,14 +1,15 @@
 //! The loop: watch steps, study when one calls for it, push the winner.
 
-use crate::push::{decide, push};
+use crate::characteristic::{Characteristic, choose};
+use crate::push::{push, setting};
 use crate::remote::{Remote, connect};
-use crate::trial::TrialError;
-use crate::tune::tune;
+use crate::search::{candidates, search};
+use crate::trial::{Cost, TrialError};
 use crate::{Config, status::Status};
 use lamina_model::GenerationParams;
 use lamina_wire::v1::{self, control_client::ControlClient};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tonic::Streaming;
 use tonic::transport::Channel;
 
@@ -18,29 +19,53 @@ const RETRY: Duration = Duration::from_millis(500);
 /// What the loop remembers between steps.
 struct Daemon {
     config: Config,
-    candidates: Vec<GenerationParams>,
+    base: GenerationParams,
     status: Arc<Status>,
-    run_id: String,
-    studied_step: Option<u64>,
+    run: Run,
+    /// What was pushed last.
     setting: Option<v1::SetParametersRequest>,
     /// First step the setting holds for: earlier ones do not speak against it.
     holds_from: u64,
-    /// The last study found something that keeps the limit.
+}
+
+/// What is known of the run watched.
+struct Run {
+    id: String,
+    since: Instant,
+    characteristic: Characteristic,
+    studied_step: Option<u64>,
+    /// The last study found something that keeps the contract.
     feasible: bool,
+    /// Wall time of all studies.
+    spent: Duration,
+}
+
+impl Run {
+    fn new(id: String) -> Self {
+        let characteristic = Characteristic::default();
+        Self { id, since: Instant::now(), characteristic, studied_step: None, feasible: true, spent: Duration::ZERO }
+    }
+
+    /// True if studies so far took no more than this share of the time since the run was first seen.
+    fn may_study(&self, budget: f64) -> bool {
+        self.studied_step.is_none() || self.spent.as_secs_f64() <= budget * self.since.elapsed().as_secs_f64()
+    }
+}
+
+/// What a step calls for.
+enum Call {
+    /// The parameters in use are right.
+    Nothing,
+    /// It is like a step studied before: that one's parameters.
+    Switch(v1::SetParametersRequest),
+    /// It is like none, or the contract was broken.
+    Study,
 }
 
 /// Tunes for ever.
-pub async fn run(config: Config, candidates: Vec<GenerationParams>, status: Arc<Status>) {
-    let mut daemon = Daemon {
-        config,
-        candidates,
-        status,
-        run_id: String::new(),
-        studied_step: None,
-        setting: None,
-        holds_from: 0,
-        feasible: true,
-    };
+pub async fn run(config: Config, base: GenerationParams, status: Arc<Status>) {
+    let run = Run::new(String::new());
+    let mut daemon = Daemon { config, base, status, run, setting: None, holds_from: 0 };
     let mut reported = String::new();
     loop {
         if let Err(error) = daemon.follow().await {
@@ -71,57 +96,121 @@ impl Daemon {
         }
         while let Some(report) = newest(&mut reports).await.map_err(failed)? {
             self.status.working(true);
-            if self.calls_for_study(&report) {
-                let outcome = self.study(&control, &report).await;
-                self.status.failed(outcome.as_ref().err());
-                if let Err(error) = outcome {
-                    tracing::warn!("study of step {} gave nothing: {error}", report.step);
-                }
+            let outcome = match self.call_of(&report) {
+                Call::Nothing => Ok(()),
+                Call::Switch(setting) => self.switch(&control, setting).await,
+                Call::Study => self.study(&control, &report).await,
+            };
+            self.status.failed(outcome.as_ref().err());
+            if let Err(error) = outcome {
+                tracing::warn!("tuning for step {} gave nothing: {error}", report.step);
             }
             self.status.seen(report.step);
         }
         Ok(())
     }
 
-    fn calls_for_study(&mut self, report: &v1::StepReport) -> bool {
-        if report.run_id != self.run_id {
-            self.run_id.clone_from(&report.run_id);
-            self.studied_step = None;
+    fn call_of(&mut self, report: &v1::StepReport) -> Call {
+        if report.run_id != self.run.id {
+            self.run = Run::new(report.run_id.clone());
             self.holds_from = 0;
         }
-        let Some(studied) = self.studied_step else { return true };
-        let due = self.config.retune_every > 0 && report.step >= studied + self.config.retune_every;
-        let cost = report.cost.unwrap_or_default();
-        let kept = self.config.utility.keeps_limit(cost.size_bytes, cost.generation_time());
+        let Some(studied) = self.run.studied_step else { return Call::Study };
+        if report.step < self.holds_from {
+            return Call::Nothing;
+        }
+        let study = if self.run.may_study(self.config.budget) { Call::Study } else { Call::Nothing };
+        if self.config.retune_every > 0 && report.step >= studied + self.config.retune_every {
+            return study;
+        }
+        let cost = cost_of(report);
+        let params = report.params.and_then(|p| GenerationParams::try_from(p).ok());
+        let like = params.and_then(|p| self.run.characteristic.like(&p, cost.size_bytes));
+        let kept = self.config.contract.excess(&cost, f64::NAN) <= 0.0;
         // Parameters other than those pushed mean that the generator-node had to fall back to keep the size limit.
-        let fell_back =
-            self.setting.as_ref().is_some_and(|s| s.fallbacks.iter().any(|f| report.params.as_ref() == Some(f)));
-        // Where nothing keeps the limit, every step breaks it; asking again each time would find the same.
-        due || (report.step >= self.holds_from && self.feasible && (!kept || fell_back))
+        let fell_back = self.setting.as_ref().is_some_and(|s| s.params != report.params);
+        match like {
+            // Where nothing keeps the contract, every step breaks it; asking again each time would find the same.
+            Some(_) if !self.run.feasible => Call::Nothing,
+            Some(step) => match setting(&step.study, step.chosen, &self.config.contract) {
+                known if self.setting.as_ref().is_none_or(|s| s.params != known.params) => Call::Switch(known),
+                _ if kept && !fell_back => Call::Nothing,
+                _ => study,
+            },
+            None => study,
+        }
+    }
+
+    async fn switch(
+        &mut self,
+        control: &ControlClient<Channel>,
+        setting: v1::SetParametersRequest,
+    ) -> Result<(), TrialError> {
+        let from = push(control, setting.clone()).await?;
+        let params = setting.params.unwrap_or_default();
+        tracing::info!(
+            resolution = params.resolution,
+            gamma = params.gamma,
+            from,
+            "back to parameters of a step like this"
+        );
+        self.status.chosen(params);
+        (self.setting, self.holds_from) = (Some(setting), from);
+        Ok(())
     }
 
     async fn study(&mut self, control: &ControlClient<Channel>, report: &v1::StepReport) -> Result<(), TrialError> {
-        let mut remote = Remote::open(control, &self.config.generator, &self.config.viz).await?;
-        let study = tune(&mut remote, &self.config.utility, &self.candidates, |row| self.status.tried(row)).await?;
-        self.studied_step = Some(study.step.max(report.step));
-        let Some((chosen, setting)) = decide(&study, &self.config.utility) else { return Ok(()) };
+        let begun = Instant::now();
+        let outcome = self.measure(control, report).await;
+        self.run.spent += begun.elapsed();
+        let (studies, run) = (self.run.spent.as_secs_f64(), self.run.since.elapsed().as_secs_f64());
+        tracing::info!(kept = self.run.characteristic.len(), "studies took {studies:.1} s of {run:.1} s");
+        outcome
+    }
+
+    async fn measure(&mut self, control: &ControlClient<Channel>, report: &v1::StepReport) -> Result<(), TrialError> {
+        let contract = self.config.contract.clone();
+        let mut remote = Remote::open(control, &self.config.generator).await?;
+        let all = candidates(&mut remote, &self.config.grid, &self.base).await?;
+        let in_use = self.setting.as_ref().and_then(|s| GenerationParams::try_from(s.params?).ok());
+        let found = search(&mut remote, &contract, &all, in_use.as_ref(), |row| self.status.tried(row)).await?;
+        let study = found.study;
+        self.run.studied_step = Some(study.step.max(report.step));
+        let Some(chosen) = choose(&study, &contract, in_use.as_ref()) else { return Ok(()) };
         let row = &study.rows[chosen];
         if study.best.is_none() {
-            tracing::warn!(step = study.step, "no candidate keeps the limit; using what comes nearest");
+            tracing::warn!(
+                step = study.step,
+                "nothing keeps the contract; nearest: {}",
+                contract.describe(&row.measured)
+            );
         }
+        let setting = setting(&study, chosen, &contract);
         let from = push(control, setting.clone()).await?;
         tracing::info!(
             step = study.step,
+            trials = study.rows.len(),
             resolution = row.params.resolution(),
             gamma = row.params.gamma(),
-            bytes = row.measured.indicators.size_bytes,
-            psnr_db = row.measured.indicators.psnr_db,
+            bytes = row.measured.cost.size_bytes,
+            psnr_db = row.measured.quality.psnr_db(),
             from,
             "tuned"
         );
-        (self.setting, self.holds_from, self.feasible) = (Some(setting), from, study.best.is_some());
+        (self.setting, self.holds_from, self.run.feasible) = (Some(setting), from, study.best.is_some());
         self.status.finished(&study, chosen);
+        self.run.characteristic.keep(study, chosen);
         Ok(())
+    }
+}
+
+fn cost_of(report: &v1::StepReport) -> Cost {
+    let cost = report.cost.unwrap_or_default();
+    Cost {
+        size_bytes: cost.size_bytes,
+        generation_time: cost.generation_time(),
+        encode_time: cost.encode_time(),
+        supersegments: cost.supersegments,
     }
 }
 

@@ -1,18 +1,24 @@
 //! The tuner: finds, and keeps finding, the generation parameters that give the best picture under the user's limit.
 //!
-//! Algorithm 1 over `trait Trial`, so that it runs without sockets too. The tuner sees numbers, never voxels or pixels.
+//! Algorithm 1 and a search over `trait Trial`, so that they run without sockets too. The tuner sees numbers, never voxels or pixels.
 
+pub mod characteristic;
 pub mod config;
+pub mod contract;
 mod daemon;
+pub mod interval;
+pub mod pareto;
 mod push;
-mod remote;
+pub mod remote;
 pub mod search;
 mod status;
 pub mod trial;
 pub mod tune;
+pub mod units;
 pub mod utility;
 
 pub use config::Config;
+pub use contract::Contract;
 pub use utility::Utility;
 
 use lamina_wire::node::{NodeError, Shutdown, serve};
@@ -26,7 +32,7 @@ use tokio::net::TcpListener;
 /// If the configuration cannot be used or the transport fails.
 pub async fn run(config: Config, listener: TcpListener, shutdown: Shutdown) -> Result<(), NodeError> {
     let bad = |e: lamina_model::Invalid| NodeError::Config { path: "tuner".to_owned(), reason: e.to_string() };
-    let candidates = config.candidates().map_err(bad)?;
+    let base = config.base().map_err(bad)?;
     let status = Arc::new(status::Status::default());
     let (health, health_service) = tonic_health::server::health_reporter();
     health.set_serving::<TuningServer<status::StatusService>>().await;
@@ -34,7 +40,7 @@ pub async fn run(config: Config, listener: TcpListener, shutdown: Shutdown) -> R
         .add_service(health_service)
         .add_service(TuningServer::new(status::StatusService(status.clone())));
     tracing::info!(address = %listener.local_addr().map_or_else(|_| config.listen.to_string(), |a| a.to_string()), "tuner listens");
-    let tuning = tokio::spawn(daemon::run(config, candidates, status));
+    let tuning = tokio::spawn(daemon::run(config, base, status));
     let served = serve(router, listener, shutdown).await;
     tuning.abort();
     served

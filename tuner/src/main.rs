@@ -18,9 +18,6 @@ struct Arguments {
     /// The generator-node, instead of the configuration's.
     #[arg(long, value_name = "http://HOST:PORT")]
     generator: Option<String>,
-    /// The viz-node, instead of the configuration's.
-    #[arg(long, value_name = "http://HOST:PORT")]
-    viz: Option<String>,
 }
 
 #[tokio::main]
@@ -35,10 +32,9 @@ async fn start() -> anyhow::Result<()> {
     let config = Config {
         listen: arguments.listen.unwrap_or(config.listen),
         generator: arguments.generator.unwrap_or(config.generator),
-        viz: arguments.viz.unwrap_or(config.viz),
         ..config
     };
-    config.candidates()?;
+    config.base()?;
     let listener = listen(config.listen).await?;
     Ok(run(config, listener, Box::pin(stop_signal())).await?)
 }

@@ -1,28 +1,26 @@
 //! The winner to the generator-node.
 
+use crate::Contract;
 use crate::trial::TrialError;
 use crate::tune::Study;
-use crate::utility::Utility;
 use lamina_wire::v1::{self, control_client::ControlClient};
 use tonic::transport::Channel;
 
-/// The parameters of a study to use from now on, and the row they come from: the best, or, where nothing keeps the limit,
-/// what comes nearest.
-pub fn decide(study: &Study, utility: &Utility) -> Option<(usize, v1::SetParametersRequest)> {
-    let chosen = study.best.or_else(|| study.nearest(utility))?;
-    let (size_limit_bytes, time_limit_ns) = match *utility {
-        Utility::Size { limit_bytes } => (Some(limit_bytes), None),
-        Utility::Time { limit_ms } => (None, Some((limit_ms * 1e6) as u64)),
-    };
-    let ladder = if size_limit_bytes.is_some() { study.ladder(chosen) } else { Vec::new() };
-    let request = v1::SetParametersRequest {
+/// The parameters of row `chosen` as a setting: with the contract's limits, and, under a size limit, what to fall back to on
+/// steps for which they are too large.
+pub fn setting(study: &Study, chosen: usize, contract: &Contract) -> v1::SetParametersRequest {
+    let ladder = if contract.size_bytes.is_some() { study.ladder(chosen) } else { Vec::new() };
+    v1::SetParametersRequest {
         params: Some((&study.rows[chosen].params).into()),
         from_step: 0,
-        size_limit_bytes,
+        limits: Some(v1::Limits {
+            size_bytes: contract.size_bytes,
+            time_ns: contract.time_ms.map(|ms| (ms * 1e6) as u64),
+            with_encoding: contract.with_encoding,
+            psnr_db: contract.psnr_db,
+        }),
         fallbacks: ladder.iter().map(Into::into).collect(),
-        time_limit_ns,
-    };
-    Some((chosen, request))
+    }
 }
 
 /// Sends parameters; says from which step on they hold.

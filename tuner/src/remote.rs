@@ -1,99 +1,168 @@
-//! Trials over gRPC: the generator-node gives sigma and tau, the viz-node q, both keyed by the trial's id.
+//! Trials over gRPC: the generator-node gives sigma and tau, viz-nodes q, keyed by the trial's id.
+//!
+//! Whatever was measured stays here: a node that fails costs what it was about to answer, nothing else.
 
-use crate::trial::{Measured, Trial, TrialError};
-use lamina_model::{GenerationParams, Indicators, Invalid, Quality};
-use lamina_wire::v1::{self, control_client::ControlClient, quality_client::QualityClient};
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
-use tokio::sync::mpsc;
-use tokio_stream::wrappers::ReceiverStream;
+mod generator;
+mod round;
+mod viewers;
+
+use crate::trial::{Cost, Measured, Trial, TrialError};
+use generator::Generator;
+use lamina_model::{GenerationParams, Invalid, Quality, ViewError};
+use lamina_wire::node::innermost;
+use lamina_wire::v1::{self, control_client::ControlClient};
+use round::{Generating, Round};
+use std::collections::HashMap;
+use tonic::Status;
 use tonic::transport::Channel;
-use tonic::{Code, Status, Streaming};
+use viewers::Viewers;
 
-/// How long one node may take for one trial.
-const TRIAL_DEADLINE: Duration = Duration::from_secs(120);
-
-/// A stream of trials on one step, which the generator-node holds as long as this lives.
+/// Trials on one step, which the generator-node holds as long as this lives, measured by all viz-nodes that subscribe to it.
 pub struct Remote {
-    requests: mpsc::Sender<v1::TrialRequest>,
-    replies: Streaming<v1::TrialReply>,
-    quality: QualityClient<Channel>,
-    generator: String,
-    viz: String,
-    step: u64,
+    generator: Generator,
+    viewers: Viewers,
+    known: HashMap<Key, Known>,
+    /// What the generator-node is at; its answer is waited for by whoever comes next.
+    generating: Option<Generating>,
 }
 
-fn node_error(node: &str) -> impl Fn(Status) -> TrialError {
-    move |status| TrialError::Node { node: node.to_owned(), reason: status.message().to_owned() }
+/// Parameters as something to look up by.
+type Key = [u64; 4];
+
+fn key(params: &GenerationParams) -> Key {
+    let [gamma, cutoff, step] = [params.gamma(), params.opacity_cutoff(), params.step_voxels()].map(f64::to_bits);
+    [u64::from(params.resolution()), gamma, cutoff, step]
+}
+
+/// What is known of one set of parameters.
+struct Known {
+    params: GenerationParams,
+    cost: Option<Cost>,
+    quality: Quality,
+    /// It cannot be measured.
+    refusal: Option<Invalid>,
+    /// Which viewer has its VDI, as which trial.
+    held: Option<(String, u64)>,
+    /// How often in a row a viewer did not have what it was to have.
+    missed: u32,
+}
+
+impl Known {
+    fn new(params: GenerationParams) -> Self {
+        Self { params, cost: None, quality: Quality::default(), refusal: None, held: None, missed: 0 }
+    }
+
+    /// True while there is something to find out.
+    fn lacks(&self, batches: u32) -> bool {
+        self.refusal.is_none() && (self.cost.is_none() || self.quality.batches() < batches as usize)
+    }
+
+    /// The answer, if nothing is lacking.
+    fn answer(&self, batches: u32) -> Result<Measured, Invalid> {
+        if let Some(refusal) = &self.refusal {
+            return Err(refusal.clone());
+        }
+        let first = |v: &ViewError| ViewError {
+            angle_deg: v.angle_deg,
+            batch_mse: v.batch_mse.iter().copied().take(batches as usize).collect(),
+        };
+        let views = if batches == 0 { Vec::new() } else { self.quality.views.iter().map(first).collect() };
+        Ok(Measured { cost: self.cost.unwrap_or_default(), quality: Quality { views } })
+    }
+}
+
+fn node_error(kind: &str, address: &str, reason: &str) -> TrialError {
+    TrialError::Node { node: format!("{kind} {address}"), reason: reason.to_owned() }
+}
+
+/// What a failed call says: the cause at the bottom, if the transport knows one.
+fn words(status: &Status) -> String {
+    std::error::Error::source(status).map_or_else(|| status.message().to_owned(), innermost)
 }
 
 /// A connection to the node at `address`.
+///
+/// # Errors
+/// If nobody answers there.
 pub async fn connect(address: &str) -> Result<Channel, TrialError> {
     let failed = |reason| TrialError::Node { node: address.to_owned(), reason };
     lamina_wire::node::connect(address).await.map_err(failed)
 }
 
 impl Remote {
-    /// Opens a stream of trials on the newest step.
+    /// Opens a stream of trials on the newest step of the generator-node, whose address `generator` is for messages.
     ///
     /// # Errors
-    /// If a node is not reachable or has no step yet.
-    pub async fn open(control: &ControlClient<Channel>, generator: &str, viz: &str) -> Result<Self, TrialError> {
-        let quality = QualityClient::new(connect(viz).await?);
-        let (requests, stream) = mpsc::channel(1);
-        let replies =
-            control.clone().trials(ReceiverStream::new(stream)).await.map_err(node_error(generator))?.into_inner();
-        Ok(Self { requests, replies, quality, generator: generator.to_owned(), viz: viz.to_owned(), step: 0 })
-    }
-
-    async fn exchange(&mut self, params: &GenerationParams, trial_id: u64) -> Result<(v1::Cost, Quality), Status> {
-        let request = v1::TrialRequest { trial_id, params: Some(params.into()) };
-        self.requests.send(request).await.map_err(|_| Status::unavailable("the stream of trials ended"))?;
-        let reply = self.replies.message().await?.ok_or_else(|| Status::unavailable("the stream of trials ended"))?;
-        self.step = reply.step;
-        let cost = reply
-            .cost
-            .filter(|_| reply.trial_id == trial_id)
-            .ok_or_else(|| Status::internal("not this trial's reply"))?;
-        let quality = self
-            .quality
-            .measure(v1::QualityRequest { trial_id })
-            .await
-            .map_err(|status| Status::new(status.code(), format!("viz-node {}: {}", self.viz, status.message())))?;
-        let quality = Quality::try_from(quality.into_inner()).map_err(|e| lamina_wire::invalid(&e))?;
-        Ok((cost, quality))
+    /// If it does not answer or has no step yet, or no viz-node that measures quality subscribes to it within some seconds.
+    pub async fn open(control: &ControlClient<Channel>, generator: &str) -> Result<Self, TrialError> {
+        let viewers = Viewers::open(control, generator).await?;
+        let generator = Generator::open(control, generator).await?;
+        Ok(Self { generator, viewers, known: HashMap::new(), generating: None })
     }
 }
 
 impl Trial for Remote {
     fn step(&self) -> u64 {
-        self.step
+        self.generator.step()
     }
 
-    async fn measure(&mut self, params: &GenerationParams) -> Result<Measured, TrialError> {
-        let trial_id = fresh_trial_id();
-        let answer = tokio::time::timeout(TRIAL_DEADLINE, self.exchange(params, trial_id)).await;
-        let late = |_| Err(Status::deadline_exceeded(format!("no answer within {TRIAL_DEADLINE:?}")));
-        let (cost, quality) = answer.unwrap_or_else(late).map_err(|status| match status.code() {
-            Code::InvalidArgument => Invalid::new("candidate", status.message()).into(),
-            _ => node_error(&self.generator)(status),
-        })?;
-        Ok(Measured {
-            indicators: Indicators {
-                size_bytes: cost.size_bytes,
-                psnr_db: quality.psnr_db,
-                generation_time: cost.generation_time(),
-            },
-            encode_time: cost.encode_time(),
-            supersegments: cost.supersegments,
-        })
+    fn batches(&self) -> u32 {
+        self.generator.batches()
+    }
+
+    async fn sizes(&mut self, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {
+        if gammas.is_empty() {
+            return Ok(Vec::new());
+        }
+        self.settle().await?;
+        let request = v1::TrialRequest { params: Some(params.into()), gammas: gammas.to_vec(), ..Default::default() };
+        self.generator.ask(request).await?;
+        let reply = self.generator.reply().await?;
+        if !reply.refusal.is_empty() {
+            return Err(Invalid::new("candidates", reply.refusal).into());
+        }
+        if reply.costs.len() != gammas.len() {
+            let (got, asked) = (reply.costs.len(), gammas.len());
+            return Err(self
+                .generator
+                .failed(format!("{got} costs for {asked} gammas; are all nodes of one version?")));
+        }
+        Ok(reply.costs.into_iter().map(Cost::from).collect())
+    }
+
+    async fn measure(
+        &mut self,
+        params: &[GenerationParams],
+        batches: u32,
+    ) -> Result<Vec<Result<Measured, Invalid>>, TrialError> {
+        let batches = batches.min(self.batches());
+        for p in params {
+            self.known.entry(key(p)).or_insert_with(|| Known::new(*p));
+        }
+        let wanted: Vec<Key> = params.iter().map(key).collect();
+        Round::new(self, &wanted, batches).run().await?;
+        Ok(wanted.iter().map(|k| self.known[k].answer(batches)).collect())
     }
 }
 
-/// Unique over restarts of this tuner: starts at the clock's microseconds.
-fn fresh_trial_id() -> u64 {
-    static NEXT: AtomicU64 = AtomicU64::new(0);
-    let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(1, |d| d.as_micros() as u64);
-    let _ = NEXT.compare_exchange(0, now.max(1), Ordering::Relaxed, Ordering::Relaxed);
-    NEXT.fetch_add(1, Ordering::Relaxed)
+impl Remote {
+    /// Takes the answer that a study given up has left behind.
+    async fn settle(&mut self) -> Result<(), TrialError> {
+        if self.generating.is_some() {
+            let reply = self.generator.reply().await?;
+            Round::new(self, &[], 0).generated(reply)?;
+        }
+        Ok(())
+    }
+}
+
+impl From<v1::Cost> for Cost {
+    fn from(cost: v1::Cost) -> Self {
+        Self {
+            size_bytes: cost.size_bytes,
+            generation_time: cost.generation_time(),
+            encode_time: cost.encode_time(),
+            supersegments: cost.supersegments,
+        }
+    }
 }

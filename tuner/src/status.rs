@@ -37,6 +37,11 @@ impl Status {
         self.state().last_error = error.map(ToString::to_string).unwrap_or_default();
     }
 
+    /// Parameters found earlier are in use again.
+    pub fn chosen(&self, params: v1::GenerationParams) {
+        self.state().chosen = Some(params);
+    }
+
     /// A trial was measured; its step is filled in when the study ends.
     pub fn tried(&self, row: &Row) {
         tracing::debug!(resolution = row.params.resolution(), gamma = row.params.gamma(), alpha = row.cost, "trial");
@@ -48,12 +53,12 @@ impl Status {
             step: study.step,
             params: Some((&row.params).into()),
             cost: Some(v1::Cost {
-                size_bytes: row.measured.indicators.size_bytes,
-                generation_ns: row.measured.indicators.generation_time.as_nanos() as u64,
-                encode_ns: row.measured.encode_time.as_nanos() as u64,
-                supersegments: row.measured.supersegments,
+                size_bytes: row.measured.cost.size_bytes,
+                generation_ns: row.measured.cost.generation_time.as_nanos() as u64,
+                encode_ns: row.measured.cost.encode_time.as_nanos() as u64,
+                supersegments: row.measured.cost.supersegments,
             }),
-            psnr_db: row.measured.indicators.psnr_db,
+            psnr_db: row.measured.quality.psnr_db(),
             chosen: n == chosen,
         };
         let mut state = self.state();

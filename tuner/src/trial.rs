@@ -1,18 +1,40 @@
 //! One measurement of one set of parameters, whoever takes it.
 
-use lamina_model::{GenerationParams, Indicators, Invalid};
+use lamina_model::{GenerationParams, Indicators, Invalid, Quality};
 use std::future::Future;
 use std::time::Duration;
 
-/// What a trial measured.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Measured {
-    /// sigma, q and tau.
-    pub indicators: Indicators,
+/// What generating with some parameters cost.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Cost {
+    /// sigma: bytes of the encoded VDI.
+    pub size_bytes: u64,
+    /// tau: wall time of generation, without encoding.
+    pub generation_time: Duration,
     /// Wall time of encoding, its own figure.
     pub encode_time: Duration,
     /// Supersegments of the VDI.
     pub supersegments: u64,
+}
+
+/// What a trial measured.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Measured {
+    /// sigma and tau.
+    pub cost: Cost,
+    /// q, with as many batches as were measured; none if only the cost was asked for.
+    pub quality: Quality,
+}
+
+impl Measured {
+    /// sigma, q and tau; q is NaN where it was not measured.
+    pub fn indicators(&self) -> Indicators {
+        Indicators {
+            size_bytes: self.cost.size_bytes,
+            psnr_db: self.quality.psnr_db(),
+            generation_time: self.cost.generation_time,
+        }
+    }
 }
 
 /// Why a trial gave no measurement.
@@ -21,20 +43,39 @@ pub enum TrialError {
     /// These parameters cannot be measured; others may be.
     #[error(transparent)]
     Invalid(#[from] Invalid),
-    /// A node did not answer; try again later.
-    #[error("{node} did not measure the trial: {reason}")]
+    /// A node does not answer; the whole study is off.
+    #[error("{node}: {reason}")]
     Node {
-        /// Which node, and where.
+        /// Which node, with its address.
         node: String,
-        /// Its words or the transport's.
+        /// What went wrong and what helps.
         reason: String,
     },
 }
 
-/// Something that can measure parameters on one time step.
-pub trait Trial {
-    /// The time step all measurements of this value are taken on.
+/// Measures parameters on one step that stays the same throughout.
+pub trait Trial: Send {
+    /// The step measured.
     fn step(&self) -> u64;
-    /// Measures `params`.
-    fn measure(&mut self, params: &GenerationParams) -> impl Future<Output = Result<Measured, TrialError>> + Send;
+
+    /// Batches of sampled pixels that there are.
+    fn batches(&self) -> u32;
+
+    /// Costs for each of `gammas` from one march; the other parameters are those of `params`. Their generation time is the
+    /// march's, not that of one gamma.
+    fn sizes(
+        &mut self,
+        params: &GenerationParams,
+        gammas: &[f64],
+    ) -> impl Future<Output = Result<Vec<Cost>, TrialError>> + Send;
+
+    /// Costs of all these parameters, and their quality from the first `batches` batches (0: none, [`u32::MAX`]: all).
+    /// What was measured before is not measured again. One answer for each, in their order.
+    ///
+    /// The outer error ends the study; an inner one is about that set of parameters only.
+    fn measure(
+        &mut self,
+        params: &[GenerationParams],
+        batches: u32,
+    ) -> impl Future<Output = Result<Vec<Result<Measured, Invalid>>, TrialError>> + Send;
 }

@@ -1,17 +1,17 @@
 //! Algorithm 1 of the paper, in its line order.
 
+use crate::Contract;
 use crate::trial::{Measured, Trial, TrialError};
-use crate::utility::Utility;
 use lamina_model::GenerationParams;
 
 /// One row of a study.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Row {
     /// What was tried.
     pub params: GenerationParams,
     /// What it gave.
     pub measured: Measured,
-    /// alpha under the utility in force.
+    /// alpha under the contract in force.
     pub cost: f64,
 }
 
@@ -22,9 +22,12 @@ pub struct Study {
     pub step: u64,
     /// Every trial, in the order tried.
     pub rows: Vec<Row>,
-    /// Index of the row with the least cost; `None` if no trial keeps the limit.
+    /// Index of the row with the least cost; `None` if no trial keeps the contract.
     pub best: Option<usize>,
 }
+
+/// Candidates asked for at once, so that several viz-nodes have work.
+const AT_ONCE: usize = 8;
 
 /// Measures every candidate and keeps the one of least cost; the earlier one among equals.
 ///
@@ -33,55 +36,64 @@ pub struct Study {
 #[doc(alias = "Algorithm 1")]
 pub async fn tune(
     trial: &mut impl Trial,
-    utility: &Utility,
+    contract: &Contract,
     candidates: &[GenerationParams],
     mut progress: impl FnMut(&Row) + Send,
 ) -> Result<Study, TrialError> {
     let mut study = Study { step: trial.step(), rows: Vec::new(), best: None };
-    let mut least = f64::INFINITY;
-    for params in candidates {
-        // R, sigma, tau, and I with q over all test views: one measurement.
-        let measured = match trial.measure(params).await {
-            Ok(measured) => measured,
-            Err(TrialError::Invalid(reason)) => {
-                tracing::warn!(%reason, "candidate left out");
-                continue;
+    for some in candidates.chunks(AT_ONCE) {
+        // R, sigma, tau, and I with q over all test views: one measurement each.
+        for (params, outcome) in some.iter().zip(trial.measure(some, u32::MAX).await?) {
+            match outcome {
+                Ok(measured) => {
+                    let row = Row { params: *params, cost: contract.cost(&measured), measured };
+                    progress(&row);
+                    study.add(row);
+                }
+                Err(reason) => tracing::warn!(%reason, "candidate left out"),
             }
-            Err(error) => return Err(error),
-        };
-        let cost = utility.cost(&measured.indicators);
-        if cost < least {
-            least = cost;
-            study.best = Some(study.rows.len());
         }
-        let row = Row { params: *params, measured, cost };
-        progress(&row);
-        study.rows.push(row);
     }
     study.step = trial.step();
     Ok(study)
 }
 
-/// Fewest parameters a ladder holds are none; the most are these.
+/// The most parameters of a ladder, those with a larger gamma among them, and by which factor gamma grows.
 const LONGEST_LADDER: usize = 8;
+const STEEPER: usize = 3;
+const RUNG: f64 = 1.3;
+/// A gamma of 0 would not grow.
+const LEAST_GAMMA: f64 = 1e-3;
 
 impl Study {
-    /// Ever smaller parameters for steps on which `from` would be too large: each the best of its size, each at least 15 %
-    /// smaller than the one before.
+    /// Adds a trial, which becomes the best if it costs less than all before.
+    pub fn add(&mut self, row: Row) {
+        let least = self.best.map_or(f64::INFINITY, |n| self.rows[n].cost);
+        if row.cost < least {
+            self.best = Some(self.rows.len());
+        }
+        self.rows.push(row);
+    }
+
+    /// Parameters for steps on which `from` would be too large, by falling size: first the same resolution with ever larger
+    /// gamma, then the best of each size measured, each at least 15 % smaller than the one before.
     pub fn ladder(&self, from: usize) -> Vec<GenerationParams> {
-        let mut by_size: Vec<&Row> = self.rows.iter().filter(|r| !r.measured.indicators.psnr_db.is_nan()).collect();
-        by_size.sort_by_key(|r| r.measured.indicators.size_bytes);
+        let start = self.rows[from].params;
+        let steeper = |k: usize| start.with_gamma(start.gamma().max(LEAST_GAMMA) * RUNG.powi(k as i32)).ok();
+        let mut ladder: Vec<GenerationParams> = (1..=STEEPER).filter_map(steeper).collect();
+        let mut by_size: Vec<&Row> = self.rows.iter().filter(|r| !r.measured.quality.psnr_db().is_nan()).collect();
+        by_size.sort_by_key(|r| r.measured.cost.size_bytes);
         // Keep what no smaller one beats.
         let mut best_db = f64::NEG_INFINITY;
         by_size.retain(|r| {
-            let better = r.measured.indicators.psnr_db > best_db;
-            best_db = best_db.max(r.measured.indicators.psnr_db);
+            let better = r.measured.quality.psnr_db() > best_db;
+            best_db = best_db.max(r.measured.quality.psnr_db());
             better
         });
-        let mut below = 0.85 * self.rows[from].measured.indicators.size_bytes as f64;
-        let mut ladder = Vec::new();
+        // Below what the larger gammas may have reached.
+        let mut below = 0.7 * self.rows[from].measured.cost.size_bytes as f64;
         for row in by_size.iter().rev() {
-            let size = row.measured.indicators.size_bytes as f64;
+            let size = row.measured.cost.size_bytes as f64;
             if size <= below && ladder.len() < LONGEST_LADDER {
                 ladder.push(row.params);
                 below = 0.85 * size;
@@ -90,12 +102,9 @@ impl Study {
         ladder
     }
 
-    /// The row that comes nearest to keeping the limit, for when none does.
-    pub fn nearest(&self, utility: &Utility) -> Option<usize> {
-        let excess = |row: &Row| match utility {
-            Utility::Size { .. } => row.measured.indicators.size_bytes as f64,
-            Utility::Time { .. } => row.measured.indicators.generation_time.as_secs_f64(),
-        };
+    /// The row that comes nearest to keeping all limits, for when none does.
+    pub fn nearest(&self, contract: &Contract) -> Option<usize> {
+        let excess = |row: &Row| contract.excess(&row.measured.cost, row.measured.quality.psnr_db());
         (0..self.rows.len()).min_by(|&a, &b| excess(&self.rows[a]).total_cmp(&excess(&self.rows[b])))
     }
 }
@@ -104,7 +113,8 @@ impl Study {
 mod tests {
     use super::*;
     use crate::search::Grid;
-    use lamina_model::{Indicators, Invalid};
+    use crate::trial::Cost;
+    use lamina_model::{Invalid, Quality, ViewError};
     use std::time::Duration;
 
     /// A made-up response: sigma = r^2 (0.3 - gamma), q = 10 log10(r^2) - 100 gamma, tau = r microseconds.
@@ -114,64 +124,84 @@ mod tests {
         fn step(&self) -> u64 {
             7
         }
-        async fn measure(&mut self, p: &GenerationParams) -> Result<Measured, TrialError> {
-            let r = f64::from(p.resolution());
-            if p.resolution() == 256 {
-                return Err(Invalid::new("vdi", "made up").into());
-            }
-            let indicators = Indicators {
-                size_bytes: (r * r * (0.3 - p.gamma())) as u64,
-                psnr_db: 20.0 * r.log10() - 100.0 * p.gamma(),
-                generation_time: Duration::from_micros(r as u64),
+        fn batches(&self) -> u32 {
+            1
+        }
+        async fn sizes(&mut self, _: &GenerationParams, _: &[f64]) -> Result<Vec<Cost>, TrialError> {
+            Ok(Vec::new())
+        }
+        async fn measure(
+            &mut self,
+            all: &[GenerationParams],
+            _: u32,
+        ) -> Result<Vec<Result<Measured, Invalid>>, TrialError> {
+            let one = |p: &GenerationParams| {
+                if p.resolution() == 256 {
+                    return Err(Invalid::new("vdi", "made up"));
+                }
+                let r = f64::from(p.resolution());
+                let cost = Cost {
+                    size_bytes: (r * r * (0.3 - p.gamma())) as u64,
+                    generation_time: Duration::from_micros(r as u64),
+                    ..Cost::default()
+                };
+                let mse = 10_f64.powf(-(20.0 * r.log10() - 100.0 * p.gamma()) / 10.0);
+                let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse] }] };
+                Ok(Measured { cost, quality })
             };
-            Ok(Measured { indicators, encode_time: Duration::ZERO, supersegments: 0 })
+            Ok(all.iter().map(one).collect())
         }
     }
 
-    async fn study(utility: Utility) -> Study {
+    async fn study(contract: Contract) -> Study {
         let candidates = Grid::paper().candidates(&GenerationParams::new(1, 0.0).unwrap()).unwrap();
-        tune(&mut Formula, &utility, &candidates, |_| {}).await.unwrap()
+        tune(&mut Formula, &contract, &candidates, |_| {}).await.unwrap()
     }
 
     #[tokio::test]
     async fn the_winner_is_the_best_under_the_limit_by_exhaustion() {
         let limit_bytes = 60_000;
-        let s = study(Utility::Size { limit_bytes }).await;
+        let s = study(Contract::size(limit_bytes)).await;
         assert_eq!(s.rows.len(), 1300 - 65, "what cannot be measured is left out");
         let best = &s.rows[s.best.unwrap()];
-        assert!(best.measured.indicators.size_bytes <= limit_bytes);
-        for row in s.rows.iter().filter(|r| r.measured.indicators.size_bytes <= limit_bytes) {
-            assert!(row.measured.indicators.psnr_db <= best.measured.indicators.psnr_db);
+        assert!(best.measured.cost.size_bytes <= limit_bytes);
+        for row in s.rows.iter().filter(|r| r.measured.cost.size_bytes <= limit_bytes) {
+            assert!(row.measured.quality.psnr_db() <= best.measured.quality.psnr_db());
         }
         // Quality grows with r here alone, so a time limit of 300 us is r = 288, the least gamma.
-        let s = study(Utility::Time { limit_ms: 0.3 }).await;
+        let s = study(Contract::time(0.3)).await;
         let best = s.rows[s.best.unwrap()].params;
         assert_eq!((best.resolution(), best.gamma()), (288, 0.001));
     }
 
     #[tokio::test]
     async fn a_limit_nothing_meets_has_no_winner_but_a_nearest() {
-        let utility = Utility::Size { limit_bytes: 10 };
-        let s = study(utility).await;
+        let contract = Contract::size(10);
+        let s = study(contract.clone()).await;
         assert_eq!(s.best, None);
-        let nearest = s.rows[s.nearest(&utility).unwrap()].params;
+        let nearest = s.rows[s.nearest(&contract).unwrap()].params;
         assert_eq!((nearest.resolution(), nearest.gamma()), (160, 0.257));
     }
 
     #[tokio::test]
     async fn the_ladder_falls_in_size_and_is_never_beaten_by_something_smaller() {
-        let s = study(Utility::Size { limit_bytes: 60_000 }).await;
+        let s = study(Contract::size(60_000)).await;
         let ladder = s.ladder(s.best.unwrap());
-        assert!(!ladder.is_empty() && ladder.len() <= LONGEST_LADDER);
-        let rung = |p: &GenerationParams| s.rows.iter().find(|r| r.params == *p).unwrap().measured.indicators;
-        let mut last = s.rows[s.best.unwrap()].measured.indicators;
-        for p in &ladder {
+        assert!(ladder.len() > STEEPER && ladder.len() <= LONGEST_LADDER);
+        let best = s.rows[s.best.unwrap()].params;
+        for (k, p) in ladder[..STEEPER].iter().enumerate() {
+            assert_eq!(p.resolution(), best.resolution());
+            assert!((p.gamma() / best.gamma() - RUNG.powi(k as i32 + 1)).abs() < 1e-9);
+        }
+        let rung = |p: &GenerationParams| s.rows.iter().find(|r| r.params == *p).unwrap().measured.indicators();
+        let mut last = rung(&best);
+        for p in &ladder[STEEPER..] {
             let this = rung(p);
             assert!(this.size_bytes as f64 <= 0.85 * last.size_bytes as f64);
             assert!(
                 s.rows
                     .iter()
-                    .map(|r| r.measured.indicators)
+                    .map(|r| r.measured.indicators())
                     .all(|o| o.size_bytes > this.size_bytes || o.psnr_db <= this.psnr_db)
             );
             last = this;

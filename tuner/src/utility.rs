@@ -1,78 +1,82 @@
-//! nu: what the user wants, as a cost of a measurement.
+//! nu: what is best among what keeps the limits.
 
-use lamina_model::{Indicators, Invalid};
-use serde::{Deserialize, Serialize};
-use std::time::Duration;
+use exmex::{Express, FlatEx};
+use std::fmt;
 
-/// The paper's utilities: best quality under one limit.
+/// What is wanted.
 #[doc(alias = "nu")]
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[derive(Debug, Clone)]
 pub enum Utility {
-    /// Eq. 1: the best quality among those whose encoded VDI has at most this many bytes.
-    Size {
-        /// The limit, bytes.
-        limit_bytes: u64,
-    },
-    /// Eq. 2: the best quality among those generated within this time.
-    Time {
-        /// The limit, milliseconds.
-        limit_ms: f64,
-    },
+    /// The highest q.
+    Quality,
+    /// The smallest sigma.
+    Size,
+    /// The shortest tau.
+    Time,
+    /// The highest value of an expression of `sigma` (kB), `q` (dB) and `tau` (ms).
+    Expression(Box<FlatEx<f64>>),
 }
+
+/// Names that an expression may use, in the order it takes their values.
+const VARIABLES: [&str; 3] = ["q", "sigma", "tau"];
 
 impl Utility {
-    /// Passes a limit that something could meet.
+    /// Reads what is to be maximised, or minimised: `psnr`, `size`, `time`, or an expression.
     ///
     /// # Errors
-    /// If the limit is zero, negative or not a number.
-    pub fn check(self) -> Result<Self, Invalid> {
-        match self {
-            Self::Size { limit_bytes: 0 } => {
-                Err(Invalid::new("utility.size.limit_bytes", "0 bytes hold no VDI; give a size above 0"))
-            }
-            Self::Time { limit_ms } if !(limit_ms > 0.0 && limit_ms < 1e12) => Err(Invalid::new(
-                "utility.time.limit_ms",
-                format!("{limit_ms} must be a number of milliseconds above 0"),
-            )),
-            valid => Ok(valid),
+    /// Says what is wrong with it.
+    pub fn parse(maximise: bool, text: &str) -> Result<Self, String> {
+        match (maximise, text.trim()) {
+            (true, "psnr") => return Ok(Self::Quality),
+            (false, "size") => return Ok(Self::Size),
+            (false, "time") => return Ok(Self::Time),
+            _ => {}
         }
+        let text = if maximise { text.trim().to_owned() } else { format!("-({})", text.trim()) };
+        let expression = FlatEx::<f64>::parse(&text).map_err(|e| e.to_string())?;
+        if let Some(unknown) = expression.var_names().iter().find(|v| !VARIABLES.contains(&v.as_str())) {
+            return Err(format!("\"{unknown}\" is none of q (dB), sigma (kB) and tau (ms)"));
+        }
+        if expression.var_names().is_empty() {
+            return Err("a constant prefers nothing".to_owned());
+        }
+        Ok(Self::Expression(Box::new(expression)))
     }
 
-    /// alpha: lower is better; +infinity breaks the limit or measures nothing.
-    #[doc(alias = "alpha")]
-    pub fn cost(&self, indicators: &Indicators) -> f64 {
-        let feasible = self.keeps_limit(indicators.size_bytes, indicators.generation_time);
-        if feasible && !indicators.psnr_db.is_nan() { -indicators.psnr_db } else { f64::INFINITY }
-    }
-
-    /// True if a step of this size and generation time keeps the limit.
-    pub fn keeps_limit(&self, size_bytes: u64, generation_time: Duration) -> bool {
-        match *self {
-            Self::Size { limit_bytes } => size_bytes <= limit_bytes,
-            Self::Time { limit_ms } => generation_time.as_secs_f64() * 1e3 <= limit_ms,
+    /// Lower is better. Size in bytes, quality in decibels, time in milliseconds. +infinity where an expression has no value.
+    pub fn cost(&self, size_bytes: u64, psnr_db: f64, time_ms: f64) -> f64 {
+        let kilobytes = size_bytes as f64 / 1e3;
+        match self {
+            Self::Quality => -psnr_db,
+            Self::Size => kilobytes,
+            Self::Time => time_ms,
+            Self::Expression(expression) => {
+                let value = |name: &String| match name.as_str() {
+                    "q" => psnr_db,
+                    "sigma" => kilobytes,
+                    _ => time_ms,
+                };
+                let values: Vec<f64> = expression.var_names().iter().map(value).collect();
+                let utility = expression.eval(&values).unwrap_or(f64::NAN);
+                if utility.is_nan() { f64::INFINITY } else { -utility }
+            }
         }
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+impl PartialEq for Utility {
+    fn eq(&self, other: &Self) -> bool {
+        self.to_string() == other.to_string()
+    }
+}
 
-    #[test]
-    fn cost_is_negative_quality_within_the_limit_and_infinite_beyond() {
-        let m =
-            |size_bytes, psnr_db, ms| Indicators { size_bytes, psnr_db, generation_time: Duration::from_millis(ms) };
-        let size = Utility::Size { limit_bytes: 100 };
-        assert_eq!(size.cost(&m(100, 30.0, 9)), -30.0);
-        assert_eq!(size.cost(&m(101, 30.0, 9)), f64::INFINITY);
-        assert_eq!(size.cost(&m(50, f64::INFINITY, 9)), f64::NEG_INFINITY);
-        assert_eq!(size.cost(&m(50, f64::NAN, 9)), f64::INFINITY);
-        let time = Utility::Time { limit_ms: 40.0 };
-        assert_eq!(time.cost(&m(1 << 40, 20.0, 40)), -20.0);
-        assert_eq!(time.cost(&m(1, 20.0, 41)), f64::INFINITY);
-        assert!(
-            Utility::Time { limit_ms: f64::NAN }.check().is_err() && Utility::Size { limit_bytes: 0 }.check().is_err()
-        );
+impl fmt::Display for Utility {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Quality => f.write_str("maximise psnr"),
+            Self::Size => f.write_str("minimise size"),
+            Self::Time => f.write_str("minimise time"),
+            Self::Expression(expression) => write!(f, "maximise {}", expression.unparse()),
+        }
     }
 }

@@ -13,6 +13,9 @@ pub struct Config {
     pub listen: SocketAddr,
     /// The generator-node to subscribe to.
     pub generator: String,
+    /// Where the tuner reaches this node, `http://HOST:PORT`; a host of 0.0.0.0 or [::] is replaced by the address that the
+    /// generator-node sees. Without it, `listen`; empty: no trials are measured here.
+    pub quality_address: Option<String>,
     /// Folder in which every step is recorded; without one the newest are held in memory.
     pub store: Option<PathBuf>,
     /// Bytes of encoded VDIs held in memory when there is no folder.
@@ -30,6 +33,7 @@ impl Default for Config {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 7102)),
             generator: "http://127.0.0.1:7101".to_owned(),
+            quality_address: None,
             store: None,
             memory_bytes: 256 << 20,
             max_frame_bytes: 256 << 20,
@@ -47,6 +51,9 @@ impl Config {
     pub fn check(self) -> Result<Self, Invalid> {
         if !self.generator.starts_with("http://") {
             return Err(Invalid::new("generator", format!("\"{}\"; write http://HOST:PORT", self.generator)));
+        }
+        if let Some(address) = self.quality_address.as_ref().filter(|a| !a.is_empty() && !a.starts_with("http://")) {
+            return Err(Invalid::new("quality_address", format!("\"{address}\"; write http://HOST:PORT")));
         }
         Ok(self)
     }

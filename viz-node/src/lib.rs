@@ -1,12 +1,13 @@
 //! The viz-node: takes VDIs in, renders them from any camera, and reports their PSNR against reference samples.
 //!
-//! Subscribe -> measure -> store -> view -> web. It never sees a voxel.
+//! Subscribe -> measure -> store -> view -> web, and trials measured for the tuner. It never sees a voxel.
 
 pub mod config;
 pub mod kernel;
 mod measure;
 pub mod store;
 mod subscribe;
+mod trials;
 pub mod view;
 mod web;
 
@@ -48,12 +49,15 @@ pub async fn run(config: Config, store: Arc<Store>, listener: TcpListener, shutd
     let meter = Arc::new(measure::Meter::new(store.clone(), backend.clone(), limits(&config)));
     let connected = Arc::new(AtomicBool::new(false));
     let (health, health_service) = tonic_health::server::health_reporter();
-    health.set_serving::<QualityServer<measure::QualityService>>().await;
+    health.set_serving::<QualityServer<trials::QualityService>>().await;
     let grpc = tonic::service::Routes::new(health_service)
-        .add_service(QualityServer::new(measure::QualityService(meter.clone())))
+        .add_service(QualityServer::new(trials::QualityService(meter.clone())))
         .into_axum_router();
     let web = web::Web::new(store.clone(), backend, meter.clone(), connected.clone()).router();
-    tracing::info!(address = %listener.local_addr()?, "viz-node listens");
+    let address = listener.local_addr()?;
+    tracing::info!(%address, "viz-node listens");
+    let config =
+        Config { quality_address: Some(config.quality_address.unwrap_or(format!("http://{address}"))), ..config };
     let subscription = tokio::spawn(subscribe::run(config, store, meter, connected));
     let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
     let serve = axum::serve(listener, web.merge(grpc)).with_graceful_shutdown(async {

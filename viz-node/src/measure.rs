@@ -1,26 +1,19 @@
-//! What arrives, measured: live steps into the store, trials to whoever asked.
+//! What arrives: live steps, measured, into the store; trials to where they are measured when asked for.
 
 use crate::kernel::{Backend, PreparedVdi};
 use crate::store::{Run, StepRow, Store};
+use crate::trials::{Ready, Trials};
 use lamina_model::{Quality, ReferenceSamples};
 use lamina_wire::codec::{self, DecodeLimits};
 use lamina_wire::reference;
-use lamina_wire::v1::{self, delivery::Part, quality_server};
+use lamina_wire::v1::{self, delivery::Part};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
-use tokio::sync::watch;
-use tonic::{Request, Response, Status};
+use tonic::Status;
 
 /// Reference samples remembered.
 const REFERENCES: usize = 8;
-/// Trial results remembered until they are asked for.
-const TRIALS: usize = 1024;
-/// How long a question for a trial waits for its VDI to arrive.
-const TRIAL_WAIT: Duration = Duration::from_secs(60);
-
-type TrialResult = (u64, Result<Quality, Status>);
 
 /// Counters for `/metrics`.
 #[derive(Default)]
@@ -29,7 +22,7 @@ pub struct Counters {
     pub frames: AtomicU64,
     /// Bytes of live frames.
     pub frame_bytes: AtomicU64,
-    /// Trials measured.
+    /// Questions about trials answered with a measurement.
     pub trials: AtomicU64,
     /// Frames that could not be used.
     pub refused: AtomicU64,
@@ -40,19 +33,21 @@ pub struct Counters {
 /// Measures quality and keeps results.
 pub struct Meter {
     store: Arc<Store>,
-    backend: Backend,
+    /// What draws.
+    pub backend: Backend,
     limits: DecodeLimits,
     /// What was done so far.
     pub counters: Counters,
     references: Mutex<VecDeque<(String, Arc<ReferenceSamples>)>>,
-    trials: watch::Sender<VecDeque<TrialResult>>,
+    /// Trials that can be asked for.
+    pub trials: Trials,
 }
 
 impl Meter {
     /// Records into `store`; draws with `backend`; refuses VDIs beyond `limits`.
     pub fn new(store: Arc<Store>, backend: Backend, limits: DecodeLimits) -> Self {
-        let trials = watch::Sender::new(VecDeque::new());
-        Self { store, backend, limits, counters: Counters::default(), references: Mutex::default(), trials }
+        let (counters, trials) = (Counters::default(), Trials::default());
+        Self { store, backend, limits, counters, references: Mutex::default(), trials }
     }
 
     /// Takes one whole delivery. Blocking: decodes, renders, writes.
@@ -61,7 +56,7 @@ impl Meter {
             Part::Run(run) => self.store.begin(Run::from(&run)).map_err(|e| e.to_string()),
             Part::Reference(announcement) => self.keep_reference(announcement, &payload),
             Part::Frame(frame) if frame.trial_id != 0 => {
-                self.measure_trial(&frame, &payload);
+                self.trials.keep(frame.trial_id, self.prepare_trial(&frame, &payload));
                 Ok(())
             }
             Part::Frame(frame) => self.record(&frame, payload),
@@ -100,57 +95,23 @@ impl Meter {
         let step = frame.step;
         let vdi = codec::decode(&payload, &self.limits).map_err(|e| format!("step {step}: {e}"))?;
         let vdi = PreparedVdi::new(Arc::new(vdi));
-        let quality = self.reference_of(frame).map(|r| self.backend.quality(&vdi, &r)).transpose();
+        let quality = self.reference_of(frame).map(|r| self.backend.quality(&vdi, &r, 0..r.plan.batches)).transpose();
         let quality = quality.map_err(|e| format!("step {step}: {e}"))?;
         let row = StepRow::new(frame, quality.as_ref());
         let bytes = row.size_bytes;
         self.store.record(row, payload, Arc::new(vdi)).map_err(|e| format!("step {step}: not recorded: {e}"))?;
         self.counters.frames.fetch_add(1, Ordering::Relaxed);
         self.counters.frame_bytes.fetch_add(bytes, Ordering::Relaxed);
-        tracing::info!(step, bytes, psnr_db = quality.map_or(f64::NAN, |q| q.psnr_db), "recorded");
+        tracing::info!(step, bytes, psnr_db = quality.as_ref().map_or(f64::NAN, Quality::psnr_db), "recorded");
         Ok(())
     }
 
-    fn measure_trial(&self, frame: &v1::Frame, payload: &[u8]) {
-        let refused = |reason: String| Status::invalid_argument(reason);
-        let result = codec::decode(payload, &self.limits).map_err(|e| refused(e.to_string())).and_then(|vdi| {
-            let missing =
-                || Status::failed_precondition(format!("no reference samples of step {} have arrived", frame.step));
-            let reference = self.reference_of(frame).ok_or_else(missing)?;
-            self.backend.quality(&PreparedVdi::new(&vdi), &reference).map_err(|e| refused(e.to_string()))
-        });
-        self.counters.trials.fetch_add(1, Ordering::Relaxed);
-        self.trials.send_modify(|trials| {
-            trials.push_back((frame.trial_id, result));
-            if trials.len() > TRIALS {
-                trials.pop_front();
-            }
-        });
-    }
-}
-
-/// The gRPC face of [`Meter`] towards the tuner.
-pub struct QualityService(pub Arc<Meter>);
-
-#[tonic::async_trait]
-impl quality_server::Quality for QualityService {
-    async fn measure(&self, request: Request<v1::QualityRequest>) -> Result<Response<v1::QualityReply>, Status> {
-        let id = request.into_inner().trial_id;
-        let mut trials = self.0.trials.subscribe();
-        let find =
-            |trials: &VecDeque<TrialResult>| trials.iter().find(|(trial, _)| *trial == id).map(|(_, r)| r.clone());
-        let arrived = tokio::time::timeout(TRIAL_WAIT, trials.wait_for(|t| find(t).is_some())).await;
-        let found = match arrived {
-            Ok(Ok(trials)) => find(&trials),
-            Ok(Err(_)) => return Err(Status::unavailable("stopping")),
-            Err(_) => None,
-        };
-        match found {
-            Some(Ok(quality)) => Ok(Response::new((&quality).into())),
-            Some(Err(status)) => Err(status),
-            None => Err(Status::deadline_exceeded(format!(
-                "trial {id}: its VDI did not arrive within {TRIAL_WAIT:?}; is this viz-node subscribed to the generator-node?"
-            ))),
-        }
+    /// A trial as it can be measured. What goes wrong is for whoever asks about it.
+    fn prepare_trial(&self, frame: &v1::Frame, payload: &[u8]) -> Result<Arc<Ready>, Status> {
+        let step = frame.step;
+        let missing = || Status::failed_precondition(format!("no reference samples of step {step} have arrived"));
+        let reference = self.reference_of(frame).ok_or_else(missing)?;
+        let vdi = codec::decode(payload, &self.limits).map_err(|e| Status::invalid_argument(e.to_string()))?;
+        Ok(Arc::new(Ready { vdi: PreparedVdi::new(Arc::new(vdi)), reference }))
     }
 }

@@ -6,7 +6,7 @@ use crate::store::Store;
 use lamina_wire::MAX_MESSAGE_BYTES;
 use lamina_wire::chunks::Assembler;
 use lamina_wire::node::connect;
-use lamina_wire::v1::{self, frames_client::FramesClient};
+use lamina_wire::v1::{self, delivery::Part, frames_client::FramesClient};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -38,20 +38,31 @@ async fn follow(config: &Config, store: &Arc<Store>, meter: &Arc<Meter>, connect
     let unreachable = |reason: String| Status::unavailable(format!("generator-node {reason}"));
     let channel = connect(&config.generator).await.map_err(unreachable)?;
     let mut frames = FramesClient::new(channel).max_decoding_message_size(MAX_MESSAGE_BYTES);
-    let request =
-        v1::SubscribeRequest { run_id: store.run().map(|r| r.id).unwrap_or_default(), after_step: store.newest_step() };
+    let request = v1::SubscribeRequest {
+        run_id: store.run().map(|r| r.id).unwrap_or_default(),
+        after_step: store.newest_step(),
+        quality_address: config.quality_address.clone().unwrap_or_default(),
+    };
     let mut deliveries = frames.subscribe(request).await?.into_inner();
     connected.store(true, Ordering::Relaxed);
     meter.counters.connections.fetch_add(1, Ordering::Relaxed);
     tracing::info!(generator = config.generator, "subscribed");
     let mut assembler = Assembler::new(config.max_frame_bytes);
     while let Some(delivery) = deliveries.message().await? {
+        let trial_id = match &delivery.part {
+            Some(Part::Frame(frame)) => frame.trial_id,
+            _ => 0,
+        };
         let whole = match assembler.push(delivery) {
             Ok(whole) => whole,
             Err(too_large) if too_large.code() == tonic::Code::ResourceExhausted => {
                 // The next delivery may well fit.
                 meter.counters.refused.fetch_add(1, Ordering::Relaxed);
-                tracing::error!("{}; raise max_frame_bytes in this viz-node's configuration", too_large.message());
+                let reason = format!("{}; raise max_frame_bytes in this viz-node's configuration", too_large.message());
+                tracing::error!("{reason}");
+                if trial_id != 0 {
+                    meter.trials.keep(trial_id, Err(Status::invalid_argument(reason)));
+                }
                 continue;
             }
             Err(broken) => return Err(broken),

@@ -1,9 +1,12 @@
 //! The command line.
 
-use crate::units::{Bytes, Dims, Millis};
+use crate::dims::Dims;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lamina_device::Choice;
 use lamina_model::VoxelType;
+use lamina_tuner::Contract;
+use lamina_tuner::search::Grid;
+use lamina_tuner::units::{Bytes, Millis};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
@@ -33,6 +36,10 @@ pub enum Command {
     Compare(Compare),
     /// Measure what this machine takes for a volume or a .vdi: times, or memory
     Bench(Bench),
+    /// Find the best parameters of a volume under a contract
+    Tune(Tune),
+    /// Measure every (gamma, resolution) of a grid, and report what is best under which limit
+    Study(Study),
     /// Say what this machine offers
     Doctor,
 }
@@ -86,24 +93,21 @@ pub struct Watch {
     /// Scene file (TOML): transfer function, camera, background, step
     #[arg(long, value_name = "FILE")]
     pub scene: Option<PathBuf>,
-    /// Best picture with at most this size a step, such as 300kB
-    #[arg(long, value_name = "SIZE", conflicts_with = "time_limit")]
-    pub size_limit: Option<Bytes>,
-    /// Best picture with at most this generation time a step, such as 40ms
-    #[arg(long, value_name = "TIME")]
-    pub time_limit: Option<Millis>,
+    /// What every step must keep and what is best, such as "size <= 300kB, time <= 40ms"; default: size <= 300kB
+    #[arg(long, value_name = "CONTRACT")]
+    pub contract: Option<Contract>,
     /// Rays per side, with --gamma: no tuning
-    #[arg(long, value_name = "R", requires = "gamma", conflicts_with_all = ["size_limit", "time_limit"])]
+    #[arg(long, value_name = "R", requires = "gamma", conflicts_with = "contract")]
     pub resolution: Option<u32>,
     /// Interrupt parameter, with --resolution: no tuning
     #[arg(long, value_name = "G", requires = "resolution", allow_negative_numbers = true)]
     pub gamma: Option<f64>,
-    /// Tune again every n-th step (0: only when the limit is broken)
-    #[arg(long, default_value_t = 20, value_name = "N")]
+    /// Tune again every n-th step (0: only when a step is unlike those tuned for, or a limit is broken)
+    #[arg(long, default_value_t = 0, value_name = "N")]
     pub retune_every: u64,
-    /// Parameters the tuner tries: 18 in a coarse grid, or the paper's 1300
-    #[arg(long, default_value = "coarse")]
-    pub grid: GridName,
+    /// Parameters the tuner chooses from: auto, coarse, paper, or R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
+    #[arg(long, default_value = "auto", value_name = "GRID")]
+    pub grid: Grid,
     /// What casts rays and draws: auto (a GPU if there is a real one), cpu or gpu
     #[arg(long, default_value_t)]
     pub backend: Choice,
@@ -111,16 +115,51 @@ pub struct Watch {
     #[arg(long, default_value = "127.0.0.1:7102", value_name = "IP:PORT")]
     pub viewer: SocketAddr,
     /// Push to this running generator-node instead of starting the nodes here
-    #[arg(long, value_name = "http://HOST:PORT", conflicts_with_all = ["out", "headless", "size_limit", "time_limit", "resolution"])]
+    #[arg(long, value_name = "http://HOST:PORT", conflicts_with_all = ["out", "headless", "contract", "resolution"])]
     pub generator: Option<String>,
 }
 
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum GridName {
-    /// 3 resolutions by 6 gammas
-    Coarse,
-    /// 20 resolutions by 65 gammas
-    Paper,
+#[derive(Args)]
+pub struct Study {
+    /// .pvd, .vti, .nhdr, .nrrd, .raw or .raw.gz; one or more
+    #[arg(value_name = "INPUT", required = true)]
+    pub inputs: Vec<PathBuf>,
+    /// Folder for measurements.csv, report.html and what else is found; what an interrupted study measured is there too
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Which time steps of series, counted from 0
+    #[arg(long, value_name = "N,..", value_delimiter = ',')]
+    pub steps: Vec<usize>,
+    /// Parameters measured: the paper's 1300, coarse: 18 for a quick look, auto: 880 in a range found from the data, or
+    /// R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
+    #[arg(long, default_value = "paper", value_name = "GRID")]
+    pub grid: Grid,
+    /// Size limits to choose under; without: a ladder, each 1.5 times the one before
+    #[arg(long, value_name = "SIZE,..", value_delimiter = ',')]
+    pub size_limits: Vec<Bytes>,
+    /// Limits on generation time to choose under; without: a ladder as well
+    #[arg(long, value_name = "TIME,..", value_delimiter = ',')]
+    pub time_limits: Vec<Millis>,
+    #[command(flatten)]
+    pub raw: Raw,
+    /// Scene file (TOML)
+    #[arg(long, value_name = "FILE")]
+    pub scene: Option<PathBuf>,
+    /// What casts rays and draws: auto (a GPU if there is a real one), cpu or gpu
+    #[arg(long, default_value_t)]
+    pub backend: Choice,
+}
+
+#[derive(Args)]
+pub struct Tune {
+    #[command(flatten)]
+    pub input: Input,
+    /// What to keep and what is best, such as "size <= 300kB, psnr >= 35dB, minimise time"
+    #[arg(long, value_name = "CONTRACT", default_value = "size <= 300kB")]
+    pub contract: Contract,
+    /// Parameters to choose from: auto, coarse, paper, or R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
+    #[arg(long, default_value = "auto", value_name = "GRID")]
+    pub grid: Grid,
 }
 
 /// What a raw file does not say.

@@ -2,6 +2,7 @@
 
 mod bench;
 mod cli;
+mod dims;
 mod doctor;
 mod nodes;
 mod outputs;
@@ -11,7 +12,7 @@ mod process;
 mod report;
 mod scene_file;
 mod source;
-mod units;
+mod study;
 mod watch;
 
 use clap::Parser;
@@ -28,6 +29,8 @@ fn main() -> std::process::ExitCode {
         Command::Render(arguments) => parts::render(&arguments),
         Command::Compare(arguments) => parts::compare(&arguments),
         Command::Bench(arguments) => bench::bench(&arguments),
+        Command::Tune(arguments) => study::contract(&arguments),
+        Command::Study(arguments) => study::study(&arguments),
         Command::Doctor => doctor::doctor(),
     };
     lamina_wire::node::exit_code(outcome)

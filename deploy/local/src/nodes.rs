@@ -3,8 +3,8 @@
 use anyhow::{Context, bail};
 use lamina_device::Choice;
 use lamina_generator_node::kernel::Backend;
-use lamina_model::{GenerationParams, Scene};
-use lamina_tuner::Utility;
+use lamina_model::{GenerationParams, SamplePlan, Scene};
+use lamina_tuner::Contract;
 use lamina_tuner::search::Grid;
 use lamina_viz_node::Store;
 use lamina_viz_node::store::StepRow;
@@ -26,6 +26,8 @@ pub struct Setup {
     pub store: Option<PathBuf>,
     /// Bytes for time steps in the generator-node.
     pub memory_bytes: u64,
+    /// Views that quality is measured from, degrees; the default plan's without.
+    pub angles_deg: Option<Vec<f64>>,
     /// What casts the rays.
     pub backend: Choice,
     /// Parameters before tuning, or for ever.
@@ -37,11 +39,13 @@ pub struct Setup {
 /// What the tuner is to do.
 pub struct Tuning {
     /// The user's limit.
-    pub utility: Utility,
+    pub contract: Contract,
     /// What it tries.
     pub grid: Grid,
     /// Tune again every n-th step.
     pub retune_every: u64,
+    /// The most share of the time that studies may take.
+    pub budget: f64,
 }
 
 /// The running nodes.
@@ -75,6 +79,7 @@ impl Nodes {
             memory_bytes: setup.memory_bytes,
             params: setup.params,
             scene: Some(scene.clone()),
+            samples: plan(setup.angles_deg),
             ..Default::default()
         };
         let listener = runtime.block_on(listen(any_port))?;
@@ -97,14 +102,14 @@ impl Nodes {
         if let Some(tuning) = setup.tuning {
             let config = lamina_tuner::Config {
                 generator: generator.clone(),
-                viz: format!("http://{}", SocketAddr::from((loopback_if_any(viewer), viewer.port()))),
-                utility: tuning.utility,
+                contract: tuning.contract,
                 grid: tuning.grid,
                 retune_every: tuning.retune_every,
+                budget: tuning.budget,
                 step_voxels: setup.params.step_voxels(),
                 ..Default::default()
             };
-            config.candidates()?;
+            config.base()?;
             let listener = runtime.block_on(listen(any_port))?;
             let address = format!("http://{}", listener.local_addr()?);
             runtime.spawn(lamina_tuner::run(config, listener, stopped()));
@@ -159,7 +164,8 @@ impl Nodes {
     }
 }
 
-/// An address that listens on all interfaces is reached on loopback.
-fn loopback_if_any(address: SocketAddr) -> std::net::IpAddr {
-    if address.ip().is_unspecified() { Ipv4Addr::LOCALHOST.into() } else { address.ip() }
+/// Where quality is measured.
+fn plan(angles_deg: Option<Vec<f64>>) -> SamplePlan {
+    let plan = SamplePlan::default();
+    SamplePlan { angles_deg: angles_deg.unwrap_or(plan.angles_deg.clone()), ..plan }
 }

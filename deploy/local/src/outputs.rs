@@ -2,10 +2,10 @@
 
 use crate::report::{self, Limit, PicturePair, Report, TrialRow};
 use crate::source::Source;
-use crate::units::show_bytes;
 use anyhow::{Context, ensure};
 use lamina_generator_node::kernel::{Backend, Field};
 use lamina_model::{Scene, Volume, psnr};
+use lamina_tuner::units::show_bytes;
 use lamina_viz_node::store::{StepRow, Store};
 use lamina_viz_node::view::png;
 use lamina_wire::v1;

@@ -1,15 +1,15 @@
 //! `live` and `replay`: a source of steps, coupled through the client to the nodes.
 
-use crate::cli::{self, GridName};
+use crate::cli;
 use crate::nodes::{Nodes, Setup, Tuning};
 use crate::outputs::Outputs;
 use crate::source::{Example, Recorded, Source, read_options};
-use crate::units::show_bytes;
 use anyhow::{Context, ensure};
 use indicatif::{ProgressBar, ProgressStyle};
 use lamina_client::{Brick, Client, ClientError, FullPolicy, RunOptions};
 use lamina_model::{GenerationParams, Scene, Volume};
-use lamina_tuner::{Utility, search::Grid};
+use lamina_tuner::Contract;
+use lamina_tuner::units::show_bytes;
 use lamina_viz_node::store::StepRow;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Arc;
@@ -94,24 +94,27 @@ fn push_only(
 fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume) -> anyhow::Result<Setup> {
     let fixed = options.resolution.zip(options.gamma);
     let (resolution, gamma) = fixed.unwrap_or((256, 0.05));
-    let size = options.size_limit.map_or(DEFAULT_SIZE_LIMIT, |b| b.0);
-    let utility = match options.time_limit {
-        Some(limit) => Utility::Time { limit_ms: limit.0 },
-        None => Utility::Size { limit_bytes: size },
-    };
-    let grid = match options.grid {
-        GridName::Coarse => Grid::default(),
-        GridName::Paper => Grid::paper(),
+    let contract = options.contract.clone().unwrap_or_else(|| Contract::size(DEFAULT_SIZE_LIMIT));
+    let angles_deg = contract.angles_deg();
+    // The cone is a matter of where quality is measured.
+    let contract = Contract { cone_deg: None, ..contract };
+    let tuning = Tuning {
+        contract,
+        grid: options.grid,
+        retune_every: options.retune_every,
+        // Without a viewer every step waits for its tuning.
+        budget: if options.headless { 1.0 } else { lamina_tuner::Config::default().budget },
     };
     let voxels = volume.grid().voxels() as u64;
     Ok(Setup {
         viewer: if options.headless { SocketAddr::from((Ipv4Addr::LOCALHOST, 0)) } else { options.viewer },
         store: options.out.as_ref().map(|dir| dir.join("vdi")),
         backend: options.backend,
+        angles_deg,
         // Room for two waiting steps: more would only show the past.
         memory_bytes: 4 * volume.size_bytes() as u64 + 12 * voxels + (1 << 20),
         params: GenerationParams::new(resolution, gamma)?.with_step_voxels(scene.step_voxels)?,
-        tuning: fixed.is_none().then_some(Tuning { utility, grid, retune_every: options.retune_every }),
+        tuning: fixed.is_none().then_some(tuning),
     })
 }
 

@@ -139,7 +139,10 @@ impl Backend {
         let plan = plan.clone().check()?;
         let (scene, size) = (field.scene(), plan.image_size);
         let cameras = plan.test_cameras(&scene.camera)?;
-        let view = |(v, camera): (usize, &Camera)| self.raycast_pixels(field, camera, size, size, &plan.pixels(v));
+        let view = |(v, camera): (usize, &Camera)| {
+            let pixels: Vec<_> = (0..plan.batches).flat_map(|b| plan.pixels(v, b)).collect();
+            self.raycast_pixels(field, camera, size, size, &pixels)
+        };
         let colors = cameras.iter().enumerate().map(view).collect::<Result<_, _>>()?;
         Ok(ReferenceSamples { step, plan, scene: scene.clone(), colors })
     }

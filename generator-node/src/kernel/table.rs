@@ -4,7 +4,7 @@
 //! is of second order in the spacing; in a bin that holds a control point the kink, or the jump of two points at one
 //! position, is rounded off over that bin. The table is made fine enough for the closest pair of control points.
 
-use super::lanes::{Floats, Lanes};
+use lamina_lanes::{Floats, Lanes};
 use lamina_model::TransferFunction;
 use lamina_model::composite::opacity_from_optical_depth;
 

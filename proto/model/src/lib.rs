@@ -19,7 +19,7 @@ pub mod volume;
 
 pub use camera::{Aabb, Camera, Ray};
 pub use image::Image;
-pub use indicators::{Indicators, Quality};
+pub use indicators::{Indicators, Quality, ViewError, decibels};
 pub use params::GenerationParams;
 pub use psnr::{SquaredError, psnr};
 pub use samples::{ReferenceSamples, SamplePlan};

@@ -3,7 +3,8 @@
 use crate::{Camera, Image, Invalid, Scene};
 use serde::{Deserialize, Serialize};
 
-/// One random pixel in every `tile` x `tile` block of a square image, for each of some views.
+/// Batches of one random pixel in every `tile` x `tile` block of a square image, for each of some views. Batches are
+/// independent of each other: any number of them is a sample of the whole image.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SamplePlan {
@@ -11,20 +12,29 @@ pub struct SamplePlan {
     pub image_size: u32,
     /// Side of a block, pixels; 1 compares every pixel.
     pub tile: u32,
+    /// Batches; 1 where every pixel is compared.
+    #[serde(default = "one")]
+    pub batches: u32,
     /// Views: rotations of the generation camera about +y through its target, degrees.
     pub angles_deg: Vec<f64>,
 }
 
+fn one() -> u32 {
+    1
+}
+
 impl Default for SamplePlan {
-    /// The paper's views, 10..60 degrees at 768 x 768, one pixel in 64.
+    /// The paper's views, 10..60 degrees at 768 x 768, one pixel in 64, in 16 batches.
     fn default() -> Self {
-        Self { image_size: 768, tile: 8, angles_deg: vec![10.0, 20.0, 30.0, 40.0, 50.0, 60.0] }
+        Self { image_size: 768, tile: 32, batches: 16, angles_deg: vec![10.0, 20.0, 30.0, 40.0, 50.0, 60.0] }
     }
 }
 
 impl SamplePlan {
     /// The most views of a plan.
     pub const MAX_VIEWS: usize = 64;
+    /// The most batches of a plan.
+    pub const MAX_BATCHES: u32 = 256;
 
     /// Passes a plan that can be carried out.
     ///
@@ -37,6 +47,10 @@ impl SamplePlan {
                 "samples.tile",
                 format!("{} must lie in 1..={} pixels", self.tile, self.image_size),
             ));
+        }
+        if !(1..=Self::MAX_BATCHES).contains(&self.batches) {
+            let most = Self::MAX_BATCHES;
+            return Err(Invalid::new("samples.batches", format!("{} must lie in 1..={most}", self.batches)));
         }
         if self.angles_deg.is_empty() || self.angles_deg.len() > Self::MAX_VIEWS {
             let n = self.angles_deg.len();
@@ -59,21 +73,27 @@ impl SamplePlan {
         self.angles_deg.iter().map(|&a| generation_camera.rotated_about_y(a)).collect()
     }
 
-    /// The sampled pixels (column, row) of view number `view`: the same on every machine.
-    pub fn pixels(&self, view: usize) -> Vec<(u32, u32)> {
+    /// The sampled pixels (column, row) of one batch of view number `view`: the same on every machine.
+    pub fn pixels(&self, view: usize, batch: u32) -> Vec<(u32, u32)> {
         let blocks = self.image_size.div_ceil(self.tile);
-        let mut pixels = Vec::with_capacity(blocks as usize * blocks as usize);
+        let mut pixels = Vec::with_capacity(self.samples_per_batch());
         for (by, bx) in (0..blocks).flat_map(|y| (0..blocks).map(move |x| (y, x))) {
             let side = |b: u32| self.tile.min(self.image_size - b * self.tile);
-            let random = splitmix64(((view as u64) << 56) ^ (u64::from(by) << 28) ^ u64::from(bx));
+            let random =
+                splitmix64(((view as u64) << 56) ^ (u64::from(batch) << 48) ^ (u64::from(by) << 24) ^ u64::from(bx));
             let pick = |bits: u64, n: u32| (((bits & 0xffff_ffff) * u64::from(n)) >> 32) as u32;
             pixels.push((bx * self.tile + pick(random, side(bx)), by * self.tile + pick(random >> 32, side(by))));
         }
         pixels
     }
 
-    /// Samples of one view.
+    /// Samples of one view, all batches.
     pub fn samples_per_view(&self) -> usize {
+        self.samples_per_batch() * self.batches as usize
+    }
+
+    /// Samples of one batch of one view.
+    pub fn samples_per_batch(&self) -> usize {
         (self.image_size.div_ceil(self.tile) as usize).pow(2)
     }
 }
@@ -95,7 +115,7 @@ pub struct ReferenceSamples {
     pub plan: SamplePlan,
     /// What was seen: generation camera, transfer function and background.
     pub scene: Scene,
-    /// Colours per view, in the order of [`SamplePlan::pixels`].
+    /// Colours per view: batch after batch, each in the order of [`SamplePlan::pixels`].
     pub colors: Vec<Vec<[f32; 3]>>,
 }
 
@@ -105,15 +125,17 @@ mod tests {
 
     #[test]
     fn every_block_holds_one_sample_and_tile_one_is_every_pixel() {
-        let plan = SamplePlan { image_size: 21, tile: 4, angles_deg: vec![10.0] };
-        let pixels = plan.pixels(0);
-        assert_eq!(pixels.len(), plan.samples_per_view());
+        let plan = SamplePlan { image_size: 21, tile: 4, batches: 2, angles_deg: vec![10.0] };
+        let pixels = plan.pixels(0, 0);
+        assert_eq!(pixels.len(), plan.samples_per_batch());
+        assert_eq!(2 * pixels.len(), plan.samples_per_view());
+        assert_ne!(pixels, plan.pixels(0, 1));
         for (n, &(x, y)) in pixels.iter().enumerate() {
             assert_eq!((x / 4 + 6 * (y / 4)) as usize, n);
             assert!(x < 21 && y < 21);
         }
-        assert_ne!(pixels, plan.pixels(1));
+        assert_ne!(pixels, plan.pixels(1, 0));
         let all = SamplePlan { tile: 1, ..plan };
-        assert_eq!(all.pixels(0)[22], (1, 1));
+        assert_eq!(all.pixels(0, 0)[22], (1, 1));
     }
 }

@@ -4,7 +4,7 @@ use crate::{required, v1};
 use glam::DVec3;
 use lamina_model::{
     Camera, ControlPoint, GenerationParams, Grid, Invalid, Quality, ScalarRange, Scale, Scene, TransferFunction,
-    VoxelType, camera::CameraFields,
+    ViewError, VoxelType, camera::CameraFields,
 };
 use std::time::Duration;
 
@@ -173,17 +173,22 @@ impl v1::Cost {
 
 impl From<&Quality> for v1::QualityReply {
     fn from(q: &Quality) -> Self {
-        let view = |&(angle_deg, psnr_db): &(f64, f64)| v1::View { angle_deg, psnr_db };
-        Self { psnr_db: q.psnr_db, views: q.views.iter().map(view).collect() }
+        let view = |v: &ViewError| v1::View { angle_deg: v.angle_deg, batch_mse: v.batch_mse.clone() };
+        Self { views: q.views.iter().map(view).collect() }
     }
 }
 
 impl TryFrom<v1::QualityReply> for Quality {
     type Error = Invalid;
     fn try_from(q: v1::QualityReply) -> Result<Self, Invalid> {
-        if q.psnr_db.is_nan() {
-            return Err(Invalid::new("psnr_db", "is not a number; the viz-node measured nothing"));
+        let batches = q.views.first().map_or(0, |v| v.batch_mse.len());
+        if batches == 0 || q.views.iter().any(|v| v.batch_mse.len() != batches) {
+            return Err(Invalid::new("quality", "views without batches, or with unequally many"));
         }
-        Ok(Self { psnr_db: q.psnr_db, views: q.views.iter().map(|v| (v.angle_deg, v.psnr_db)).collect() })
+        if let Some(mse) = q.views.iter().flat_map(|v| &v.batch_mse).find(|mse| !(mse.is_finite() && **mse >= 0.0)) {
+            return Err(Invalid::new("quality", format!("a mean squared error of {mse}")));
+        }
+        let view = |v: v1::View| ViewError { angle_deg: v.angle_deg, batch_mse: v.batch_mse };
+        Ok(Self { views: q.views.into_iter().map(view).collect() })
     }
 }

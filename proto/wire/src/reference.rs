@@ -13,6 +13,7 @@ pub fn encode(run_id: &str, samples: &ReferenceSamples) -> (v1::Reference, Vec<u
         scene: Some((&samples.scene).into()),
         image_size: samples.plan.image_size,
         tile: samples.plan.tile,
+        batches: samples.plan.batches,
         angles_deg: samples.plan.angles_deg.clone(),
         bytes: bytes.len() as u64,
     };
@@ -24,8 +25,8 @@ pub fn encode(run_id: &str, samples: &ReferenceSamples) -> (v1::Reference, Vec<u
 /// # Errors
 /// If the scene or plan is not valid or the bytes are not as many as the plan needs.
 pub fn decode(reference: v1::Reference, bytes: &[u8]) -> Result<ReferenceSamples, Invalid> {
-    let plan = SamplePlan { image_size: reference.image_size, tile: reference.tile, angles_deg: reference.angles_deg }
-        .check()?;
+    let v1::Reference { image_size, tile, batches, angles_deg, .. } = reference;
+    let plan = SamplePlan { image_size, tile, batches, angles_deg }.check()?;
     let per_view = 6 * plan.samples_per_view();
     if bytes.len() != per_view * plan.angles_deg.len() {
         return Err(Invalid::new("reference", format!("{} bytes do not fit its sample plan", bytes.len())));

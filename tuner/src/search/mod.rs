@@ -1,5 +1,15 @@
 //! Which parameters are tried.
 
+mod gauss;
 mod grid;
+mod models;
+mod racing;
+mod range;
+#[cfg(test)]
+mod tests;
 
+pub use gauss::{Process, place};
 pub use grid::{Axis, Grid};
+pub use models::Price;
+pub use racing::{Found, search};
+pub use range::candidates;

@@ -6,7 +6,7 @@ use super::quality::quality_of;
 use lamina_device::{Choice, DeviceError, Gpu, Opened};
 use lamina_model::{Camera, Image, Invalid, Quality, ReferenceSamples, Vdi};
 use std::fmt::Display;
-use std::ops::Deref;
+use std::ops::{Deref, Range};
 use std::sync::Arc;
 
 /// What draws: chosen once, at start-up.
@@ -66,19 +66,20 @@ impl Backend {
         }
     }
 
-    /// PSNR per view and pooled over the sampled pixels.
+    /// Errors of some batches of the sampled pixels.
     ///
     /// # Errors
-    /// If the samples do not fit their plan.
+    /// If the samples do not fit their plan, or hold fewer batches.
     #[doc(alias = "q")]
     pub fn quality<V: Deref<Target = Vdi>>(
         &self,
         vdi: &PreparedVdi<V>,
         reference: &ReferenceSamples,
+        batches: Range<u32>,
     ) -> Result<Quality, Invalid> {
         match self {
-            Self::Cpu => vdi.quality(reference),
-            Self::Gpu(kernels) => quality_of(reference, |camera, size, pixels| {
+            Self::Cpu => vdi.quality(reference, batches),
+            Self::Gpu(kernels) => quality_of(reference, batches, |camera, size, pixels| {
                 let drawn = kernels.render_pixels(vdi, camera, size, size, pixels);
                 or_cpu(kernels, drawn, || Ok(vdi.render_pixels(camera, size, size, pixels)))
             }),

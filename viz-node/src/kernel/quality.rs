@@ -1,32 +1,33 @@
 //! q: the PSNR of a VDI's pictures against reference samples.
 
 use super::PreparedVdi;
-use lamina_model::{Camera, Invalid, Quality, ReferenceSamples, SquaredError, Vdi};
-use std::ops::Deref;
+use lamina_model::{Camera, Invalid, Quality, ReferenceSamples, SquaredError, Vdi, ViewError};
+use std::ops::{Deref, Range};
 
-/// PSNR per view and pooled over the sampled pixels.
+/// Errors of all batches.
 ///
 /// # Errors
 /// If the samples do not fit their plan.
 #[doc(alias = "q")]
 pub fn quality(vdi: &Vdi, reference: &ReferenceSamples) -> Result<Quality, Invalid> {
-    PreparedVdi::new(vdi).quality(reference)
+    PreparedVdi::new(vdi).quality(reference, 0..reference.plan.batches)
 }
 
 impl<V: Deref<Target = Vdi>> PreparedVdi<V> {
-    /// PSNR per view and pooled over the sampled pixels.
+    /// Errors of some batches of the sampled pixels.
     ///
     /// # Errors
-    /// If the samples do not fit their plan.
+    /// If the samples do not fit their plan, or hold fewer batches.
     #[doc(alias = "q")]
-    pub fn quality(&self, reference: &ReferenceSamples) -> Result<Quality, Invalid> {
-        quality_of(reference, |camera, size, pixels| Ok(self.render_pixels(camera, size, size, pixels)))
+    pub fn quality(&self, reference: &ReferenceSamples, batches: Range<u32>) -> Result<Quality, Invalid> {
+        quality_of(reference, batches, |camera, size, pixels| Ok(self.render_pixels(camera, size, size, pixels)))
     }
 }
 
 /// The same for whatever draws pixels of a square picture.
 pub fn quality_of(
     reference: &ReferenceSamples,
+    batches: Range<u32>,
     render_pixels: impl Fn(&Camera, u32, &[(u32, u32)]) -> Result<Vec<[f32; 3]>, Invalid>,
 ) -> Result<Quality, Invalid> {
     let plan = reference.plan.clone().check()?;
@@ -34,14 +35,23 @@ pub fn quality_of(
     if reference.colors.len() != cameras.len() || reference.colors.iter().any(|c| c.len() != plan.samples_per_view()) {
         return Err(Invalid::new("reference", "the number of colours does not fit the sample plan"));
     }
-    let mut pooled = SquaredError::default();
-    let mut views = Vec::new();
-    for (v, (camera, colors)) in cameras.iter().zip(&reference.colors).enumerate() {
-        let rendered = render_pixels(camera, plan.image_size, &plan.pixels(v))?;
-        let mut error = SquaredError::default();
-        error.add_all(&rendered, colors);
-        views.push((plan.angles_deg[v], error.psnr_db()));
-        pooled.merge(error);
+    if batches.is_empty() || batches.end > plan.batches {
+        return Err(Invalid::new("batches", format!("{batches:?} asked for; the plan has 0..{}", plan.batches)));
     }
-    Ok(Quality { psnr_db: pooled.psnr_db(), views })
+    let size = plan.samples_per_batch();
+    let mut quality = Quality::default();
+    for (v, (camera, colors)) in cameras.iter().zip(&reference.colors).enumerate() {
+        // One call for all batches: neighbouring pixels of different batches share work.
+        let pixels: Vec<_> = batches.clone().flat_map(|b| plan.pixels(v, b)).collect();
+        let rendered = render_pixels(camera, plan.image_size, &pixels)?;
+        let wanted = &colors[batches.start as usize * size..batches.end as usize * size];
+        let mse = |(a, b): (&[[f32; 3]], &[[f32; 3]])| {
+            let mut error = SquaredError::default();
+            error.add_all(a, b);
+            error.mse()
+        };
+        let batch_mse = rendered.chunks(size).zip(wanted.chunks(size)).map(mse).collect();
+        quality.views.push(ViewError { angle_deg: plan.angles_deg[v], batch_mse });
+    }
+    Ok(quality)
 }

@@ -1,6 +1,6 @@
 //! The numbers of one step, as the page, `steps.csv` and the report show them.
 
-use lamina_model::Quality;
+use lamina_model::{Quality, ViewError};
 use lamina_wire::v1;
 use serde::{Deserialize, Serialize};
 
@@ -86,9 +86,13 @@ impl StepRow {
     pub fn new(frame: &v1::Frame, quality: Option<&Quality>) -> Self {
         let params = frame.params.unwrap_or_default();
         let cost = frame.cost.unwrap_or_default();
-        let size_kept = frame.size_limit_bytes.is_none_or(|limit| cost.size_bytes <= limit);
-        let time_kept = frame.time_limit_ns.is_none_or(|limit| cost.generation_ns <= limit);
-        let view = |&(angle_deg, psnr_db): &(f64, f64)| View { angle_deg, psnr_db: psnr_db.into() };
+        let limits = frame.limits.unwrap_or_default();
+        let size_kept = limits.size_bytes.is_none_or(|limit| cost.size_bytes <= limit);
+        let time_ns = cost.generation_ns + if limits.with_encoding { cost.encode_ns } else { 0 };
+        let time_kept = limits.time_ns.is_none_or(|limit| time_ns <= limit);
+        // A step whose quality was not measured breaks no limit on it.
+        let psnr_kept = limits.psnr_db.zip(quality).is_none_or(|(limit, q)| q.psnr_db() >= limit);
+        let view = |v: &ViewError| View { angle_deg: v.angle_deg, psnr_db: v.psnr_db().into() };
         Self {
             step: frame.step,
             time: frame.time,
@@ -96,14 +100,14 @@ impl StepRow {
             gamma: params.gamma,
             size_bytes: cost.size_bytes,
             generation_ms: cost.generation_ns as f64 / 1e6,
-            psnr_db: quality.map(|q| q.psnr_db.into()),
+            psnr_db: quality.map(|q| q.psnr_db().into()),
             encode_ms: cost.encode_ns as f64 / 1e6,
             supersegments: cost.supersegments,
             dropped_steps: frame.dropped_steps,
             empty_voxels: frame.empty_voxels,
-            size_limit_bytes: frame.size_limit_bytes,
-            time_limit_ms: frame.time_limit_ns.map(|ns| ns as f64 / 1e6),
-            limit_kept: size_kept && time_kept,
+            size_limit_bytes: limits.size_bytes,
+            time_limit_ms: limits.time_ns.map(|ns| ns as f64 / 1e6),
+            limit_kept: size_kept && time_kept && psnr_kept,
             views: quality.map(|q| q.views.iter().map(view).collect()).unwrap_or_default(),
         }
     }
@@ -191,13 +195,27 @@ mod tests {
 
     #[test]
     fn rows_go_to_csv_and_come_back() {
-        let frame = v1::Frame { step: 12, time: 0.25, size_limit_bytes: Some(100), ..Default::default() };
-        let quality = Quality { psnr_db: 31.5, views: vec![(10.0, 40.25), (20.0, f64::INFINITY)] };
-        for row in [StepRow::new(&frame, Some(&quality)), StepRow::new(&frame, None)] {
+        let limits = v1::Limits { size_bytes: Some(100), psnr_db: Some(20.0), ..Default::default() };
+        let frame = v1::Frame { step: 12, time: 0.25, limits: Some(limits), ..Default::default() };
+        let view = |angle_deg, mse| ViewError { angle_deg, batch_mse: vec![mse] };
+        // 40 dB, and identical.
+        let [some, none] = [1e-4, 0.0].map(|mse| Quality { views: vec![view(10.0, mse), view(20.0, mse)] });
+        for quality in [Some(&some), Some(&none), None] {
+            let row = StepRow::new(&frame, quality);
             assert_eq!(StepRow::from_csv(&row.to_csv()).unwrap(), row);
             assert_eq!(row.to_csv().split(',').count(), StepRow::CSV_HEADER.split(',').count());
             assert_eq!(StepRow::from_csv(&row.to_csv()[..9]), None);
         }
+        // 40 dB keep a limit of 20; 10 dB do not; encoding counts where it is to.
+        let kept =
+            |frame: &v1::Frame, mse| StepRow::new(frame, Some(&Quality { views: vec![view(10.0, mse)] })).limit_kept;
+        assert!(kept(&frame, 1e-4) && !kept(&frame, 0.1));
+        let cost = v1::Cost { generation_ns: 30, encode_ns: 20, ..Default::default() };
+        let timed = |with_encoding| {
+            let limits = v1::Limits { time_ns: Some(40), with_encoding, ..Default::default() };
+            v1::Frame { limits: Some(limits), cost: Some(cost), ..Default::default() }
+        };
+        assert!(kept(&timed(false), 0.0) && !kept(&timed(true), 0.0));
         assert!(StepRow::CSV_HEADER.starts_with("step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,"));
     }
 }

@@ -6,7 +6,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
 /// Text made safe inside an element or a quoted attribute.
-pub(super) fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
@@ -22,7 +22,7 @@ pub(super) fn escape(text: &str) -> String {
 }
 
 /// The whole document around its parts.
-pub(super) fn document(title: &str, style: &str, parts: &[String]) -> String {
+pub(crate) fn document(title: &str, style: &str, parts: &[String]) -> String {
     let (title, body) = (escape(title), parts.concat());
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
@@ -32,12 +32,12 @@ pub(super) fn document(title: &str, style: &str, parts: &[String]) -> String {
 }
 
 /// A part of the page under a heading; `content` is markup.
-pub(super) fn section(heading: &str, content: &str) -> String {
+pub(crate) fn section(heading: &str, content: &str) -> String {
     format!("<section>\n<h2>{}</h2>\n{content}\n</section>\n", escape(heading))
 }
 
 /// Title, and what ran where and how.
-pub(super) fn heading(report: &Report) -> String {
+pub(crate) fn heading(report: &Report) -> String {
     let entry = |name: &str, text: &str, tag: &str| {
         if text.is_empty() { String::new() } else { format!("<dt>{name}</dt><dd><{tag}>{}</{tag}></dd>", escape(text)) }
     };
@@ -61,7 +61,7 @@ fn limit_words(limit: &Limit) -> String {
 }
 
 /// The headline: how many steps, how large, how good, how often the limit broke.
-pub(super) fn facts(report: &Report) -> String {
+pub(crate) fn facts(report: &Report) -> String {
     let steps = &report.steps;
     if steps.is_empty() {
         return "<p class=\"empty\">No step was recorded.</p>\n".into();
@@ -114,7 +114,7 @@ fn span_words(steps: &[StepRow]) -> String {
 }
 
 /// The angles of all test views, in the order met.
-pub(super) fn angles(steps: &[StepRow]) -> Vec<f64> {
+pub(crate) fn angles(steps: &[StepRow]) -> Vec<f64> {
     let mut angles = Vec::new();
     for (angle, _) in steps.iter().flat_map(|row| &row.views) {
         if !angles.contains(angle) {
@@ -125,7 +125,7 @@ pub(super) fn angles(steps: &[StepRow]) -> Vec<f64> {
 }
 
 /// VDI on the left, ray cast on the right, the PSNR between them below.
-pub(super) fn pictures(pairs: &[PicturePair]) -> String {
+pub(crate) fn pictures(pairs: &[PicturePair]) -> String {
     if pairs.is_empty() {
         return String::new();
     }
@@ -147,7 +147,7 @@ fn pair(pair: &PicturePair) -> String {
 }
 
 /// Every step with everything known of it.
-pub(super) fn step_table(steps: &[StepRow]) -> String {
+pub(crate) fn step_table(steps: &[StepRow]) -> String {
     if steps.is_empty() {
         return String::new();
     }
@@ -181,7 +181,7 @@ fn step_cells(row: &StepRow, angles: &[f64]) -> Vec<String> {
 }
 
 /// A table that opens on demand; rows with `true` are emphasised.
-pub(super) fn table(name: &str, head: &[String], rows: impl ExactSizeIterator<Item = (Vec<String>, bool)>) -> String {
+pub(crate) fn table(name: &str, head: &[String], rows: impl ExactSizeIterator<Item = (Vec<String>, bool)>) -> String {
     let cell = |tag: &str, text: &String| format!("<{tag}>{}</{tag}>", escape(text));
     let summary = format!("{} ({})", escape(name), grouped(rows.len() as u64));
     let head: String = head.iter().map(|text| cell("th", text)).collect();

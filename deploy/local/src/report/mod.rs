@@ -3,11 +3,11 @@
 //! Opened offline, printed or sent by mail: style sheet, drawings and pictures are inside, and no script is needed. It takes
 //! plain numbers and finished PNGs; it must not know nodes, VDIs, clocks or files.
 
-mod html;
-mod numbers;
+pub(crate) mod html;
+pub(crate) mod numbers;
 mod plots;
-mod svg;
-mod trials;
+pub(crate) mod svg;
+pub(crate) mod trials;
 
 /// What a finished run has to say.
 #[derive(Debug, Clone, Default)]

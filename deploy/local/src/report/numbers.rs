@@ -1,7 +1,7 @@
 //! Numbers as a reader wants them: rounded, with units, infinite decibels included. Knows no markup.
 
 /// `value` to `digits` significant digits, without trailing zeros; digits before the point are never lost.
-pub(super) fn significant(value: f64, digits: i32) -> String {
+pub(crate) fn significant(value: f64, digits: i32) -> String {
     if !value.is_finite() {
         return if value == f64::INFINITY { "∞".into() } else { "–".into() };
     }
@@ -15,12 +15,12 @@ pub(super) fn significant(value: f64, digits: i32) -> String {
 }
 
 /// `value` with `decimals` places; what is no number is a dash.
-pub(super) fn fixed(value: f64, decimals: usize) -> String {
+pub(crate) fn fixed(value: f64, decimals: usize) -> String {
     if value.is_finite() { format!("{value:.decimals$}") } else { significant(value, 1) }
 }
 
 /// A size in the unit that keeps it short.
-pub(super) fn bytes(bytes: f64) -> String {
+pub(crate) fn bytes(bytes: f64) -> String {
     match bytes {
         b if b >= 1e6 => format!("{} MB", significant(b / 1e6, 4)),
         b if b >= 1e3 => format!("{} kB", significant(b / 1e3, 4)),
@@ -29,17 +29,17 @@ pub(super) fn bytes(bytes: f64) -> String {
 }
 
 /// Kilobytes, for axes and columns.
-pub(super) fn kilobytes(bytes: u64) -> f64 {
+pub(crate) fn kilobytes(bytes: u64) -> f64 {
     bytes as f64 / 1e3
 }
 
 /// A PSNR with its unit.
-pub(super) fn decibels(psnr_db: f64) -> String {
+pub(crate) fn decibels(psnr_db: f64) -> String {
     format!("{} dB", fixed(psnr_db, 2))
 }
 
 /// Thousands kept apart.
-pub(super) fn grouped(count: u64) -> String {
+pub(crate) fn grouped(count: u64) -> String {
     let digits = count.to_string();
     let mut text = String::new();
     for (i, digit) in digits.chars().enumerate() {
@@ -52,12 +52,12 @@ pub(super) fn grouped(count: u64) -> String {
 }
 
 /// "1 step", "2 steps".
-pub(super) fn counted(count: usize, noun: &str) -> String {
+pub(crate) fn counted(count: usize, noun: &str) -> String {
     format!("{} {noun}{}", grouped(count as u64), if count == 1 { "" } else { "s" })
 }
 
 /// The median; `None` if there is no number. Infinite values count as such.
-pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+pub(crate) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut sorted: Vec<f64> = values.filter(|v| !v.is_nan()).collect();
     sorted.sort_by(f64::total_cmp);
     let upper = *sorted.get(sorted.len() / 2)?;
@@ -67,7 +67,7 @@ pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
 }
 
 /// The smallest and largest finite value.
-pub(super) fn finite_range(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+pub(crate) fn finite_range(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     values.filter(|v| v.is_finite()).fold(None, |range, v| {
         let (low, high) = range.unwrap_or((v, v));
         Some((low.min(v), high.max(v)))

@@ -4,7 +4,7 @@ use super::numbers::significant;
 
 /// A map from values `low..=high` to pixels `from..=to`, linear or logarithmic.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Axis {
+pub(crate) struct Axis {
     low: f64,
     high: f64,
     from: f64,
@@ -13,17 +13,17 @@ pub(super) struct Axis {
 }
 
 impl Axis {
-    pub(super) fn linear((low, high): (f64, f64), from: f64, to: f64) -> Self {
+    pub(crate) fn linear((low, high): (f64, f64), from: f64, to: f64) -> Self {
         Self { low, high, from, to, logarithmic: false }
     }
 
     /// Logarithmic if the values are positive and span more than a factor of eight; linear else.
-    pub(super) fn fitting((low, high): (f64, f64), from: f64, to: f64) -> Self {
+    pub(crate) fn fitting((low, high): (f64, f64), from: f64, to: f64) -> Self {
         Self { low, high, from, to, logarithmic: low > 0.0 && high > 8.0 * low }
     }
 
     /// The pixel of `value`; the middle if the axis has one value only.
-    pub(super) fn at(&self, value: f64) -> f64 {
+    pub(crate) fn at(&self, value: f64) -> f64 {
         let place = |v: f64| if self.logarithmic { v.ln() } else { v };
         let span = place(self.high) - place(self.low);
         let t = if span > 0.0 { (place(value) - place(self.low)) / span } else { 0.5 };
@@ -31,14 +31,14 @@ impl Axis {
     }
 
     /// Round values on the axis, about `count` of them.
-    pub(super) fn ticks(&self, count: u32) -> Vec<f64> {
+    pub(crate) fn ticks(&self, count: u32) -> Vec<f64> {
         let decades = if self.logarithmic { decade_ticks(self.low, self.high) } else { Vec::new() };
         if decades.len() >= 2 { decades } else { nice_ticks(self.low, self.high, count) }
     }
 }
 
 /// Multiples of 1, 2 or 5 times a power of ten within `low..=high`: the finest with at most `count` steps between them.
-pub(super) fn nice_ticks(low: f64, high: f64, count: u32) -> Vec<f64> {
+pub(crate) fn nice_ticks(low: f64, high: f64, count: u32) -> Vec<f64> {
     if !(low.is_finite() && high.is_finite() && high > low) {
         return if low.is_finite() { vec![low] } else { Vec::new() };
     }
@@ -68,13 +68,13 @@ fn px(value: f64) -> String {
 }
 
 /// A whole drawing with its description for those who cannot see it.
-pub(super) fn drawing(width: f64, height: f64, description: &str, content: &str) -> String {
+pub(crate) fn drawing(width: f64, height: f64, description: &str, content: &str) -> String {
     let label = super::html::escape(description);
     format!("<svg viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{label}\">{content}</svg>", px(width), px(height))
 }
 
 /// A line through `points`.
-pub(super) fn line(class: &str, points: &[(f64, f64)]) -> String {
+pub(crate) fn line(class: &str, points: &[(f64, f64)]) -> String {
     let mut path = String::new();
     for (i, (x, y)) in points.iter().enumerate() {
         path.push_str(&format!("{}{} {}", if i == 0 { 'M' } else { 'L' }, px(*x), px(*y)));
@@ -83,7 +83,7 @@ pub(super) fn line(class: &str, points: &[(f64, f64)]) -> String {
 }
 
 /// At most the highest and lowest point of each pixel column, so that the drawing's size does not grow with the run.
-pub(super) fn thinned(points: &[(f64, f64)], width: f64) -> Vec<(f64, f64)> {
+pub(crate) fn thinned(points: &[(f64, f64)], width: f64) -> Vec<(f64, f64)> {
     if (points.len() as f64) <= 2.0 * width {
         return points.to_vec();
     }
@@ -96,25 +96,25 @@ pub(super) fn thinned(points: &[(f64, f64)], width: f64) -> Vec<(f64, f64)> {
 }
 
 /// A circle; `attributes` are further ones, ready written.
-pub(super) fn circle(class: &str, (x, y): (f64, f64), radius: f64, attributes: &str, title: &str) -> String {
+pub(crate) fn circle(class: &str, (x, y): (f64, f64), radius: f64, attributes: &str, title: &str) -> String {
     let (x, y, r) = (px(x), px(y), px(radius));
     let title = if title.is_empty() { String::new() } else { format!("<title>{}</title>", super::html::escape(title)) };
     format!("<circle class=\"{class}\" cx=\"{x}\" cy=\"{y}\" r=\"{r}\"{attributes}>{title}</circle>")
 }
 
 /// A triangle that stands on its base, its tip a little above the point: a mark that needs no colour.
-pub(super) fn triangle(class: &str, (x, y): (f64, f64)) -> String {
+pub(crate) fn triangle(class: &str, (x, y): (f64, f64)) -> String {
     format!("<path class=\"{class}\" d=\"M{} {}l5 9h-10z\"/>", px(x), px(y - 5.0))
 }
 
 /// Words at a point; `anchor` is start, middle or end.
-pub(super) fn text(class: &str, (x, y): (f64, f64), anchor: &str, words: &str) -> String {
+pub(crate) fn text(class: &str, (x, y): (f64, f64), anchor: &str, words: &str) -> String {
     let words = super::html::escape(words);
     format!("<text class=\"{class}\" x=\"{}\" y=\"{}\" text-anchor=\"{anchor}\">{words}</text>", px(x), px(y))
 }
 
 /// Horizontal grid lines from `left` to `right` with their values, in the axis' unit.
-pub(super) fn vertical_axis(axis: &Axis, left: f64, right: f64) -> String {
+pub(crate) fn vertical_axis(axis: &Axis, left: f64, right: f64) -> String {
     let tick = |v: f64| {
         let y = axis.at(v);
         line("grid", &[(left, y), (right, y)]) + &text("tick", (left - 6.0, y + 4.0), "end", &significant(v, 6))
@@ -123,7 +123,7 @@ pub(super) fn vertical_axis(axis: &Axis, left: f64, right: f64) -> String {
 }
 
 /// Values and short strokes below `bottom`; `whole` leaves out ticks between whole numbers.
-pub(super) fn horizontal_axis(axis: &Axis, bottom: f64, name: &str, whole: bool) -> String {
+pub(crate) fn horizontal_axis(axis: &Axis, bottom: f64, name: &str, whole: bool) -> String {
     let ticks = axis.ticks(5).into_iter().filter(|v| !whole || v.fract() == 0.0);
     let tick = |v: f64| {
         let x = axis.at(v);

@@ -44,7 +44,7 @@ impl Scales {
     }
 }
 
-fn colour_at(t: f64) -> String {
+pub(crate) fn colour_at(t: f64) -> String {
     let place = t * (PSNR_COLOURS.len() - 1) as f64;
     let lower = (place as usize).min(PSNR_COLOURS.len() - 2);
     let part = place - lower as f64;

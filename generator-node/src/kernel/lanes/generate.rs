@@ -1,13 +1,12 @@
 //! R in lanes: the fast twin of `scalar::generate`.
 
-use super::exp::opacity;
 use super::march::{Lens, Packet, View, Visit};
 use super::tile::Tile;
-use super::{Floats, Ints, Job, Lanes, Level, Masks, Pair, WIDTH};
 use crate::kernel::Field;
 use crate::kernel::field::{Stored, for_stored};
 use crate::kernel::rows::{Band, Join, header, in_order};
 use crate::kernel::table::TransferTable;
+use lamina_lanes::{Floats, Ints, Job, Lanes, Level, Masks, Pair, WIDTH, opacity};
 use lamina_model::composite::optical_depth_from_opacity;
 use lamina_model::{GenerationParams, Invalid, Supersegment, Vdi, VdiHeader};
 

@@ -5,15 +5,14 @@
 //! comparison with the next sample tells all of them whether it joins. Those that it does not join part from the others,
 //! and meet again in the state that starts there. The results are bit for bit those of one generation per gamma.
 
-use super::exp::opacity;
 use super::generate::{Rays, Seen, reciprocal};
 use super::march::{Packet, View, Visit};
 use super::tile::Tile;
-use super::{Floats, Ints, Job, Lanes, Level, Masks, Pair, WIDTH};
 use crate::kernel::Field;
 use crate::kernel::field::{Stored, for_stored};
 use crate::kernel::rows::{Band, Join, header, in_order};
 use crate::kernel::table::TransferTable;
+use lamina_lanes::{Floats, Ints, Job, Lanes, Level, Masks, Pair, WIDTH, opacity};
 use lamina_model::{GenerationParams, Invalid, Supersegment, Vdi};
 
 /// Gammas that share one march: one bit each.

@@ -4,9 +4,9 @@
 //! double precision by the same code as the oracle's. Lanes advance each at its own pace: those in empty bricks jump to
 //! the first sample beyond, those in visible ones take the samples up to the nearest brick boundary.
 
-use super::{Floats, Ints, Kind, Lanes, Masks, Pair, WIDTH};
 use crate::kernel::skip::BRICK;
 use crate::kernel::{Field, table::TransferTable};
+use lamina_lanes::{Floats, Ints, Kind, Lanes, Masks, Pair, WIDTH};
 use lamina_model::{Camera, vdi};
 
 /// An expression for each axis. Not a closure: a closure is a function of its own, which the compiler may fail to inline

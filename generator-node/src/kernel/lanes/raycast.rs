@@ -2,10 +2,10 @@
 
 use super::march::{Lens, Packet, View, Visit};
 use super::tile::Tile;
-use super::{Floats, Ints, Job, Lanes, Level, Masks, Pair, WIDTH};
 use crate::kernel::Field;
 use crate::kernel::field::{Stored, for_stored};
 use crate::kernel::table::TransferTable;
+use lamina_lanes::{Floats, Ints, Job, Lanes, Level, Masks, Pair, WIDTH};
 use lamina_model::Camera;
 use rayon::prelude::*;
 

@@ -1,6 +1,6 @@
 //! Which pixels share a packet: four by two, so that eight rays stay near each other.
 
-use super::WIDTH;
+use lamina_lanes::WIDTH;
 
 /// Pixels (column, row) of one packet.
 pub struct Tile {

@@ -5,6 +5,8 @@
 //! that, over the whole tile, is entered before another one surely is, or left after another one, cuts no ray of the
 //! tile: it is left out. What remains gives every ray the same entry and exit as all planes do.
 
+use lamina_lanes::WIDTH;
+
 /// The most planes: six of the box, four sides of the occupied rectangle, two of depth.
 pub const PLANES: usize = 12;
 
@@ -45,23 +47,21 @@ impl Clip {
         &self.planes[..self.count]
     }
 
-    /// Where the ray through picture position (`x`, `y`) is inside all planes: entry and exit; `None` if nowhere.
+    /// Where the rays through picture positions (`x`, `y`) are inside all planes: entry and exit, the exit before the
+    /// entry if nowhere. Without branches, so that the compiler does several rays at a time.
     #[inline(always)]
-    pub fn span(&self, x: f64, y: f64) -> Option<(f64, f64)> {
-        let (mut enter, mut leave) = (0.0_f64, f64::INFINITY);
+    pub fn spans(&self, x: &[f64; WIDTH], y: &[f64; WIDTH]) -> ([f64; WIDTH], [f64; WIDTH]) {
+        let (mut enter, mut leave) = ([0.0; WIDTH], [f64::INFINITY; WIDTH]);
         for plane in self.planes() {
-            let b = plane.b(x, y);
-            let t = -plane.a / b;
-            if b > 0.0 {
-                enter = enter.max(t);
-            } else if b < 0.0 {
-                leave = leave.min(t);
-            } else if plane.a < 0.0 {
-                return None;
+            for l in 0..WIDTH {
+                let b = plane.b(x[l], y[l]);
+                let t = -plane.a / b;
+                enter[l] = if b > 0.0 && t > enter[l] { t } else { enter[l] };
+                leave[l] = if b < 0.0 && t < leave[l] { t } else { leave[l] };
+                leave[l] = if b == 0.0 && plane.a < 0.0 { -1.0 } else { leave[l] };
             }
         }
-        // Also refuses what is NaN.
-        (enter < leave && leave < f64::INFINITY).then_some((enter, leave))
+        (enter, leave)
     }
 
     /// The planes that matter to rays with x and y between two corners; `None` if all these rays pass by.

@@ -6,15 +6,15 @@
 //! view.
 
 use super::clip::{Clip, Plane};
-use super::gather::Light;
 use super::index::Index;
-use super::line::Line;
-use super::walk;
 use glam::DVec3;
 use lamina_model::{Camera, Vdi, VdiHeader};
 
 /// How far the occupied rectangle is widened, in pixels: what rounding puts beside its rim is still found.
 const HAIR: f64 = 1e-9;
+
+/// Relative to the steps through the whole box, what single precision tells apart.
+const THIN: f64 = 1e-6;
 
 /// A pencil of rays from one origin, in one frame of reference.
 pub struct Pencil {
@@ -62,6 +62,8 @@ pub struct Frame<'a> {
     pub image: Pencil,
     /// Between these planes the VDI may show something: the box, the occupied rectangle, the depths there are.
     pub clip: Clip,
+    /// So many steps single precision tells apart everywhere.
+    pub thin: f32,
 }
 
 impl<'a> Frame<'a> {
@@ -82,19 +84,23 @@ impl<'a> Frame<'a> {
         }
         clip.push(image.plane(DVec3::Z, index.depths[0]));
         clip.push(image.plane(-DVec3::Z, -index.depths[1]));
-        Self { vdi, index, world, image, clip }
+        let thin = (THIN * bounds.size().length() / vdi.header().step_length) as f32;
+        Self { vdi, index, world, image, clip, thin }
     }
 
-    /// The colour of pixel (`i`, `j`), of which `clip` is known to hold the planes that matter.
-    pub fn color(&self, clip: &Clip, i: u32, j: u32) -> [f32; 3] {
-        let (x, y) = (f64::from(i) + 0.5, f64::from(j) + 0.5);
-        let background = self.vdi.header().background;
-        let Some(line) = clip.span(x, y).and_then(|span| Line::new(self, x, y, span)) else { return background };
-        let mut light = Light::default();
-        let mut hint = 0;
-        // Broken or walked to the end, what was gathered is all there is.
-        let _ = walk::walk(self.index, &line, |pixel, from, to| light.gather(self, &line, pixel, from, to, &mut hint));
-        light.over(background)
+    /// Columns and rows of the picture whose rays are best drawn together about picture position (`x`, `y`): rays in one
+    /// plane with the generation camera are the same line in its image, and differ in depth alone.
+    pub fn packet(&self, x: f64, y: f64) -> [usize; 2] {
+        let line = self.image.origin.cross(self.image.direction(x, y));
+        // How far from that line the next ray's is.
+        let [right, down] = [self.image.across, self.image.down].map(|step| line.dot(step).abs());
+        if right < 0.5 * down {
+            [8, 1]
+        } else if down < 0.5 * right {
+            [1, 8]
+        } else {
+            [4, 2]
+        }
     }
 }
 

@@ -1,173 +1,145 @@
-//! Compositing what a stretch of a ray meets in one pixel's list.
+//! Compositing what eight lines meet in one pixel's list.
 
-use super::TRANSMITTANCE_FLOOR;
-use super::absorb::opacity;
 use super::frame::Frame;
-use super::line::{Line, Point};
+use super::packet::{Heading, Packet};
+use super::walk::Tile;
+use lamina_lanes::{Floats, Ints, Lanes, Masks, SMALL, WIDTH, opacity, small_opacity};
 use lamina_model::Supersegment;
-use std::ops::ControlFlow::{self, Break, Continue};
+use lamina_model::composite::TRANSMITTANCE_FLOOR;
 
-/// Pieces met before their opacities are computed, so that the compiler does several at a time.
-const PIECES: usize = 8;
-
-/// What a ray has gathered so far, front to back.
-pub struct Light {
-    color: [f32; 3],
-    transmittance: f32,
-    optical_depths: [f32; PIECES],
-    colors: [[f32; 3]; PIECES],
-    pieces: usize,
+/// Eight rays under way.
+pub struct Light<L: Lanes> {
+    seen: Seen<L>,
+    /// Which rays may still see something.
+    pub alive: L::M,
+    /// The place in the list where the previous pixel's search ended: neighbours' lists are alike.
+    hint: usize,
 }
 
-impl Default for Light {
-    fn default() -> Self {
-        let (optical_depths, colors) = ([0.0; PIECES], [[0.0; 3]; PIECES]);
-        Self { color: [0.0; 3], transmittance: 1.0, optical_depths, colors, pieces: 0 }
-    }
+/// What they have gathered so far, front to back.
+#[derive(Clone, Copy)]
+struct Seen<L: Lanes> {
+    color: [L::F; 3],
+    transmittance: L::F,
 }
 
-/// A stretch of a ray in steps of one pixel's ray.
-struct Stretch {
-    near: f64,
-    far: f64,
-    last: f64,
-    /// Step lengths covered per step of depth.
-    per_step: f64,
+/// The stretches of eight lines in one pixel, in steps of that pixel's ray.
+struct Stretches<L: Lanes> {
+    near: L::F,
+    far: L::F,
+    /// Step lengths covered per step of depth; 0 for lines that are not in the pixel.
+    per_step: L::F,
 }
 
-impl Light {
-    /// Adds what lies between two points in `pixel`, near to far or far to near as the ray runs; breaks when
-    /// nothing behind can be seen. `hint` is the place in the list where the previous pixel's search ended.
+impl<L: Lanes> Light<L> {
+    /// Nothing yet, for the rays that `live`.
     #[inline(always)]
-    pub fn gather(
-        &mut self,
-        frame: &Frame,
-        line: &Line,
-        pixel: [i32; 2],
-        from: Point,
-        to: Point,
-        hint: &mut usize,
-    ) -> ControlFlow<()> {
-        let [i, j] = pixel.map(|k| k as u32);
-        let [corner_i, corner_j] = frame.index.corner;
-        let list = frame.vdi.list(corner_i + i, corner_j + j);
-        let span = frame.index.span(j as usize * frame.index.size[0] as usize + i as usize);
-        let steps_at = |point: Point| line.depth(point) * span.scale - span.offset;
-        let (a, b) = (steps_at(from), steps_at(to));
-        let Some(per_depth) = line.steps_per_depth else {
-            return self.gather_flat(list, a.min(b), a.max(b), line.steps(from, to), span.last);
-        };
-        let stretch = Stretch { near: a.min(b), far: a.max(b), last: span.last, per_step: per_depth * span.per_scale };
-        // Ends are integers: end > near says end > floor(near), and start < far says start < ceil(far).
-        let (floor, ceil) = (stretch.near as u32, ceil(stretch.far));
-        if b >= a {
-            let mut k = first_met(list, floor, *hint);
-            *hint = k;
-            while let Some(s) = list.get(k)
-                && s.start < ceil
-            {
-                self.add_overlap(s, &stretch)?;
-                k += 1;
+    pub fn new(live: L::M) -> Self {
+        let seen = Seen { color: [L::F::splat(0.0); 3], transmittance: L::F::splat(1.0) };
+        Self { seen, alive: live, hint: 0 }
+    }
+
+    /// Adds what lines meet in `pixel`, near to far or far to near as they run.
+    #[inline(always)]
+    pub fn gather(&mut self, frame: &Frame, packet: &Packet<L>, heading: Heading, pixel: &Tile<L>, met: L::M) {
+        let [i, j] = pixel.at.map(|k| k as usize);
+        let (span, list) = frame.index.span(j * frame.index.size[0] as usize + i);
+        let (list, densities) = (&frame.vdi.segments()[list.clone()], &frame.index.densities[list]);
+        let (from, to) = (packet.way(pixel.from), packet.way(pixel.to));
+        let scale = L::F::splat(span.scale);
+        let offset = L::F::splat(span.offset);
+        let (a, b) = (scale * packet.depth(from) - offset, scale * packet.depth(to) - offset);
+        let (near, far) = if heading.receding { (a, b) } else { (b, a) };
+        // Along a depth plane a supersegment has all of the stretch or nothing: a thin one tells which.
+        let far = far.max(near + L::F::splat(frame.thin));
+        let per_step = packet.steps(to - from).div(far - near).only(met);
+        // The last step of a ray is cut at the box.
+        let far = far.min(L::F::splat(span.last));
+        let stretches = Stretches { near, far, per_step };
+        // Ends are integers: end > near says end > floor(near), and start <= far says start <= floor(far).
+        let [least, most] = L::F::ends(near, far, met);
+        let mut light = self.seen;
+        if heading.receding {
+            let first = first_met(list, least, self.hint);
+            self.hint = first;
+            for (s, &density) in list[first..].iter().zip(&densities[first..]) {
+                if s.start as i32 > most {
+                    break;
+                }
+                light = light.before(s, density, &stretches);
             }
         } else {
-            let mut k = past_met(list, ceil, *hint);
-            *hint = k;
-            while let Some(s) = list.get(k.wrapping_sub(1))
-                && s.end > floor
-            {
-                self.add_overlap(s, &stretch)?;
-                k -= 1;
+            let past = past_met(list, most, self.hint);
+            self.hint = past;
+            for (s, &density) in list[..past].iter().zip(&densities[..past]).rev() {
+                if s.end as i32 <= least {
+                    break;
+                }
+                light = light.before(s, density, &stretches);
             }
         }
-        Continue(())
+        self.seen = light;
+        self.alive = self.alive & L::F::splat(TRANSMITTANCE_FLOOR as f32).le(light.transmittance);
     }
 
-    /// Along a depth plane a supersegment has all of the stretch, `steps` long, or nothing.
-    #[cold]
-    fn gather_flat(&mut self, list: &[Supersegment], near: f64, far: f64, steps: f64, last: f64) -> ControlFlow<()> {
-        let first = first_met(list, near as u32, 0);
-        for s in list[first..].iter().take_while(|s| f64::from(s.start) <= far) {
-            let whole = f64::from(s.end).min(last) - f64::from(s.start);
-            if whole > 0.0 {
-                self.add(s.optical_depth * (steps as f32 / whole as f32), s.color, true)?;
-            }
-        }
-        Continue(())
-    }
-
+    /// The colours seen in front of `background`, when all is gathered.
     #[inline(always)]
-    fn add_overlap(&mut self, s: &Supersegment, stretch: &Stretch) -> ControlFlow<()> {
-        let (start, end) = (f64::from(s.start), f64::from(s.end).min(stretch.last));
-        let overlap = end.min(stretch.far) - start.max(stretch.near);
-        let share = (overlap * stretch.per_step) as f32 / (end - start) as f32;
-        // Written in any case and counted only if it overlaps: a branch here would be guessed wrongly too often.
-        self.add(s.optical_depth * share, s.color, overlap > 0.0)
-    }
-
-    #[inline(always)]
-    fn add(&mut self, optical_depth: f32, color: [f32; 3], counts: bool) -> ControlFlow<()> {
-        let slot = self.pieces % PIECES;
-        self.optical_depths[slot] = optical_depth;
-        self.colors[slot] = color;
-        self.pieces = slot + usize::from(counts);
-        if self.pieces == PIECES { self.composite() } else { Continue(()) }
-    }
-
-    /// Composites the pieces met since the last time.
-    fn composite(&mut self) -> ControlFlow<()> {
-        let opacities = self.optical_depths.map(opacity);
-        for (opacity, color) in opacities.iter().zip(&self.colors).take(self.pieces) {
-            let weight = self.transmittance * opacity;
-            for (sum, c) in self.color.iter_mut().zip(color) {
-                *sum += weight * c;
-            }
-            self.transmittance -= weight;
-            if self.transmittance < TRANSMITTANCE_FLOOR as f32 {
-                self.pieces = 0;
-                return Break(());
-            }
-        }
-        self.pieces = 0;
-        Continue(())
-    }
-
-    /// The colour seen in front of `background`, when all is gathered.
-    pub fn over(mut self, background: [f32; 3]) -> [f32; 3] {
-        // Broken or not, nothing more comes.
-        let _ = self.composite();
-        std::array::from_fn(|c| self.color[c] + self.transmittance * background[c])
+    pub fn over(&self, background: [f32; 3]) -> [[f32; WIDTH]; 3] {
+        let ([r, g, b], t) = (self.seen.color, self.seen.transmittance);
+        [
+            (r + t * L::F::splat(background[0])).to_array(),
+            (g + t * L::F::splat(background[1])).to_array(),
+            (b + t * L::F::splat(background[2])).to_array(),
+        ]
     }
 }
 
-/// The least integer not below `x`, for x below 2^32; 0 for what is negative.
-#[inline(always)]
-fn ceil(x: f64) -> u32 {
-    let floor = x as u32;
-    floor + u32::from(f64::from(floor) < x)
+impl<L: Lanes> Seen<L> {
+    /// With what the stretches have of a supersegment behind it.
+    #[inline(always)]
+    fn before(self, s: &Supersegment, density: f32, stretches: &Stretches<L>) -> Self {
+        let start = L::F::from(L::I::splat(s.start as i32));
+        let end = L::F::from(L::I::splat(s.end as i32));
+        let overlap = (end.min(stretches.far) - start.max(stretches.near)).max(L::F::splat(0.0));
+        let optical_depth = overlap * stretches.per_step * L::F::splat(density);
+        let mut alpha = small_opacity::<L>(optical_depth);
+        let large = L::F::splat(SMALL).lt(optical_depth);
+        if large.any() {
+            alpha = L::F::select(large, opacity::<L>(optical_depth), alpha);
+        }
+        let weight = self.transmittance * alpha;
+        let ([r, g, b], color) = (s.color, self.color);
+        let color = [
+            color[0] + weight * L::F::splat(r),
+            color[1] + weight * L::F::splat(g),
+            color[2] + weight * L::F::splat(b),
+        ];
+        Self { color, transmittance: self.transmittance - weight }
+    }
 }
 
 /// The first supersegment of `list` that ends beyond `near`, looked for from place `hint` on: neighbours' lists are
 /// alike.
 #[inline(always)]
-fn first_met(list: &[Supersegment], near: u32, hint: usize) -> usize {
+fn first_met(list: &[Supersegment], near: i32, hint: usize) -> usize {
     let mut k = hint.min(list.len());
-    while k > 0 && list[k - 1].end > near {
+    while k > 0 && list[k - 1].end as i32 > near {
         k -= 1;
     }
-    while k < list.len() && list[k].end <= near {
+    while k < list.len() && list[k].end as i32 <= near {
         k += 1;
     }
     k
 }
 
-/// One past the last supersegment of `list` that starts before `far`, likewise.
+/// One past the last supersegment of `list` that starts at `far` or before, likewise.
 #[inline(always)]
-fn past_met(list: &[Supersegment], far: u32, hint: usize) -> usize {
+fn past_met(list: &[Supersegment], far: i32, hint: usize) -> usize {
     let mut k = hint.min(list.len());
-    while k < list.len() && list[k].start < far {
+    while k < list.len() && list[k].start as i32 <= far {
         k += 1;
     }
-    while k > 0 && list[k - 1].start >= far {
+    while k > 0 && list[k - 1].start as i32 > far {
         k -= 1;
     }
     k

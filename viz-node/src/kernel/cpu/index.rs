@@ -5,27 +5,13 @@
 //! `masks[2]` per tile of 8 x 8 and 32 x 32 pixels. Tiles are counted from the rectangle's corner. Bit b of a mask is
 //! set if a supersegment of these pixels overlaps slab b of [`Slabs`].
 
+use super::spans::{Exact, Span, densities, single};
 use lamina_model::Vdi;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Side of a tile per level, as a power of two.
 pub const SHIFTS: [u32; 3] = [0, 3, 5];
-
-/// How far depths are stretched before they enter a mask, relative: above any rounding of positions, below any slab.
-const HAIR: f64 = 1e-9;
-
-/// How depth along the view becomes steps on one pixel's ray: `scale * depth - offset`, up to `last`.
-#[derive(Clone, Copy, Default)]
-pub struct Span {
-    /// Steps per depth.
-    pub scale: f64,
-    /// Steps before the ray enters the box.
-    pub offset: f64,
-    /// Depth per step.
-    pub per_scale: f64,
-    /// Where the box ends; the last step of a ray is cut there.
-    pub last: f64,
-}
 
 /// The 64 slabs: equal in 1/Z, which along a line in the image is as linear as columns and rows are, so that a place on
 /// a line gives its slab without a division. Slab 0 is farthest. Nearer than a quarter of the farthest depth all is
@@ -52,12 +38,12 @@ impl Slabs {
     /// The bits of what lies at depths `a <= b`.
     fn touched(&self, a: f64, b: f64) -> u64 {
         let place = |z: f64| (1.0 / z - self.far) * self.per_inverse_depth;
-        Self::bits(Self::slab(place(b) - MARGIN), Self::slab(place(a) + MARGIN))
+        Self::bits(Self::slab((place(b) - MARGIN) as f32), Self::slab((place(a) + MARGIN) as f32))
     }
 
     /// The slab at a place on the scale of slabs.
     #[inline(always)]
-    pub fn slab(place: f64) -> u32 {
+    pub fn slab(place: f32) -> u32 {
         (place as u32).min(63)
     }
 
@@ -76,12 +62,16 @@ pub struct Index {
     pub size: [u32; 2],
     /// Depths between which everything lies.
     pub depths: [f64; 2],
+    /// The depth in the middle.
+    pub middle: f64,
     /// Depth to mask bits.
     pub slabs: Slabs,
     /// Per pixel of the rectangle, which span is its.
     pub slots: Vec<u32>,
-    /// The first one for all pixels without a list.
+    /// The first one for all pixels without a list, one more at the end.
     pub spans: Vec<Span>,
+    /// Per supersegment, optical depth per step.
+    pub densities: Vec<f32>,
     /// Per level and tile.
     pub masks: [Vec<u64>; 3],
 }
@@ -101,12 +91,13 @@ impl Index {
                 taken * some
             })
             .collect();
-        let mut spans = vec![Span::default(); usize::from(w > 0)];
+        let mut spans = vec![Exact::default(); usize::from(w > 0)];
         let occupied = (0..w * h).into_par_iter().with_min_len(1024).filter(|&n| slots[n] > 0);
-        spans.par_extend(occupied.map(|n| span(vdi, at(n).0, at(n).1)));
+        spans.par_extend(occupied.map(|n| Exact::new(vdi, at(n).0, at(n).1)));
+        let densities = densities(vdi, &spans);
         let ends = |n: usize| {
             let ends = list(n).first().zip(list(n).last());
-            ends.map_or([f64::INFINITY, 0.0], |(a, b)| depths(&spans[slots[n] as usize], a.start, b.end))
+            ends.map_or([f64::INFINITY, 0.0], |(a, b)| spans[slots[n] as usize].depths(a.start, b.end))
         };
         let both = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
         let depths_of_all =
@@ -115,26 +106,43 @@ impl Index {
         let mask = |n: usize| {
             let span = &spans[slots[n] as usize];
             list(n).iter().fold(0, |mask, s| {
-                let [a, b] = depths(span, s.start, s.end);
+                let [a, b] = span.depths(s.start, s.end);
                 if a < b { mask | slabs.touched(a, b) } else { mask }
             })
         };
         let fine: Vec<u64> = (0..w * h).into_par_iter().with_min_len(1024).map(mask).collect();
-        let middle = coarser(&fine, size, SHIFTS[1] - SHIFTS[0]);
-        let coarse = coarser(&middle, size.map(|n| n.div_ceil(1 << SHIFTS[1])), SHIFTS[2] - SHIFTS[1]);
-        Self { corner, size, depths: depths_of_all, slabs, slots, spans, masks: [fine, middle, coarse] }
+        let tiles = coarser(&fine, size, SHIFTS[1] - SHIFTS[0]);
+        let coarse = coarser(&tiles, size.map(|n| n.div_ceil(1 << SHIFTS[1])), SHIFTS[2] - SHIFTS[1]);
+        let middle = 0.5 * (depths_of_all[0] + depths_of_all[1]);
+        let spans = single(vdi, &spans, middle);
+        Self {
+            corner,
+            size,
+            depths: depths_of_all,
+            middle,
+            slabs,
+            slots,
+            spans,
+            densities,
+            masks: [fine, tiles, coarse],
+        }
     }
 
-    /// The span of pixel `n` of the occupied rectangle.
+    /// The span of pixel `n` of the occupied rectangle, which has a list, and the list's supersegments.
     #[inline(always)]
-    pub fn span(&self, n: usize) -> &Span {
-        &self.spans[self.slots[n] as usize]
+    pub fn span(&self, n: usize) -> (&Span, Range<usize>) {
+        let slot = self.slots[n] as usize;
+        let [span, next] = &self.spans[slot..slot + 2] else { unreachable!("two of two") };
+        (span, span.first as usize..next.first as usize)
     }
 
     /// Bytes held.
     pub fn size_bytes(&self) -> usize {
         let masks: usize = self.masks.iter().map(Vec::len).sum();
-        size_of_val(&self.slots[..]) + size_of_val(&self.spans[..]) + masks * size_of::<u64>()
+        size_of_val(&self.slots[..])
+            + size_of_val(&self.spans[..])
+            + size_of_val(&self.densities[..])
+            + masks * size_of::<u64>()
     }
 
     /// Every bit set, so that nothing is skipped.
@@ -156,26 +164,6 @@ fn occupied(vdi: &Vdi) -> ([u32; 2], [u32; 2]) {
         }
     }
     if hi[0] == 0 { ([0; 2], [0; 2]) } else { (lo, [hi[0] - lo[0], hi[1] - lo[1]]) }
-}
-
-/// The span of pixel (`i`, `j`); zeros if its ray misses the box.
-fn span(vdi: &Vdi, i: u32, j: u32) -> Span {
-    let (header, r) = (vdi.header(), vdi.resolution());
-    let Some((t_in, t_out)) = header.ray_span(i, j) else { return Span::default() };
-    // Depth along the view times the slant is distance along the pixel's own ray.
-    let slant = header.camera.direction(f64::from(i) + 0.5, f64::from(j) + 0.5, r, r).length();
-    let per_step = 1.0 / header.step_length;
-    let scale = slant * per_step;
-    Span { scale, per_scale: 1.0 / scale, offset: t_in * per_step, last: (t_out - t_in) * per_step }
-}
-
-/// Depths along the view of a supersegment's ends, a hair further apart.
-fn depths(span: &Span, start: u32, end: u32) -> [f64; 2] {
-    if span.scale == 0.0 {
-        return [f64::INFINITY, 0.0];
-    }
-    let depth = |steps: f64| (steps + span.offset) / span.scale;
-    [depth(f64::from(start)) * (1.0 - HAIR), depth(f64::from(end).min(span.last)) * (1.0 + HAIR)]
 }
 
 /// The masks of tiles 2^`shift` times as wide as those of `fine`.

@@ -1,128 +1,118 @@
-//! The way of a line through the VDI's pixels: a 2-D DDA over tiles, and over the pixels of those that may hold
-//! something.
+//! The way of eight lines through the VDI's pixels, together: row by row, and in a row column by column, or the other way
+//! about where lines rather run up or down.
 //!
-//! The boundary at column k is met at mu = (k - column(0)) / change. That number is the same whichever level computes
-//! it, and it and the depths grow monotonely also as rounded. So skipping a tile skips exactly the pixels whose masks
-//! would have said the same: what is visited, and with which ends, does not depend on the tiles.
+//! The boundary at column k is met at mu = (k - column(0)) / change, and a line is in a pixel between the boundaries
+//! before and behind it. These numbers are the line's own, whoever walks with it and whatever tiles are looked at, and
+//! grow monotonely also as rounded: so a line is in every pixel that it crosses once, in order, and skipping tiles and
+//! choosing neighbours changes no bit. Which pixels are looked at is all that lines share.
 
-use super::index::{Index, SHIFTS, Slabs};
-use super::line::{Line, Point};
-use std::ops::ControlFlow::{self, Break, Continue};
+use super::packet::{Heading, Packet};
+use lamina_lanes::{Floats, Lanes, Masks};
 
-/// One axis of a walk over the tiles of one level.
+/// A walk over the tiles of 2^`shift` x 2^`shift` pixels inside a tile of a coarser level.
+pub struct Walk<L: Lanes> {
+    heading: Heading,
+    shift: u32,
+    /// Along rows: first and last tile that may be entered.
+    within: [i32; 2],
+    /// The stretch from the next row on.
+    from: L::F,
+    to: L::F,
+    /// The row, and how many follow.
+    row: i32,
+    rows_left: i32,
+    /// The stretch in the row, from the tile ahead on.
+    row_from: L::F,
+    row_to: L::F,
+    /// The tile ahead, and how many there are of them.
+    ahead: i32,
+    ahead_left: i32,
+}
+
+/// A tile with the stretches that lines have in it.
 #[derive(Clone, Copy)]
-struct Axis {
-    cell: i32,
-    step: i32,
-    /// The boundary ahead, in pixels.
-    boundary: f64,
-    boundary_step: f64,
-    start: f64,
-    per_change: f64,
-    /// mu at the boundary ahead.
-    next: f64,
+pub struct Tile<L: Lanes> {
+    /// Column and row.
+    pub at: [i32; 2],
+    /// Which lines are in it.
+    pub met: L::M,
+    /// Where they enter.
+    pub from: L::F,
+    /// Where they leave.
+    pub to: L::F,
 }
 
-impl Axis {
-    /// The tile at `mu`, between tiles `lo` and `hi`. A boundary met at `mu` itself is passed.
-    #[inline(always)]
-    fn new(line: &Line, axis: usize, shift: u32, mu: f64, lo: i32, hi: i32) -> Self {
-        let (start, change) = (line.start[axis], line.change[axis]);
-        let forward = change >= 0.0;
-        let place = (start + change * mu) as i32 >> shift;
-        let (step, first, last) = if forward { (1, lo, hi) } else { (-1, hi, lo) };
-        let cell = place.max(lo).min(hi);
-        let boundary = f64::from((cell + i32::from(forward)) << shift);
-        let boundary_step = f64::from(step << shift);
-        let mut axis =
-            Self { cell, step, boundary, boundary_step, start, per_change: line.per_change[axis], next: 0.0 };
-        axis.next = axis.mu(boundary);
-        // Rounding of the place: what counts is the order of the boundaries' mu.
-        while axis.next <= mu && axis.cell != last {
-            axis.advance();
-        }
-        while axis.cell != first && axis.mu(axis.boundary - boundary_step) > mu {
-            axis.cell -= step;
-            axis.boundary -= boundary_step;
-            axis.next = axis.mu(axis.boundary);
-        }
-        axis
-    }
-
-    #[inline(always)]
-    fn mu(&self, boundary: f64) -> f64 {
-        (boundary - self.start) * self.per_change
-    }
-
-    #[inline(always)]
-    fn advance(&mut self) {
-        self.cell += self.step;
-        self.boundary += self.boundary_step;
-        self.next = self.mu(self.boundary);
-    }
-}
-
-/// Visits, in order, the pixels in which `line` may meet something, with the points where it enters and leaves each,
-/// until `visit` breaks. Pixels are counted from the occupied rectangle's corner.
-#[inline]
-pub fn walk(
-    index: &Index,
-    line: &Line,
-    mut visit: impl FnMut([i32; 2], Point, Point) -> ControlFlow<()>,
-) -> ControlFlow<()> {
-    let all = index.size.map(|n| (n as i32 - 1) >> SHIFTS[2]);
-    through(index, line, 2, line.at(0.0), line.at(1.0), [0, 0], all, |tile, from, to| {
-        let (lo, hi) = children(index, 2, tile);
-        through(index, line, 1, from, to, lo, hi, |tile, from, to| {
-            let (lo, hi) = children(index, 1, tile);
-            through(index, line, 0, from, to, lo, hi, &mut visit)
-        })
-    })
-}
-
-/// First and last tile of the next finer level inside `tile`.
+/// The first tile on the way along one axis, and how many there are, between `lo` and `hi`, for stretches of lines.
 #[inline(always)]
-fn children(index: &Index, level: usize, tile: [i32; 2]) -> ([i32; 2], [i32; 2]) {
-    let (shift, finer) = (SHIFTS[level] - SHIFTS[level - 1], SHIFTS[level - 1]);
-    let last = index.size.map(|n| (n as i32 - 1) >> finer);
-    let hi = [0, 1].map(|axis| (((tile[axis] + 1) << shift) - 1).min(last[axis]));
-    (tile.map(|k| k << shift), hi)
+fn range<L: Lanes>(
+    packet: &Packet<L>,
+    heading: Heading,
+    axis: usize,
+    shift: u32,
+    stretch: (L::F, L::F, L::M),
+    [lo, hi]: [i32; 2],
+) -> (i32, i32) {
+    let (a, b) = (packet.place(axis, stretch.0), packet.place(axis, stretch.1));
+    let (low, high) = if heading.forward[axis] { (a, b) } else { (b, a) };
+    let [low, high] = L::F::ends(low - packet.pixel_margin, high + packet.pixel_margin, stretch.2);
+    let (low, high) = ((low >> shift).max(lo).min(hi), (high >> shift).max(lo).min(hi));
+    (if heading.forward[axis] { low } else { high }, high - low + 1)
 }
 
-/// Visits the tiles of one level between two points that hold something at the line's depths.
-#[inline(always)]
-#[allow(clippy::too_many_arguments)]
-fn through(
-    index: &Index,
-    line: &Line,
-    level: usize,
-    mut from: Point,
-    end: Point,
-    lo: [i32; 2],
-    hi: [i32; 2],
-    mut visit: impl FnMut([i32; 2], Point, Point) -> ControlFlow<()>,
-) -> ControlFlow<()> {
-    let width = ((index.size[0] - 1) >> SHIFTS[level]) as usize + 1;
-    let mut x = Axis::new(line, 0, SHIFTS[level], from.mu, lo[0], hi[0]);
-    let mut y = Axis::new(line, 1, SHIFTS[level], from.mu, lo[1], hi[1]);
-    loop {
-        let x_first = x.next <= y.next;
-        let mu = if x_first { x.next } else { y.next };
-        let at_end = mu >= end.mu;
-        let to = if at_end { end } else { line.at(mu) };
-        let mask = index.masks[level][y.cell as usize * width + x.cell as usize];
-        let met = mask & Slabs::bits(from.slab.min(to.slab), from.slab.max(to.slab)) != 0;
-        if met && to.mu > from.mu && visit([x.cell, y.cell], from, to).is_break() {
-            return Break(());
+impl<L: Lanes> Walk<L> {
+    /// A walk over the tiles between `lo` and `hi` that the stretches in `tile` may meet.
+    #[inline(always)]
+    pub fn new(packet: &Packet<L>, heading: Heading, shift: u32, tile: &Tile<L>, lo: [i32; 2], hi: [i32; 2]) -> Self {
+        let (along, across) = (heading.along, 1 - heading.along);
+        let stretch = (tile.from, tile.to, tile.met);
+        let (row, rows_left) = range(packet, heading, across, shift, stretch, [lo[across], hi[across]]);
+        Self {
+            heading,
+            shift,
+            within: [lo[along], hi[along]],
+            from: tile.from,
+            to: tile.to,
+            row: row - heading.step(across),
+            rows_left,
+            row_from: tile.from,
+            row_to: tile.from,
+            ahead: 0,
+            ahead_left: 0,
         }
-        if at_end {
-            return Continue(());
-        }
-        from = to;
-        if x_first {
-            x.advance();
-        } else {
-            y.advance();
+    }
+
+    /// The next tile that a line is in.
+    #[inline(always)]
+    pub fn next(&mut self, packet: &Packet<L>) -> Option<Tile<L>> {
+        let (along, across) = (self.heading.along, 1 - self.heading.along);
+        loop {
+            while self.ahead_left > 0 {
+                let from = self.row_from;
+                let at = if along == 0 { [self.ahead, self.row] } else { [self.row, self.ahead] };
+                let behind = packet.boundary(along, (self.ahead + self.heading.far_side(along)) << self.shift);
+                let to = behind.min(self.row_to);
+                self.row_from = behind.max(from);
+                self.ahead += self.heading.step(along);
+                self.ahead_left -= 1;
+                let met = from.lt(to);
+                if met.any() {
+                    return Some(Tile { at, met, from, to });
+                }
+            }
+            if self.rows_left == 0 {
+                return None;
+            }
+            self.rows_left -= 1;
+            self.row += self.heading.step(across);
+            let behind = packet.boundary(across, (self.row + self.heading.far_side(across)) << self.shift);
+            self.row_from = self.from;
+            self.row_to = behind.min(self.to);
+            self.from = behind.max(self.from);
+            let met = self.row_from.lt(self.row_to);
+            if met.any() {
+                let stretch = (self.row_from, self.row_to, met);
+                (self.ahead, self.ahead_left) = range(packet, self.heading, along, self.shift, stretch, self.within);
+            }
         }
     }
 }

@@ -1,4 +1,4 @@
-// Compositing what a stretch of a ray meets in one pixel's list. Twin of cpu/gather.rs.
+// Compositing what a stretch of a ray meets in one pixel's list. As cpu/gather.rs, for one ray.
 
 // What a ray has gathered so far, front to back.
 struct Light {

@@ -1,4 +1,5 @@
-//! What the host tells the kernels; twins of the structs in layout.wgsl, member by member (tests/layout.rs compares them).
+//! What the host tells the kernels; twins of the structs in layout.wgsl, member by member (tests/layout.rs compares them); so
+//! is `Span` of [`crate::kernel::cpu`].
 
 use bytemuck::{Pod, Zeroable};
 
@@ -53,14 +54,4 @@ pub struct Picture {
     pub first: u32,
     pub count: u32,
     pub pad0: [u32; 2],
-}
-
-/// How depth becomes steps on one pixel's ray, and where its list begins.
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-pub struct Span {
-    pub scale: f32,
-    pub offset: f32,
-    pub last: f32,
-    pub first: u32,
 }

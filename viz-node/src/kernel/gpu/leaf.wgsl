@@ -59,7 +59,7 @@ fn per_change(change: f32) -> f32 {
     return 1.0 / change;
 }
 
-// One axis of a walk over the tiles of one level; twin of walk.rs.
+// One axis of a walk over the tiles of one level.
 struct Axis {
     cell: i32,
     step: i32,

@@ -1,4 +1,4 @@
-// One ray, clipped to where the VDI may show something, as a straight line in the VDI's image. Twin of cpu/line.rs.
+// One ray, clipped to where the VDI may show something, as a straight line in the VDI's image. As cpu/packet.rs, for one ray.
 //
 // Between entry and exit, columns, rows and one over depth are linear in mu in [0, 1].
 

@@ -1,12 +1,12 @@
 //! VDIs on the device: supersegments as two columns, and of what was prepared what the kernels look at.
 
 use super::GpuError;
-use super::layout::{Span, Stored};
+use super::layout::Stored;
 use crate::kernel::PreparedVdi;
-use crate::kernel::cpu::{self, Index};
+use crate::kernel::cpu::Index;
 use lamina_device::Gpu;
 use lamina_device::wgpu::{Buffer, BufferUsages};
-use lamina_model::{Supersegment, Vdi};
+use lamina_model::Vdi;
 use rayon::prelude::*;
 use std::ops::Deref;
 
@@ -22,10 +22,6 @@ const RAY_BYTES: u64 = 16;
 const MARGIN: f64 = 2e-3;
 /// What the sums that give a depth may lose, in units of the box.
 const ROUNDING: f64 = 4e-6;
-/// Steps below which single precision does not tell where a ray's last step is cut; optical depth per step ends there.
-const SHORTEST: f64 = 1e-4;
-/// Optical depth per step that stands for infinity, which shaders need not know.
-const OPAQUE: f64 = 1e30;
 
 /// A VDI on the device.
 #[derive(Debug)]
@@ -63,14 +59,13 @@ impl Residents {
 impl Resident {
     fn new<V: Deref<Target = Vdi>>(gpu: &Gpu, prepared: &PreparedVdi<V>) -> Self {
         let (vdi, index) = (&**prepared.vdi(), prepared.index());
-        let spans = spans(vdi, index);
         let masks: Vec<u64> = index.masks.iter().flatten().copied().collect();
         let ends: Vec<[u32; 2]> = vdi.segments().par_iter().map(|s| [s.start, s.end]).collect();
         let upload = |label, bytes| gpu.upload(label, bytes, BufferUsages::STORAGE);
         let buffers = [
             gpu.upload("stored", bytemuck::bytes_of(&stored(vdi, index)), BufferUsages::UNIFORM),
             upload("slots", bytemuck::cast_slice(&index.slots)),
-            upload("spans", bytemuck::cast_slice(&spans)),
+            upload("spans", bytemuck::cast_slice(&index.spans)),
             // Little-endian, so the lower word comes first.
             upload("masks", bytemuck::cast_slice(&masks)),
             upload("ends", bytemuck::cast_slice(&ends)),
@@ -96,11 +91,6 @@ pub fn check_size(most: u64, vdi: &Vdi, index: &Index) -> Result<(), GpuError> {
     Ok(())
 }
 
-/// Depth of the plane that depths count from.
-pub fn middle_depth(index: &Index) -> f64 {
-    0.5 * (index.depths[0] + index.depths[1])
-}
-
 fn stored(vdi: &Vdi, index: &Index) -> Stored {
     let [near, far] = index.depths;
     // As where the slabs begin and end: nearer than a quarter of the farthest depth all is one.
@@ -110,43 +100,16 @@ fn stored(vdi: &Vdi, index: &Index) -> Stored {
     Stored {
         size: index.size,
         first_masks: [tiles(0), tiles(0) + tiles(1)],
-        depth: middle_depth(index) as f32,
-        far: (far - middle_depth(index)) as f32,
+        depth: index.middle as f32,
+        far: (far - index.middle) as f32,
         slabs: (index.slabs.per_inverse_depth * index.slabs.far) as f32,
         // With 64 or more nothing is passed over.
         margin: (MARGIN + lost).clamp(MARGIN, 64.0) as f32,
     }
 }
 
-/// The spans, depths counted from the middle one, and one more where the last list ends.
-fn spans(vdi: &Vdi, index: &Index) -> Vec<Span> {
-    let middle = middle_depth(index);
-    // Only occupied pixels have a span, and their lists follow one another.
-    let firsts = vdi.offsets().windows(2).filter(|ends| ends[0] < ends[1]).map(|ends| ends[0]);
-    let firsts = std::iter::once(0).chain(firsts);
-    let span = |(s, first): (&cpu::Span, u32)| Span {
-        scale: s.scale as f32,
-        offset: (s.offset - s.scale * middle) as f32,
-        last: s.last as f32,
-        first,
-    };
-    let mut spans: Vec<Span> = index.spans.iter().zip(firsts).map(span).collect();
-    spans.push(Span { scale: 0.0, offset: 0.0, last: 0.0, first: vdi.segments().len() as u32 });
-    spans
-}
-
 /// Colours, and optical depth per step.
 fn contents(vdi: &Vdi, index: &Index) -> Vec<[f32; 4]> {
-    let content = |s: &Supersegment, last: f64| {
-        let steps = f64::from(s.end).min(last) - f64::from(s.start);
-        let per_step = if steps > 0.0 { f64::from(s.optical_depth) / steps.max(SHORTEST) } else { 0.0 };
-        let [red, green, blue] = s.color;
-        [red, green, blue, per_step.min(OPAQUE) as f32]
-    };
-    let lists = vdi.offsets().windows(2).filter(|ends| ends[0] < ends[1]);
-    let mut contents = Vec::with_capacity(vdi.segments().len());
-    for (ends, span) in lists.zip(&index.spans[1..]) {
-        contents.extend(vdi.segments()[ends[0] as usize..ends[1] as usize].iter().map(|s| content(s, span.last)));
-    }
-    contents
+    let both = vdi.segments().par_iter().zip(&index.densities);
+    both.map(|(s, &density)| [s.color[0], s.color[1], s.color[2], density]).collect()
 }

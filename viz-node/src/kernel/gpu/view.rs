@@ -5,7 +5,6 @@
 //! stored, and all coefficients are made here, once a picture, in double precision.
 
 use super::layout::{Form, PLANES, View};
-use super::resident::middle_depth;
 use crate::kernel::cpu::{Index, homogeneous};
 use glam::DVec3;
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
@@ -86,7 +85,7 @@ impl View {
         Self {
             column: single(rays.form(eye, 0.0, |d| image(d).x)),
             row: single(rays.form(eye, 0.0, |d| image(d).y)),
-            depth: single(rays.form(eye, middle_depth(index), |d| image(d).z)),
+            depth: single(rays.form(eye, index.middle, |d| image(d).z)),
             planes,
             background: header.background,
             floor: TRANSMITTANCE_FLOOR as f32,

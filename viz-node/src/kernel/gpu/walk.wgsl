@@ -1,5 +1,5 @@
 // The way of a line through the VDI's pixels: a 2-D DDA over tiles, and over the pixels of those that may hold something.
-// Twin of cpu/walk.rs.
+// The pixels are those of cpu/walk.rs, which takes eight lines through them together.
 
 // Sides of tiles per level, as powers of two.
 const PIXELS: u32 = 0u;

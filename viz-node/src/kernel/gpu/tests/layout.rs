@@ -1,6 +1,7 @@
 //! WGSL's structs and their Rust twins lie in memory alike.
 
-use crate::kernel::gpu::layout::{Form, Picture, Span, Stored, View};
+use crate::kernel::cpu::Span;
+use crate::kernel::gpu::layout::{Form, Picture, Stored, View};
 use crate::kernel::gpu::pipelines::RENDER;
 use lamina_device::layout::{parse, struct_layout};
 use lamina_device::layout_of;

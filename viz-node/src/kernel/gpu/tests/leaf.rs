@@ -91,7 +91,7 @@ fn bits_are_the_masks_own() {
     let Some(outcomes) = probe(Leaf::Bits, &cases) else { return };
     for ([a, b], parts) in pairs.into_iter().zip(outcomes) {
         let [p, q, r, s] = parts.map(|part| part as u64);
-        let expected = Slabs::bits(Slabs::slab(a.into()), Slabs::slab(b.into()));
+        let expected = Slabs::bits(Slabs::slab(a), Slabs::slab(b));
         assert_eq!(p | q << 32 | r << 16 | s << 48, expected, "{a} {b}");
     }
 }

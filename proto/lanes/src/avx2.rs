@@ -1,12 +1,12 @@
 //! Lanes as AVX2 registers.
 //!
 //! The one place with `unsafe`. Values of these types are only made inside kernels instantiated for [`Avx2`], and those
-//! are entered through [`super::Level::Avx2`] alone, which exists once the processor was asked: so every instruction here
+//! are entered through [`crate::Level::Avx2`] alone, which exists once the processor was asked: so every instruction here
 //! is one the processor has. Loads are unchecked where their caller has clamped the indices.
 
 #![expect(unsafe_code, reason = "processor instructions; see above")]
 
-use super::{Floats, Ints, Kind, Lanes, Masks, Pair, WIDTH, row};
+use crate::{Floats, Ints, Kind, Lanes, Masks, Pair, WIDTH, row};
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
 
@@ -284,6 +284,20 @@ impl Floats for F {
     #[inline(always)]
     fn abs(self) -> Self {
         Self(unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0) })
+    }
+    #[inline(always)]
+    fn ends(low: Self, high: Self, mask: M) -> [i32; 2] {
+        unsafe {
+            let none = _mm256_set1_ps(f32::INFINITY);
+            let low = _mm256_blendv_ps(none, low.0, mask.0);
+            let high = _mm256_blendv_ps(none, _mm256_xor_ps(high.0, _mm256_set1_ps(-0.0)), mask.0);
+            // The least of `low` in one half, the least of -`high` in the other.
+            let x = _mm256_min_ps(_mm256_permute2f128_ps::<0x20>(low, high), _mm256_permute2f128_ps::<0x31>(low, high));
+            let x = _mm256_min_ps(x, _mm256_shuffle_ps::<0b01_00_11_10>(x, x));
+            let x = _mm256_min_ps(x, _mm256_movehdup_ps(x));
+            let high = _mm_cvttss_si32(_mm256_extractf128_ps::<1>(x));
+            [_mm_cvttss_si32(_mm256_castps256_ps128(x)), high.wrapping_neg()]
+        }
     }
     #[inline(always)]
     fn exp2_int(n: I) -> Self {

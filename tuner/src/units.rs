@@ -1,4 +1,4 @@
-//! Sizes, times and dimensions as people write them.
+//! Sizes and times as people write them.
 
 use std::str::FromStr;
 
@@ -9,10 +9,6 @@ pub struct Bytes(pub u64);
 /// A time in milliseconds: `40ms`, `0.5s`, `25`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Millis(pub f64);
-
-/// Grid sides: `256x256x128`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Dims(pub [usize; 3]);
 
 /// Splits `text` into its number and unit; the number must be finite and positive.
 fn number_and_unit(text: &str) -> Option<(f64, &str)> {
@@ -54,15 +50,6 @@ impl FromStr for Millis {
     }
 }
 
-impl FromStr for Dims {
-    type Err = String;
-    fn from_str(text: &str) -> Result<Self, String> {
-        let sides: Option<Vec<usize>> = text.split('x').map(|s| s.parse().ok().filter(|&n| n > 0)).collect();
-        let sides: Option<[usize; 3]> = sides.and_then(|s| s.try_into().ok());
-        sides.map(Self).ok_or_else(|| format!("\"{text}\" is not a grid; write three sides such as 256x256x128"))
-    }
-}
-
 /// Bytes for people: three digits and a unit.
 pub fn show_bytes(bytes: u64) -> String {
     match bytes as f64 {
@@ -78,17 +65,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_times_and_grids_are_read_and_nonsense_refused() {
+    fn sizes_and_times_are_read_and_nonsense_refused() {
         assert_eq!("300kB".parse(), Ok(Bytes(300_000)));
         assert_eq!("1.5 MB".parse(), Ok(Bytes(1_500_000)));
         assert_eq!("2MiB".parse(), Ok(Bytes(2_097_152)));
         assert_eq!("4096".parse(), Ok(Bytes(4096)));
         assert_eq!("0.5s".parse(), Ok(Millis(500.0)));
         assert_eq!("40ms".parse(), Ok(Millis(40.0)));
-        assert_eq!("4x5x6".parse(), Ok(Dims([4, 5, 6])));
         for bad in ["", "kB", "-3kB", "3 parsecs", "0", "1e99GB", "nan"] {
             assert!(bad.parse::<Bytes>().is_err() && bad.parse::<Millis>().is_err(), "{bad}");
         }
-        assert!("4x5".parse::<Dims>().is_err() && "0x1x1".parse::<Dims>().is_err());
     }
 }

@@ -1,6 +1,6 @@
 //! Lanes as plain arrays: the level of every processor, and the meaning of all others.
 
-use super::{Floats, Ints, Lanes, Masks, Pair, WIDTH, row};
+use crate::{Floats, Ints, Lanes, Masks, Pair, WIDTH, row};
 use std::array::from_fn;
 use std::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
 
@@ -26,7 +26,7 @@ impl Lanes for Portable {
     #[inline(always)]
     #[expect(unsafe_code, reason = "the trait's; nothing here is unchecked")]
     unsafe fn pairs<V: Pair>(voxels: &[V], index: &[usize; WIDTH]) -> (F, F) {
-        (F(from_fn(|l| voxels[index[l]].narrow())), F(from_fn(|l| voxels[index[l] + 1].narrow())))
+        (F(from_fn(|l| voxels[index[l]].into())), F(from_fn(|l| voxels[index[l] + 1].into())))
     }
 
     #[inline(always)]
@@ -131,6 +131,16 @@ impl Floats for F {
     #[inline(always)]
     fn abs(self) -> Self {
         Self(self.0.map(f32::abs))
+    }
+    #[inline(always)]
+    fn ends(low: Self, high: Self, mask: M) -> [i32; 2] {
+        let mut ends = [f32::INFINITY, f32::NEG_INFINITY];
+        for l in 0..WIDTH {
+            if mask.0[l] {
+                ends = [ends[0].min(low.0[l]), ends[1].max(high.0[l])];
+            }
+        }
+        ends.map(|x| x as i32)
     }
     #[inline(always)]
     fn exp2_int(n: I) -> Self {

@@ -1,0 +1,240 @@
+//! What a study has measured, on disk: a study that was interrupted goes on where it stopped.
+//!
+//! One file for each field, scene and sample plan, one line for each trial, each with its checksum. A damaged line is left
+//! out and its trial measured again.
+
+use anyhow::Context;
+use lamina_model::{GenerationParams, Quality, SamplePlan, Scene, ViewError, Volume};
+use lamina_tuner::trial::Cost;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::collections::HashMap;
+use std::fmt::Write as _;
+use std::fs::{self, File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Goes into the key: raised when what is measured changes its meaning.
+const VERSION: u32 = 1;
+
+/// One trial.
+#[derive(Debug, Clone)]
+pub struct Trial {
+    /// What was tried.
+    pub params: GenerationParams,
+    /// sigma and tau.
+    pub cost: Cost,
+    /// q, as far as measured.
+    pub quality: Quality,
+    /// What measuring took.
+    pub spent: Spent,
+}
+
+/// Processor time of all threads, nanoseconds.
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+pub struct Spent {
+    /// Generating.
+    pub generate_ns: u64,
+    /// Encoding.
+    pub encode_ns: u64,
+    /// Decoding and preparing to draw.
+    pub decode_ns: u64,
+    /// Drawing and comparing the sampled pixels.
+    pub quality_ns: u64,
+}
+
+impl Spent {
+    /// Adds what else was spent.
+    pub fn add(&mut self, more: &Self) {
+        self.generate_ns += more.generate_ns;
+        self.encode_ns += more.encode_ns;
+        self.decode_ns += more.decode_ns;
+        self.quality_ns += more.quality_ns;
+    }
+
+    /// All of it, seconds.
+    pub fn secs(&self) -> f64 {
+        1e-9 * (self.generate_ns + self.encode_ns + self.decode_ns + self.quality_ns) as f64
+    }
+}
+
+/// A trial as a line of the file.
+#[derive(Serialize, Deserialize)]
+struct Line {
+    params: GenerationParams,
+    size_bytes: u64,
+    supersegments: u64,
+    generation_ns: u64,
+    encode_ns: u64,
+    spent: Spent,
+    angles_deg: Vec<f64>,
+    batch_mse: Vec<Vec<f64>>,
+}
+
+impl From<&Trial> for Line {
+    fn from(t: &Trial) -> Self {
+        Self {
+            params: t.params,
+            size_bytes: t.cost.size_bytes,
+            supersegments: t.cost.supersegments,
+            generation_ns: t.cost.generation_time.as_nanos() as u64,
+            encode_ns: t.cost.encode_time.as_nanos() as u64,
+            spent: t.spent,
+            angles_deg: t.quality.views.iter().map(|v| v.angle_deg).collect(),
+            batch_mse: t.quality.views.iter().map(|v| v.batch_mse.clone()).collect(),
+        }
+    }
+}
+
+impl From<Line> for Trial {
+    fn from(l: Line) -> Self {
+        let cost = Cost {
+            size_bytes: l.size_bytes,
+            supersegments: l.supersegments,
+            generation_time: Duration::from_nanos(l.generation_ns),
+            encode_time: Duration::from_nanos(l.encode_ns),
+        };
+        let view = |(angle_deg, batch_mse)| ViewError { angle_deg, batch_mse };
+        let views = l.angles_deg.into_iter().zip(l.batch_mse).map(view).collect();
+        Self { params: l.params, cost, quality: Quality { views }, spent: l.spent }
+    }
+}
+
+/// Trials by their parameters; in a file, or in memory only.
+pub struct Cache {
+    file: Option<(PathBuf, File)>,
+    trials: HashMap<Key, Trial>,
+}
+
+/// Parameters as something to look up by.
+type Key = (u32, u64, u64, u64);
+
+fn key(p: &GenerationParams) -> Key {
+    (p.resolution(), p.gamma().to_bits(), p.opacity_cutoff().to_bits(), p.step_voxels().to_bits())
+}
+
+/// What the trials of one file have in common, as 16 hexadecimal digits.
+pub fn fingerprint(volume: &Volume, scene: &Scene, plan: &SamplePlan, backend: &str) -> anyhow::Result<String> {
+    let mut hash = Sha256::new();
+    hash.update(VERSION.to_le_bytes());
+    let grid = volume.grid();
+    // Plane by plane, so that no copy of the volume is made.
+    let plane = grid.dims()[0] * grid.dims()[1];
+    for z in 0..grid.dims()[2] {
+        hash.update(volume.voxels().to_le_bytes(z * plane..(z + 1) * plane));
+    }
+    hash.update(serde_json::to_vec(&(grid.dims(), grid.spacing(), grid.origin(), scene, plan, backend))?);
+    let mut name = String::new();
+    for byte in &hash.finalize()[..8] {
+        write!(name, "{byte:02x}")?;
+    }
+    Ok(name)
+}
+
+impl Cache {
+    /// Nothing measured, nothing kept on disk.
+    pub fn in_memory() -> Self {
+        Self { file: None, trials: HashMap::new() }
+    }
+
+    /// The cache at `path`, which need not exist; says what of it was damaged.
+    ///
+    /// # Errors
+    /// If the file cannot be read or written.
+    pub fn open(path: &Path) -> anyhow::Result<Self> {
+        let text = match fs::read(path) {
+            Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
+            Err(e) => return Err(e).with_context(|| format!("{}: cannot be read", path.display())),
+        };
+        let (good, bad): (Vec<&str>, Vec<&str>) = text.lines().partition(|line| parse(line).is_some());
+        let unable = || format!("{}: cannot be written", path.display());
+        if !bad.is_empty() || (!text.is_empty() && !text.ends_with('\n')) {
+            eprintln!(
+                "warning: {}: {} of {} trials are damaged; they are left out and measured again",
+                path.display(),
+                bad.len(),
+                good.len() + bad.len()
+            );
+            let whole: String = good.iter().flat_map(|line| [line, "\n"]).collect();
+            let fresh = path.with_extension("new");
+            fs::write(&fresh, whole).and_then(|()| fs::rename(&fresh, path)).with_context(unable)?;
+        }
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).with_context(unable)?;
+        }
+        let file = OpenOptions::new().create(true).append(true).open(path).with_context(unable)?;
+        let trials = good.iter().filter_map(|line| parse(line)).map(|t| (key(&t.params), t)).collect();
+        Ok(Self { file: Some((path.to_owned(), file)), trials })
+    }
+
+    /// What was measured of `params`.
+    pub fn get(&self, params: &GenerationParams) -> Option<&Trial> {
+        self.trials.get(&key(params))
+    }
+
+    /// Keeps a trial; a later one of the same parameters replaces it.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn put(&mut self, trial: Trial) -> anyhow::Result<()> {
+        if let Some((path, file)) = &mut self.file {
+            let json = serde_json::to_string(&Line::from(&trial))?;
+            let line = format!("{:08x} {json}\n", crc32fast::hash(json.as_bytes()));
+            file.write_all(line.as_bytes()).with_context(|| format!("{}: cannot be written", path.display()))?;
+        }
+        self.trials.insert(key(&trial.params), trial);
+        Ok(())
+    }
+}
+
+fn parse(line: &str) -> Option<Trial> {
+    let (checksum, json) = line.split_once(' ')?;
+    let stated = u32::from_str_radix(checksum, 16).ok()?;
+    if stated != crc32fast::hash(json.as_bytes()) {
+        return None;
+    }
+    let line: Line = serde_json::from_str(json).ok()?;
+    (line.angles_deg.len() == line.batch_mse.len()).then(|| line.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn trial(resolution: u32) -> Trial {
+        let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![1e-3, 0.1 + 0.2] }] };
+        let cost = Cost { size_bytes: 7, supersegments: 3, ..Cost::default() };
+        Trial { params: GenerationParams::new(resolution, 0.013).unwrap(), cost, quality, spent: Spent::default() }
+    }
+
+    #[test]
+    fn a_cut_or_damaged_file_loses_only_the_trials_it_hit() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("deep/cache.jsonl");
+        let mut cache = Cache::open(&path).unwrap();
+        for r in [10, 20, 30] {
+            cache.put(trial(r)).unwrap();
+        }
+        drop(cache);
+        let whole = fs::read_to_string(&path).unwrap();
+        let again = Cache::open(&path).unwrap();
+        assert_eq!(again.trials.len(), 3);
+        assert_eq!(again.get(&trial(20).params).unwrap().quality, trial(20).quality, "to the last bit");
+
+        fs::write(&path, whole.replacen("20", "21", 1)).unwrap();
+        let again = Cache::open(&path).unwrap();
+        assert!(again.get(&trial(20).params).is_none() && again.get(&trial(21).params).is_none());
+        assert_eq!(again.trials.len(), 2);
+        assert_eq!(fs::read_to_string(&path).unwrap().lines().count(), 2, "the file is whole again");
+
+        fs::write(&path, &whole[..whole.len() - 9]).unwrap();
+        let mut again = Cache::open(&path).unwrap();
+        assert_eq!(again.trials.len(), 2);
+        again.put(trial(30)).unwrap();
+        assert_eq!(Cache::open(&path).unwrap().trials.len(), 3);
+        fs::write(&path, [0xff, 0xfe, 0x00]).unwrap();
+        assert_eq!(Cache::open(&path).unwrap().trials.len(), 0);
+    }
+}

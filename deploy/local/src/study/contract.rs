@@ -1,0 +1,95 @@
+//! `lamina tune`: the best parameters of one step under a contract, with a few trials.
+
+use super::cache::Cache;
+use super::{Local, sample_plan, scene_of};
+use crate::cli;
+use crate::parts::prepare;
+use crate::process;
+use crate::source::read_options;
+use anyhow::ensure;
+use lamina_generator_node::kernel::Backend;
+use lamina_model::{GenerationParams, SamplePlan, Scene};
+use lamina_read::Series;
+use lamina_tuner::Contract;
+use lamina_tuner::interval::half_width_db;
+use lamina_tuner::pareto::{Offer, front, offers};
+use lamina_tuner::search::{Found, candidates, search};
+use lamina_tuner::tune::Row;
+use lamina_viz_node::kernel as viz;
+
+/// `lamina tune`.
+pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
+    let contract = &arguments.contract;
+    let input = &arguments.input;
+    let series = Series::open(&input.input, &read_options(&input.raw))?;
+    let (n, steps) = (input.time_step, series.len());
+    ensure!(n < steps, "--time-step {n}: {} has {steps} steps, counted from 0", input.input.display());
+    let mut scene = scene_of(&series, input.scene.as_deref())?;
+    if let Some(step_voxels) = input.step {
+        scene = Scene { step_voxels, ..scene }.check()?;
+    }
+    let volume = series.read(n)?;
+    let backends = (Backend::open(arguments.input.backend)?, viz::Backend::open(arguments.input.backend)?);
+    let step = arguments.input.time_step as u64;
+    let field = prepare(volume, &scene);
+    let plan = SamplePlan { angles_deg: contract.angles_deg().unwrap_or(sample_plan().angles_deg), ..sample_plan() };
+    let reference = backends.0.reference_samples(&field, &plan, step)?;
+    let mut trial = Local::new(step, field, backends.0, backends.1, reference, Cache::in_memory());
+    let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
+    let before = process::cpu_time();
+    let runtime = tokio::runtime::Builder::new_current_thread().build()?;
+    let all = runtime.block_on(candidates(&mut trial, &arguments.grid, &base))?;
+    let found =
+        runtime.block_on(search(&mut trial, contract, &all, None, |row| println!("  {}", line(contract, row))))?;
+    let used = process::cpu_time().zip(before).map(|(now, before)| now.saturating_sub(before).as_secs_f64());
+    println!("contract   {contract}");
+    verdict(contract, &found)?;
+    let time = used.map_or_else(String::new, |s| format!(", {s:.1} s of processor time"));
+    println!("trials     {} of {} candidates{time}", found.study.rows.len(), all.len());
+    Ok(())
+}
+
+fn line(contract: &Contract, row: &Row) -> String {
+    let width = half_width_db(&row.measured.quality);
+    let doubt = if width.is_finite() { format!(" +- {width:.2}") } else { String::new() };
+    let kept = if row.cost < f64::INFINITY { "" } else { "  not kept" };
+    let (r, gamma) = (row.params.resolution(), row.params.gamma());
+    format!("r {r:4}  gamma {gamma:<8}  {}{doubt}{kept}", contract.describe(&row.measured))
+}
+
+/// What was found, how sure that is, and what more would buy.
+fn verdict(contract: &Contract, found: &Found) -> anyhow::Result<()> {
+    let rows = &found.study.rows;
+    let Some(best) = found.study.best else {
+        if let Some(nearest) = found.study.nearest(contract) {
+            println!("nearest    {}", line(contract, &rows[nearest]));
+        }
+        anyhow::bail!(
+            "nothing tried keeps this contract (chance that something untried does: {:.0} %); relax the limit that the nearest breaks",
+            100.0 * found.hope
+        );
+    };
+    println!("best       {}", line(contract, &rows[best]));
+    println!("sure       no other candidate is expected to gain more than {:.3} ({})", found.left, contract.utility());
+    let (size, time) = offers(rows, best);
+    let more = |o: Option<Offer>| {
+        if let Some(o) = o {
+            let p = &rows[o.row].params;
+            println!(
+                "more       {:+.1} kB and {:+.1} ms for {:+.2} dB: r {}, gamma {}",
+                o.extra_kilobytes,
+                o.extra_ms,
+                o.gain_db,
+                p.resolution(),
+                p.gamma()
+            );
+        }
+    };
+    more(size);
+    more(time.filter(|t| size.is_none_or(|s| s.row != t.row)));
+    println!("front      {} of the trials are beaten by no other:", front(rows).len());
+    for n in front(rows) {
+        println!("  {}", line(contract, &rows[n]));
+    }
+    Ok(())
+}

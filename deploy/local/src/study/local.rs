@@ -1,0 +1,140 @@
+//! Trials in this process: both nodes' kernels on one step, without sockets.
+
+use super::cache::{Cache, Spent, Trial as Recorded};
+use crate::process;
+use lamina_generator_node::kernel::{Backend, Field};
+use lamina_model::{GenerationParams, Invalid, Quality, ReferenceSamples, Vdi};
+use lamina_tuner::trial::{Cost, Measured, Trial, TrialError};
+use lamina_viz_node::kernel::{self as viz, PreparedVdi};
+use lamina_wire::codec::{self, DecodeLimits, EncodeOptions};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Measures on one field; what the cache holds is not measured again.
+pub struct Local {
+    step: u64,
+    field: Field,
+    backend: Backend,
+    viewer: viz::Backend,
+    reference: ReferenceSamples,
+    options: EncodeOptions,
+    cache: Cache,
+    /// The VDI measured last, for further batches.
+    held: Option<(GenerationParams, PreparedVdi<Arc<Vdi>>)>,
+}
+
+impl Local {
+    /// Trials of `step` on `field`, against `reference`.
+    pub fn new(
+        step: u64,
+        field: Field,
+        backend: Backend,
+        viewer: viz::Backend,
+        reference: ReferenceSamples,
+        cache: Cache,
+    ) -> Self {
+        Self { step, field, backend, viewer, reference, options: EncodeOptions::default(), cache, held: None }
+    }
+
+    /// What has been measured so far, with what measuring took.
+    pub fn cache(&self) -> &Cache {
+        &self.cache
+    }
+
+    /// The field measured on.
+    pub fn field(&self) -> &Field {
+        &self.field
+    }
+
+    /// Generates and encodes; what was encoded is what will be looked at.
+    fn generate(&mut self, params: &GenerationParams) -> Result<(Cost, Spent), Invalid> {
+        let start = clock();
+        let (vdi, generation_time) = self.backend.generate(&self.field, params)?;
+        let generated = (clock(), Instant::now());
+        let supersegments = vdi.segments().len() as u64;
+        let bytes = codec::encode(&vdi, &self.options).map_err(|e| Invalid::new("vdi", e.to_string()))?;
+        let (encode_time, encoded) = (generated.1.elapsed(), clock());
+        drop(vdi);
+        let decoded =
+            codec::decode(&bytes, &DecodeLimits::default()).map_err(|e| Invalid::new("vdi", e.to_string()))?;
+        self.held = Some((*params, PreparedVdi::new(Arc::new(decoded))));
+        let cost = Cost { size_bytes: bytes.len() as u64, generation_time, encode_time, supersegments };
+        let ns = |from: Duration, to: Duration| to.saturating_sub(from).as_nanos() as u64;
+        let spent = Spent {
+            generate_ns: ns(start, generated.0),
+            encode_ns: ns(generated.0, encoded),
+            decode_ns: ns(encoded, clock()),
+            quality_ns: 0,
+        };
+        Ok((cost, spent))
+    }
+
+    fn one(&mut self, params: &GenerationParams, batches: u32) -> Result<Measured, Invalid> {
+        let mut trial = match self.cache.get(params) {
+            Some(known) if known.quality.batches() as u32 >= batches => return Ok(measured(known)),
+            Some(known) => known.clone(),
+            None => {
+                let (cost, spent) = self.generate(params)?;
+                Recorded { params: *params, cost, spent, quality: Quality::default() }
+            }
+        };
+        if (trial.quality.batches() as u32) < batches {
+            if self.held.as_ref().is_none_or(|(held, _)| held != params) {
+                let (_, again) = self.generate(params)?;
+                trial.spent.add(&again);
+            }
+            let start = clock();
+            if let Some((_, vdi)) = &self.held {
+                let more = trial.quality.batches() as u32..batches;
+                let quality = self.viewer.quality(vdi, &self.reference, more)?;
+                trial.quality.extend(&quality)?;
+            }
+            trial.spent.quality_ns += clock().saturating_sub(start).as_nanos() as u64;
+        }
+        let answer = measured(&trial);
+        self.cache.put(trial).map_err(|e| Invalid::new("cache", e.to_string()))?;
+        Ok(answer)
+    }
+}
+
+fn measured(trial: &Recorded) -> Measured {
+    Measured { cost: trial.cost, quality: trial.quality.clone() }
+}
+
+/// Processor time so far; wall time where the system does not tell.
+fn clock() -> Duration {
+    static START: std::sync::LazyLock<Instant> = std::sync::LazyLock::new(Instant::now);
+    process::cpu_time().unwrap_or_else(|| START.elapsed())
+}
+
+impl Trial for Local {
+    fn step(&self) -> u64 {
+        self.step
+    }
+
+    fn batches(&self) -> u32 {
+        self.reference.plan.batches
+    }
+
+    async fn sizes(&mut self, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {
+        let start = Instant::now();
+        let vdis = self.backend.generate_all(&self.field, params, gammas)?;
+        let generation_time = start.elapsed();
+        let cost = |vdi: Vdi| {
+            let start = Instant::now();
+            let bytes = codec::encode(&vdi, &self.options).map_err(|e| Invalid::new("vdi", e.to_string()))?;
+            let supersegments = vdi.segments().len() as u64;
+            Ok(Cost { size_bytes: bytes.len() as u64, generation_time, encode_time: start.elapsed(), supersegments })
+        };
+        vdis.into_iter().map(cost).collect()
+    }
+
+    async fn measure(
+        &mut self,
+        params: &[GenerationParams],
+        batches: u32,
+    ) -> Result<Vec<Result<Measured, Invalid>>, TrialError> {
+        let batches = batches.min(self.batches());
+        Ok(params.iter().map(|p| self.one(p, batches)).collect())
+    }
+}

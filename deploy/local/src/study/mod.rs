@@ -1,0 +1,145 @@
+//! `lamina study`: the paper's exhaustive measurement on the user's own data.
+//!
+//! Every (gamma, resolution) of a grid is generated, encoded, drawn from the test views and compared; everything else
+//! (figures, tables, choices under limits) is read off what was measured.
+
+mod cache;
+mod choices;
+mod contract;
+mod csv;
+mod figures;
+mod local;
+mod page;
+mod replay;
+
+pub use contract::tune as contract;
+pub use local::Local;
+
+use crate::cli;
+use crate::parts::prepare;
+use crate::scene_file::scene_for;
+use crate::source::read_options;
+use anyhow::{Context, ensure};
+use cache::Cache;
+use choices::Limits;
+use indicatif::{ProgressBar, ProgressStyle};
+use lamina_generator_node::kernel::Backend;
+use lamina_model::{GenerationParams, SamplePlan, Scene, Volume};
+use lamina_read::Series;
+use lamina_tuner::Contract;
+use lamina_tuner::search::Grid;
+use lamina_tuner::trial::Trial as _;
+use lamina_tuner::tune::{Row, tune};
+use lamina_viz_node::kernel as viz;
+use std::path::Path;
+
+/// One step of one input, measured.
+pub struct Measured {
+    /// The input's name.
+    pub name: String,
+    /// Which step of it.
+    pub step: u64,
+    /// Every trial, gamma by gamma within a resolution.
+    pub rows: Vec<Row>,
+    /// What can measure more of it.
+    pub trial: Local,
+}
+
+/// Where study measures: the paper's views and picture, one pixel in 16.
+pub fn sample_plan() -> SamplePlan {
+    SamplePlan { batches: 64, ..SamplePlan::default() }
+}
+
+/// The scene of a series: chosen from its first, middle and last step, as `replay` does.
+fn scene_of(series: &Series, file: Option<&Path>) -> anyhow::Result<Scene> {
+    let last = series.len() - 1;
+    let mut steps = vec![0, last / 2, last];
+    steps.dedup();
+    let read = |n| series.read(n).with_context(|| format!("{}, step {n}", series.name()));
+    let volumes = steps.into_iter().map(read).collect::<anyhow::Result<Vec<Volume>>>()?;
+    scene_for(file, &volumes.iter().collect::<Vec<_>>())
+}
+
+/// `lamina study`.
+pub fn study(arguments: &cli::Study) -> anyhow::Result<()> {
+    std::fs::create_dir_all(&arguments.out)
+        .with_context(|| format!("{}: cannot be created", arguments.out.display()))?;
+    let backends = (Backend::open(arguments.backend)?, viz::Backend::open(arguments.backend)?);
+    let mut all = Vec::new();
+    for input in &arguments.inputs {
+        let series = Series::open(input, &read_options(&arguments.raw))?;
+        let chosen: Vec<usize> =
+            if series.len() == 1 || arguments.steps.is_empty() { vec![0] } else { arguments.steps.clone() };
+        let last = series.len() - 1;
+        for step in &chosen {
+            ensure!(*step <= last, "--steps {step}: {} has steps 0 to {last}", input.display());
+        }
+        let scene = scene_of(&series, arguments.scene.as_deref())?;
+        for step in chosen {
+            let name = series.name().to_owned();
+            let trial = open(&name, step as u64, series.read(step)?, &scene, &backends, &arguments.out)?;
+            all.push(measure(name, step as u64, &scene, trial, &arguments.grid)?);
+            // What is there is written after every step: the next may take an hour.
+            csv::measurements(&arguments.out, &all)?;
+        }
+    }
+    let limits = Limits::new(arguments, &all);
+    csv::choices(&arguments.out, &all, &limits)?;
+    csv::cross(&arguments.out, &all, &limits)?;
+    let contracts: Vec<&Contract> = limits.size.iter().chain(&limits.time).collect();
+    let outcomes = replay::outcomes(&mut all, &contracts)?;
+    csv::search(&arguments.out, &outcomes)?;
+    let command: Vec<String> = std::env::args().skip(1).collect();
+    page::write(&arguments.out, &all, &limits, &outcomes, &format!("lamina {}", command.join(" ")))?;
+    println!("{}", replay::summary(&outcomes));
+    println!("report and tables: {}", arguments.out.join("report.html").display());
+    Ok(())
+}
+
+/// Trials on one step, with what an earlier run left.
+fn open(
+    name: &str,
+    step: u64,
+    volume: Volume,
+    scene: &Scene,
+    backends: &(Backend, viz::Backend),
+    out: &Path,
+) -> anyhow::Result<Local> {
+    let plan = sample_plan();
+    let backend = format!("{:?}", std::mem::discriminant(&backends.0));
+    let fingerprint = cache::fingerprint(&volume, scene, &plan, &backend)?;
+    let cache = Cache::open(&out.join("cache").join(format!("{name}-{step}-{fingerprint}.jsonl")))?;
+    let field = prepare(volume, scene);
+    let reference = backends.0.reference_samples(&field, &plan, step)?;
+    Ok(Local::new(step, field, backends.0.clone(), backends.1.clone(), reference, cache))
+}
+
+/// Every candidate of `grid`.
+fn measure(name: String, step: u64, scene: &Scene, mut trial: Local, grid: &Grid) -> anyhow::Result<Measured> {
+    let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
+    let runtime = tokio::runtime::Builder::new_current_thread().build()?;
+    let candidates = runtime.block_on(lamina_tuner::search::candidates(&mut trial, grid, &base))?;
+    let known = candidates.iter().filter(|p| trial.cache().get(p).is_some()).count();
+    let bar = bar(&format!("{name} {step}"), &candidates);
+    if known > 0 {
+        bar.println(format!(
+            "{name}, step {step}: {known} of {} trials are there from an earlier run",
+            candidates.len()
+        ));
+    }
+    // The bar counts rays, which time follows, so that its time to go means something.
+    let done = |row: &Row| bar.inc(u64::from(row.params.resolution()).pow(2));
+    let contract: Contract = "maximise psnr".parse()?;
+    let study = runtime.block_on(tune(&mut trial, &contract, &candidates, done))?;
+    bar.finish_and_clear();
+    ensure!(!study.rows.is_empty(), "{name}, step {step}: none of the grid's parameters could be measured");
+    Ok(Measured { name, step: trial.step(), rows: study.rows, trial })
+}
+
+fn bar(what: &str, candidates: &[GenerationParams]) -> ProgressBar {
+    let rays = candidates.iter().map(|p| u64::from(p.resolution()).pow(2)).sum();
+    let style = ProgressStyle::with_template("{msg} {bar:30} {percent} %  {elapsed}  {eta} to go");
+    let bar = ProgressBar::new(rays).with_message(what.to_owned());
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar
+}

@@ -1,0 +1,171 @@
+//! The search beside the exhaustive study: it asks for trials that the study has measured, and each is charged the processor
+//! time that measuring it took. So both see the same noise, and a limit on time is kept or broken by the same figure.
+
+use super::choices::best;
+use super::{Local, Measured};
+use crate::process;
+use lamina_model::{GenerationParams, Invalid, Quality, ViewError};
+use lamina_tuner::Contract;
+use lamina_tuner::search::search;
+use lamina_tuner::trial::{self, Cost, Trial, TrialError};
+use lamina_tuner::tune::Row;
+use std::collections::HashMap;
+
+/// What a search found under one contract, beside the best of all.
+pub struct Outcome {
+    /// The input's name.
+    pub name: String,
+    /// Which step of it.
+    pub step: u64,
+    /// The contract.
+    pub contract: Contract,
+    /// The exhaustive choice.
+    pub best: Option<Row>,
+    /// The search's, as the exhaustive study measured it.
+    pub found: Option<Row>,
+    /// Trials it took.
+    pub trials: usize,
+    /// Processor time of what it measured, seconds.
+    pub cpu_secs: f64,
+    /// The same of the exhaustive study.
+    pub exhaustive_secs: f64,
+}
+
+impl Outcome {
+    /// Decibels that the search's choice lacks.
+    pub fn regret_db(&self) -> Option<f64> {
+        let db = |row: &Row| row.measured.quality.psnr_db();
+        self.best.as_ref().zip(self.found.as_ref()).map(|(best, found)| db(best) - db(found))
+    }
+
+    /// By which share the search's choice exceeds the limit; negative if it keeps it.
+    pub fn excess(&self) -> Option<f64> {
+        self.found.as_ref().map(|row| self.contract.excess(&row.measured.cost, f64::NAN).exp() - 1.0)
+    }
+}
+
+/// Answers from what was measured.
+struct Replay<'a> {
+    step: u64,
+    study: &'a Local,
+    /// Processor time of the march that gives sizes, seconds.
+    march_secs: f64,
+    batches: u32,
+    /// Batches given so far.
+    given: HashMap<(u32, u64), u32>,
+    spent_secs: f64,
+}
+
+impl Trial for Replay<'_> {
+    fn step(&self) -> u64 {
+        self.step
+    }
+
+    fn batches(&self) -> u32 {
+        self.batches
+    }
+
+    async fn sizes(&mut self, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {
+        self.spent_secs += self.march_secs;
+        let cost = |gamma: &f64| {
+            let trial = self.study.cache().get(&params.with_gamma(*gamma)?);
+            trial.map(|t| t.cost).ok_or_else(|| Invalid::new("trial", "was not measured").into())
+        };
+        gammas.iter().map(cost).collect()
+    }
+
+    async fn measure(
+        &mut self,
+        params: &[GenerationParams],
+        batches: u32,
+    ) -> Result<Vec<Result<trial::Measured, Invalid>>, TrialError> {
+        Ok(params.iter().map(|p| self.one(p, batches)).collect())
+    }
+}
+
+impl Replay<'_> {
+    fn one(&mut self, params: &GenerationParams, batches: u32) -> Result<trial::Measured, Invalid> {
+        let trial = self.study.cache().get(params).ok_or_else(|| Invalid::new("trial", "was not measured"))?;
+        let (spent, key) = (&trial.spent, (params.resolution(), params.gamma().to_bits()));
+        let before = self.given.get(&key).copied();
+        let all = trial.quality.batches() as u32;
+        let wanted = batches.min(all).max(before.unwrap_or(0));
+        let mut ns = 0.0;
+        if before.is_none() {
+            ns += (spent.generate_ns + spent.encode_ns) as f64;
+        }
+        if before.unwrap_or(0) == 0 && wanted > 0 {
+            ns += spent.decode_ns as f64;
+        }
+        ns += spent.quality_ns as f64 * f64::from(wanted - before.unwrap_or(0)) / f64::from(all.max(1));
+        self.spent_secs += 1e-9 * ns;
+        self.given.insert(key, wanted);
+        let view =
+            |v: &ViewError| ViewError { angle_deg: v.angle_deg, batch_mse: v.batch_mse[..wanted as usize].to_vec() };
+        let quality = if wanted == 0 {
+            Quality::default()
+        } else {
+            Quality { views: trial.quality.views.iter().map(view).collect() }
+        };
+        Ok(trial::Measured { cost: trial.cost, quality })
+    }
+}
+
+/// Searches every measured step under each contract.
+pub fn outcomes(all: &mut [Measured], contracts: &[&Contract]) -> anyhow::Result<Vec<Outcome>> {
+    let runtime = tokio::runtime::Builder::new_current_thread().build()?;
+    let mut outcomes = Vec::new();
+    for m in all {
+        let march_secs = march(&runtime, m)?;
+        let candidates: Vec<GenerationParams> = m.rows.iter().map(|r| r.params).collect();
+        let spent = candidates.iter().filter_map(|p| m.trial.cache().get(p));
+        let exhaustive_secs = spent.map(|t| t.spent.secs()).sum();
+        for contract in contracts {
+            let (step, batches) = (m.step, m.trial.batches());
+            let mut replay =
+                Replay { step, study: &m.trial, march_secs, batches, given: HashMap::new(), spent_secs: 0.0 };
+            let found = runtime.block_on(search(&mut replay, contract, &candidates, None, |_| {}))?;
+            let chosen = found.study.best.map(|n| found.study.rows[n].params);
+            let measured = |p| m.rows.iter().find(|r| r.params == p).cloned();
+            outcomes.push(Outcome {
+                name: m.name.clone(),
+                step,
+                contract: (*contract).clone(),
+                best: best(&m.rows, contract).map(|n| m.rows[n].clone()),
+                found: chosen.and_then(measured),
+                trials: found.study.rows.len(),
+                cpu_secs: replay.spent_secs,
+                exhaustive_secs,
+            });
+        }
+    }
+    Ok(outcomes)
+}
+
+/// Processor time of the search's march, which no exhaustive study has a figure for: measured now.
+fn march(runtime: &tokio::runtime::Runtime, m: &mut Measured) -> anyhow::Result<f64> {
+    let lowest = m.rows.iter().map(|r| r.params.resolution()).min().unwrap_or(0);
+    let row: Vec<GenerationParams> = m.rows.iter().map(|r| r.params).filter(|p| p.resolution() == lowest).collect();
+    let every = row.len().div_ceil(12).max(1);
+    let gammas: Vec<f64> = row.iter().step_by(every).map(GenerationParams::gamma).collect();
+    let before = process::cpu_time();
+    runtime.block_on(m.trial.sizes(&row[0], &gammas))?;
+    let used = process::cpu_time().zip(before).map(|(now, before)| now.saturating_sub(before).as_secs_f64());
+    Ok(used.unwrap_or(0.0))
+}
+
+/// The searches in one sentence.
+pub fn summary(outcomes: &[Outcome]) -> String {
+    let feasible: Vec<&Outcome> = outcomes.iter().filter(|o| o.best.is_some()).collect();
+    let regret = feasible.iter().filter_map(|o| o.regret_db()).fold(0.0, f64::max);
+    let missed = feasible.iter().filter(|o| o.found.is_none()).count();
+    let broken = outcomes.iter().filter(|o| o.excess().is_some_and(|e| e > 0.0)).count();
+    let shares: Vec<f64> = outcomes.iter().map(|o| o.exhaustive_secs / o.cpu_secs.max(1e-9)).collect();
+    let least = shares.iter().copied().fold(f64::INFINITY, f64::min);
+    format!(
+        "{} searches, {} under limits that something keeps: at most {regret:.3} dB below the best of all, {missed} found nothing, \
+         {broken} broke a limit; at least {least:.0} times less processor time than measuring everything.",
+        outcomes.len(),
+        feasible.len()
+    )
+}

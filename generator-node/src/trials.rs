@@ -1,0 +1,160 @@
+//! One stream of trials: candidate after candidate measured on one step, each VDI to the viewer that is to look at it.
+
+use crate::cycle::{Prepared, Purpose, Shared, encode};
+use lamina_model::{GenerationParams, Invalid};
+use lamina_wire::{required, v1};
+use std::collections::{HashSet, VecDeque};
+use std::sync::Arc;
+use tokio::sync::{SemaphorePermit, mpsc};
+use tokio::task::spawn_blocking;
+use tonic::codegen::Bytes;
+use tonic::{Status, Streaming};
+
+/// Encoded VDIs kept, so that one whose cost was asked for can be sent without being generated again.
+const ENCODED: usize = 4;
+/// The most gammas of one request.
+const MOST_GAMMAS: usize = 1024;
+
+/// What a stream of trials remembers.
+pub struct Trials {
+    shared: Arc<Shared>,
+    held: Arc<Prepared>,
+    /// Viewers that have the step's reference samples.
+    informed: HashSet<String>,
+    encoded: VecDeque<(GenerationParams, Bytes, v1::Cost)>,
+}
+
+/// Why a request got no numbers.
+enum Failure {
+    /// It is the request's fault; the next may do better.
+    Refused(Invalid),
+    /// The node cannot go on.
+    Broken(Status),
+}
+
+impl From<Invalid> for Failure {
+    fn from(invalid: Invalid) -> Self {
+        Self::Refused(invalid)
+    }
+}
+
+impl From<Status> for Failure {
+    fn from(status: Status) -> Self {
+        Self::Broken(status)
+    }
+}
+
+impl Trials {
+    /// Trials on the step `held`.
+    pub fn new(shared: Arc<Shared>, held: Arc<Prepared>) -> Self {
+        Self { shared, held, informed: HashSet::new(), encoded: VecDeque::new() }
+    }
+
+    /// Answers request after request; the tuner's hanging up ends it.
+    ///
+    /// # Errors
+    /// If a request has no trial id, or the node is stopping.
+    pub async fn serve(
+        mut self,
+        mut requests: Streaming<v1::TrialRequest>,
+        answers: &mpsc::Sender<Result<v1::TrialReply, Status>>,
+    ) -> Result<(), Status> {
+        let greeting = v1::TrialReply {
+            run_id: self.held.run.run_id.clone(),
+            step: self.held.step,
+            batches: self.shared.plan.batches,
+            ..Default::default()
+        };
+        if answers.send(Ok(greeting.clone())).await.is_err() {
+            return Ok(());
+        }
+        while let Some(request) = requests.message().await? {
+            if request.trial_id == 0 {
+                return Err(Status::invalid_argument("trial_id: 0 means a live step; choose another number"));
+            }
+            let mut reply = v1::TrialReply { trial_id: request.trial_id, ..greeting.clone() };
+            match self.answer(&request, &mut reply).await {
+                Ok(()) => {}
+                Err(Failure::Refused(invalid)) => reply.refusal = invalid.to_string(),
+                Err(Failure::Broken(status)) => return Err(status),
+            }
+            if answers.send(Ok(reply)).await.is_err() {
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+
+    async fn answer(&mut self, request: &v1::TrialRequest, reply: &mut v1::TrialReply) -> Result<(), Failure> {
+        let params: GenerationParams = required(request.params, "params")?.try_into()?;
+        if !request.gammas.is_empty() {
+            reply.costs = self.costs(params, &request.gammas).await?;
+            return Ok(());
+        }
+        let (bytes, cost) = self.encoded(params).await?;
+        reply.cost = Some(cost);
+        if !request.viewer.is_empty() {
+            let frame = self.held.frame(&params, cost, bytes, Purpose::Trial(request.trial_id));
+            let reference = match self.informed.contains(&request.viewer) {
+                true => None,
+                false => {
+                    let (held, plan) = (self.held.clone(), self.shared.plan.clone());
+                    // Cast now if the step came without.
+                    let _permit = permit(&self.shared).await?;
+                    Some(blocking(move || held.reference(&plan)).await?)
+                }
+            };
+            if self.shared.publisher.publish_trial(&request.viewer, reference.into_iter().chain([frame]).collect()) {
+                self.informed.insert(request.viewer.clone());
+                reply.viewer.clone_from(&request.viewer);
+            }
+        }
+        Ok(())
+    }
+
+    /// The VDI and what it cost, generated now unless it was lately.
+    async fn encoded(&mut self, params: GenerationParams) -> Result<(Bytes, v1::Cost), Failure> {
+        if let Some((_, bytes, cost)) = self.encoded.iter().find(|(known, ..)| *known == params) {
+            return Ok((bytes.clone(), *cost));
+        }
+        let (held, options) = (self.held.clone(), self.shared.options);
+        let _permit = permit(&self.shared).await?;
+        let (bytes, cost) = blocking(move || held.measure(&params, &options)).await?;
+        let bytes = Bytes::from(bytes);
+        self.encoded.truncate(ENCODED - 1);
+        self.encoded.push_front((params, bytes.clone(), cost));
+        Ok((bytes, cost))
+    }
+
+    /// What the VDI for each of `gammas` costs; none of them stays.
+    async fn costs(&self, params: GenerationParams, gammas: &[f64]) -> Result<Vec<v1::Cost>, Failure> {
+        if gammas.len() > MOST_GAMMAS {
+            let many = gammas.len();
+            return Err(Invalid::new("gammas", format!("{many} in one request; ask for at most {MOST_GAMMAS}")).into());
+        }
+        for &gamma in gammas {
+            params.with_gamma(gamma)?;
+        }
+        let (held, options, gammas) = (self.held.clone(), self.shared.options, gammas.to_vec());
+        let (vdis, march_time) = {
+            let _permit = permit(&self.shared).await?;
+            blocking(move || held.generate_all(&params, &gammas)).await?
+        };
+        let mut costs = Vec::new();
+        for vdi in vdis {
+            // Live steps come in between: encoding dozens takes longer than a simulation should wait.
+            let _permit = permit(&self.shared).await?;
+            costs.push(blocking(move || encode(&vdi, march_time, &options)).await?.1);
+        }
+        Ok(costs)
+    }
+}
+
+async fn permit(shared: &Shared) -> Result<SemaphorePermit<'_>, Status> {
+    shared.kernel.acquire().await.map_err(|_| Status::unavailable("stopping"))
+}
+
+async fn blocking<T: Send + 'static>(work: impl FnOnce() -> Result<T, Invalid> + Send + 'static) -> Result<T, Failure> {
+    let done = spawn_blocking(work).await.map_err(|e| Status::internal(e.to_string()))?;
+    Ok(done?)
+}

@@ -1,0 +1,131 @@
+//! Who can measure trials: the subscribers that say where their Quality service is, and the trials on their way to each.
+
+use crate::publish::Item;
+use lamina_model::Invalid;
+use lamina_wire::v1;
+use std::collections::VecDeque;
+use std::net::IpAddr;
+use tokio::sync::watch;
+use tonic::codegen::http::uri::Authority;
+
+/// Bytes of trials that wait for one viewer; then the oldest VDI goes.
+const WAITING_BYTES: u64 = 128 << 20;
+
+/// The viewers present, in the order they came.
+#[derive(Default)]
+pub struct Viewers {
+    came: u64,
+    present: Vec<Mailbox>,
+    list: watch::Sender<v1::ViewerList>,
+}
+
+struct Mailbox {
+    viewer: v1::Viewer,
+    waiting: VecDeque<(u64, Item)>,
+}
+
+impl Viewers {
+    /// Adds one whose Quality service is at `address`; gives the name it has until it [leaves](Self::leave).
+    pub fn join(&mut self, address: String) -> String {
+        self.came += 1;
+        let viewer = self.came.to_string();
+        self.present.push(Mailbox { viewer: v1::Viewer { viewer: viewer.clone(), address }, waiting: VecDeque::new() });
+        self.tell();
+        viewer
+    }
+
+    /// Forgets it and what waits for it.
+    pub fn leave(&mut self, viewer: &str) {
+        self.present.retain(|m| m.viewer.viewer != viewer);
+        self.tell();
+    }
+
+    fn tell(&self) {
+        self.list.send_replace(v1::ViewerList { viewers: self.present.iter().map(|m| m.viewer.clone()).collect() });
+    }
+
+    /// The list now and at every change.
+    pub fn list(&self) -> watch::Receiver<v1::ViewerList> {
+        self.list.subscribe()
+    }
+
+    /// What waits for `viewer`, by rising number; `None` if it is not there.
+    pub fn waiting(&mut self, viewer: &str) -> Option<&mut VecDeque<(u64, Item)>> {
+        self.present.iter_mut().find(|m| m.viewer.viewer == viewer).map(|m| &mut m.waiting)
+    }
+}
+
+/// Makes room: drops the oldest VDIs, but the newest item and what they are compared with.
+pub fn trim(waiting: &mut VecDeque<(u64, Item)>) {
+    let mut bytes: u64 = waiting.iter().map(|(_, item)| item.bytes()).sum();
+    while bytes > WAITING_BYTES {
+        let Some(oldest) = waiting.iter().position(|(_, item)| item.is_frame()) else { return };
+        if oldest + 1 == waiting.len() {
+            return;
+        }
+        bytes -= waiting.remove(oldest).map_or(0, |(_, item)| item.bytes());
+    }
+}
+
+/// Where a subscriber's Quality service is, as others reach it: a host that means "any" becomes `peer`'s.
+///
+/// # Errors
+/// If `address` is not http://HOST:PORT.
+pub fn reachable(address: &str, peer: Option<IpAddr>) -> Result<String, Invalid> {
+    let refuse = |why: &str| {
+        Invalid::new(
+            "quality_address",
+            format!("\"{address}\" {why}; write http://HOST:PORT, such as http://10.0.0.7:7102"),
+        )
+    };
+    let authority = address.strip_prefix("http://").ok_or_else(|| refuse("does not begin with http://"))?;
+    let named: Authority = authority.parse().map_err(|_| refuse("names no host and port"))?;
+    let (host, port) = (named.host(), named.port_u16().filter(|&p| p != 0).ok_or_else(|| refuse("has no port"))?);
+    if host.is_empty() || named.as_str().contains('@') {
+        return Err(refuse("names no host"));
+    }
+    let ip: Result<IpAddr, _> = host.trim_start_matches('[').trim_end_matches(']').parse();
+    if !ip.is_ok_and(|ip| ip.is_unspecified()) {
+        return Ok(address.to_owned());
+    }
+    match peer.ok_or_else(|| refuse("stands for an address that is not known here"))?.to_canonical() {
+        IpAddr::V4(ip) => Ok(format!("http://{ip}:{port}")),
+        IpAddr::V6(ip) => Ok(format!("http://[{ip}]:{port}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_passed_completed_or_refused_by_name() {
+        let v4: IpAddr = "10.0.0.7".parse().unwrap();
+        let mapped: IpAddr = "::ffff:10.0.0.7".parse().unwrap();
+        let v6: IpAddr = "fe80::7".parse().unwrap();
+        for (given, peer, expected) in [
+            ("http://viz:7102", None, "http://viz:7102"),
+            ("http://[::1]:7102", Some(v4), "http://[::1]:7102"),
+            ("http://0.0.0.0:7102", Some(v4), "http://10.0.0.7:7102"),
+            ("http://0.0.0.0:7102", Some(mapped), "http://10.0.0.7:7102"),
+            ("http://[::]:7102", Some(v6), "http://[fe80::7]:7102"),
+        ] {
+            assert_eq!(reachable(given, peer).unwrap(), expected);
+        }
+        for bad in [
+            "viz:7102",
+            "https://viz:7102",
+            "http://viz",
+            "http://:7102",
+            "http://viz:0",
+            "http://viz:99999",
+            "http://viz:7102/",
+            "http://me@viz:7102",
+            "http://",
+        ] {
+            let error = reachable(bad, Some(v4)).unwrap_err().to_string();
+            assert!(error.contains("quality_address") && error.contains("http://HOST:PORT"), "{bad}: {error}");
+        }
+        assert!(reachable("http://0.0.0.0:7102", None).is_err());
+    }
+}

@@ -1,0 +1,331 @@
+//! One study's trials over real daemons: shared by several viz-nodes, and finished without those that fail.
+
+#![allow(clippy::unwrap_used)]
+
+use futures::{Stream, stream};
+use lamina_model::{GenerationParams, Invalid};
+use lamina_read::{Options, Series};
+use lamina_tests::processes::{Daemon, free_port, recorded_series, wait_for};
+use lamina_tuner::remote::Remote;
+use lamina_tuner::trial::{Measured, Trial, TrialError};
+use lamina_wire::node::connect;
+use lamina_wire::v1::{self, control_client::ControlClient, frames_client::FramesClient, quality_server};
+use std::io::Write;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tonic::transport::Channel;
+use tonic::{Code, Request, Response, Status};
+
+const BATCHES: u32 = 16;
+
+/// A generator-node that holds one step, and viz-nodes that come and go.
+struct Cluster {
+    _folder: tempfile::TempDir,
+    generator: Daemon,
+}
+
+impl Cluster {
+    fn start() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let config = folder.path().join("generator-node.toml");
+        std::fs::write(
+            &config,
+            format!("[samples]\nimage_size = 128\ntile = 16\nbatches = {BATCHES}\nangles_deg = [10.0, 40.0]\n"),
+        )
+        .unwrap();
+        let arguments = ["--backend", "cpu", "--config", config.to_str().unwrap()];
+        let generator = Daemon::start("generator-node", free_port(), &arguments);
+        let volume = Series::open(&recorded_series(), &Options::default()).unwrap().read(3).unwrap();
+        let (grid, voxel_type) = (*volume.grid(), volume.voxels().voxel_type());
+        let options = lamina_client::RunOptions::new(&generator.url(), "study", "density", grid, voxel_type);
+        let mut client = lamina_client::Client::connect(options).unwrap();
+        client.push(7, 0.0, &lamina_client::Brick::new([0; 3], grid.dims(), volume.voxels())).unwrap();
+        client.close();
+        Self { _folder: folder, generator }
+    }
+
+    fn viz(&self) -> Daemon {
+        Daemon::start("viz-node", free_port(), &["--backend", "cpu", "--generator", &self.generator.url()])
+    }
+
+    async fn control(&self) -> ControlClient<Channel> {
+        let control = ControlClient::new(connect(&self.generator.url()).await.unwrap());
+        // The step's report says that trials have something to hold.
+        control.clone().watch(v1::WatchRequest {}).await.unwrap().into_inner().message().await.unwrap().unwrap();
+        control
+    }
+
+    /// Trials, once `viewers` viz-nodes subscribe.
+    async fn remote(&self, viewers: usize) -> Result<Remote, TrialError> {
+        let control = self.control().await;
+        self.viewers(&control, viewers).await;
+        Remote::open(&control, &self.generator.url()).await
+    }
+
+    async fn viewers(&self, control: &ControlClient<Channel>, n: usize) -> Vec<v1::Viewer> {
+        let mut lists = control.clone().viewers(v1::ViewersRequest {}).await.unwrap().into_inner();
+        loop {
+            let list = lists.message().await.unwrap().unwrap();
+            if list.viewers.len() == n {
+                return list.viewers;
+            }
+        }
+    }
+}
+
+fn run<T>(work: impl Future<Output = T>) -> T {
+    tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(work)
+}
+
+fn candidates(n: u32) -> Vec<GenerationParams> {
+    (0..n).map(|k| GenerationParams::new(24 + 8 * (k / 4), 0.01 + 0.03 * f64::from(k % 4)).unwrap()).collect()
+}
+
+/// Measurements a viz-node has answered with.
+fn measured_by(viz: &str) -> u32 {
+    let Ok(mut answer) = ureq::get(format!("{viz}/metrics")).call() else { return 0 };
+    let text = answer.body_mut().read_to_string().unwrap();
+    text.lines().find_map(|l| l.strip_prefix("lamina_trials_total ")).unwrap().parse().unwrap()
+}
+
+/// What does not depend on the clock.
+fn figures(rows: &[Result<Measured, Invalid>]) -> Vec<(u64, u64, Vec<f64>)> {
+    let row = |m: &Measured| (m.cost.size_bytes, m.cost.supersegments, m.quality.batch_mse());
+    rows.iter().map(|r| row(r.as_ref().unwrap())).collect()
+}
+
+/// Lines logged by this thread while it lives.
+struct Log(Arc<Mutex<Vec<u8>>>, #[allow(dead_code)] Box<dyn std::any::Any>);
+
+struct Sink(Arc<Mutex<Vec<u8>>>);
+
+impl Write for Sink {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.lock().unwrap().write(bytes)
+    }
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Log {
+    fn start() -> Self {
+        use tracing_subscriber::util::SubscriberInitExt;
+        let text = Arc::new(Mutex::new(Vec::new()));
+        let sink = text.clone();
+        let log = tracing_subscriber::fmt().with_ansi(false).with_writer(move || Sink(sink.clone()));
+        Self(text, Box::new(log.set_default()))
+    }
+
+    /// Warnings that name `what`.
+    fn warnings(&self, what: &str) -> Vec<String> {
+        let text = String::from_utf8(self.0.lock().unwrap().clone()).unwrap();
+        text.lines().filter(|l| l.contains("WARN") && l.contains(what)).map(str::to_owned).collect()
+    }
+}
+
+#[test]
+fn two_viewers_share_a_study_and_find_what_one_finds() {
+    let cluster = Cluster::start();
+    let one = cluster.viz();
+    let candidates = candidates(12);
+    run(async {
+        let mut remote = cluster.remote(1).await.unwrap();
+        assert_eq!((remote.step(), remote.batches()), (7, BATCHES));
+        let alone = figures(&remote.measure(&candidates, u32::MAX).await.unwrap());
+        assert!(alone.iter().all(|(bytes, segments, mse)| *bytes > 0 && *segments > 0 && mse.len() == 16));
+        assert_eq!(measured_by(&one.url()), 12);
+
+        // What is known is not asked again, and answers keep the order of the question.
+        let again = remote.measure(&[candidates[3], candidates[0], candidates[3]], 4).await.unwrap();
+        let first = |n: usize| (alone[n].0, alone[n].1, alone[n].2[..4].to_vec());
+        assert_eq!(figures(&again), [first(3), first(0), first(3)]);
+        assert_eq!(measured_by(&one.url()), 12);
+
+        // One march says for many gammas what one VDI after the other costs.
+        let gammas: Vec<f64> = candidates[..4].iter().map(GenerationParams::gamma).collect();
+        let sizes = remote.sizes(&candidates[0], &gammas).await.unwrap();
+        for (cost, (bytes, segments, _)) in sizes.iter().zip(&alone) {
+            assert_eq!((cost.size_bytes, cost.supersegments), (*bytes, *segments));
+            assert_eq!(cost.generation_time, sizes[0].generation_time);
+        }
+
+        let two = cluster.viz();
+        let shared = cluster.remote(2).await.unwrap().measure(&candidates, u32::MAX).await.unwrap();
+        assert_eq!(figures(&shared), alone);
+        let counts = [measured_by(&one.url()) - 12, measured_by(&two.url())];
+        assert!(counts.iter().sum::<u32>() == 12 && counts.iter().all(|&n| n > 1), "{counts:?}");
+    });
+}
+
+#[test]
+fn batches_asked_for_in_parts_are_those_asked_for_at_once() {
+    let cluster = Cluster::start();
+    let _viz = cluster.viz();
+    // More than a viz-node keeps: some must be sent again.
+    let candidates = candidates(12);
+    run(async {
+        let at_once = cluster.remote(1).await.unwrap().measure(&candidates, BATCHES).await.unwrap();
+        let mut remote = cluster.remote(1).await.unwrap();
+        let costs = remote.measure(&candidates, 0).await.unwrap();
+        assert!(costs.iter().all(|c| c.as_ref().unwrap().quality.batches() == 0));
+        let some = remote.measure(&candidates, 4).await.unwrap();
+        assert!(some.iter().all(|c| c.as_ref().unwrap().quality.batches() == 4));
+        let all = remote.measure(&candidates, BATCHES).await.unwrap();
+        assert_eq!(figures(&all), figures(&at_once));
+        for (cost, all) in costs.iter().zip(&all) {
+            assert_eq!(
+                cost.as_ref().unwrap().cost,
+                all.as_ref().unwrap().cost,
+                "the cost stays the one first measured"
+            );
+        }
+    });
+}
+
+#[test]
+fn a_viewer_killed_in_a_study_is_named_and_its_trials_are_measured_by_the_other() {
+    let log = Log::start();
+    let cluster = Cluster::start();
+    let (doomed, other) = (cluster.viz(), cluster.viz());
+    let (url, address) = (doomed.url(), doomed.address.to_string());
+    let candidates = candidates(80);
+    run(async {
+        let mut remote = cluster.remote(2).await.unwrap();
+        let killer = std::thread::spawn(move || {
+            assert!(wait_for(Duration::from_secs(20), || measured_by(&url) > 1));
+            doomed.kill();
+        });
+        let rows = remote.measure(&candidates, BATCHES).await.unwrap();
+        killer.join().unwrap();
+        let expected = cluster.remote(1).await.unwrap().measure(&candidates, BATCHES).await.unwrap();
+        assert_eq!(figures(&rows), figures(&expected));
+    });
+    assert!(!log.warnings(&address).is_empty(), "the log names the dead one");
+    assert!(log.warnings(&other.address.to_string()).is_empty());
+}
+
+/// A viz-node that misbehaves: it subscribes like one, and measures nothing but NaN.
+struct Liar;
+
+#[tonic::async_trait]
+impl quality_server::Quality for Liar {
+    async fn measure(&self, request: Request<v1::QualityRequest>) -> Result<Response<v1::QualityReply>, Status> {
+        let batch_mse = vec![f64::NAN; request.into_inner().batches as usize];
+        Ok(Response::new(v1::QualityReply { views: vec![v1::View { angle_deg: 10.0, batch_mse }] }))
+    }
+}
+
+/// Starts one; it stays subscribed as long as the stream is held.
+async fn liar(cluster: &Cluster) -> (String, impl Stream) {
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = format!("http://{}", listener.local_addr().unwrap());
+    let service = quality_server::QualityServer::new(Liar);
+    let incoming = tonic::transport::server::TcpIncoming::from(listener);
+    tokio::spawn(tonic::transport::Server::builder().add_service(service).serve_with_incoming(incoming));
+    (address.clone(), subscribe(cluster, &address).await.unwrap())
+}
+
+async fn subscribe(cluster: &Cluster, quality_address: &str) -> Result<tonic::Streaming<v1::Delivery>, Status> {
+    let request = v1::SubscribeRequest { quality_address: quality_address.to_owned(), ..Default::default() };
+    let channel = connect(&cluster.generator.url()).await.unwrap();
+    Ok(FramesClient::new(channel).subscribe(request).await?.into_inner())
+}
+
+#[test]
+fn a_viewer_that_measures_nan_is_left_out_and_alone_it_is_a_clear_error() {
+    let log = Log::start();
+    let cluster = Cluster::start();
+    let candidates = candidates(6);
+    run(async {
+        let (address, _subscription) = liar(&cluster).await;
+        let mut remote = cluster.remote(1).await.unwrap();
+        let error = remote.measure(&candidates, BATCHES).await.unwrap_err().to_string();
+        assert!([address.as_str(), "NaN", "start a viz-node"].iter().all(|w| error.contains(w)), "{error}");
+        // What was measured before is not lost: the first candidate's cost needs nobody any more.
+        let known = remote.measure(&candidates[..1], 0).await.unwrap();
+        assert!(known[0].as_ref().unwrap().cost.size_bytes > 0);
+
+        let _honest = cluster.viz();
+        let rows = cluster.remote(2).await.unwrap().measure(&candidates, BATCHES).await.unwrap();
+        assert!(rows.iter().all(|r| r.as_ref().unwrap().quality.batches() == 16));
+        assert_eq!(log.warnings(&address).len(), 2, "one warning for each of the two studies");
+        // The study given up goes on with whoever comes.
+        let rows = remote.measure(&candidates, BATCHES).await.unwrap();
+        assert!(rows.iter().all(|r| r.as_ref().unwrap().quality.psnr_db().is_finite()));
+    });
+}
+
+#[test]
+fn a_trial_is_answered_as_it_was_asked() {
+    let cluster = Cluster::start();
+    let viz = cluster.viz();
+    run(async {
+        let mut control = cluster.control().await;
+        let viewers = cluster.viewers(&control, 1).await;
+        assert_eq!(viewers[0].address, viz.url(), "without a quality_address it is where the viz-node listens");
+        let params =
+            |gamma| Some(v1::GenerationParams { resolution: 32, gamma, opacity_cutoff: 1.0, step_voxels: 0.5 });
+        let ask = |trial_id, viewer: &str, gammas: Vec<f64>| v1::TrialRequest {
+            trial_id,
+            params: params(0.02),
+            viewer: viewer.into(),
+            gammas,
+        };
+        let viewer = viewers[0].viewer.as_str();
+        let requests = vec![
+            ask(1, "nobody", vec![]),
+            ask(2, viewer, vec![]),
+            ask(3, "", vec![0.1, f64::NAN]),
+            ask(4, "", vec![0.1; 1025]),
+            v1::TrialRequest { trial_id: 5, params: params(-1.0), ..Default::default() },
+            ask(6, "", vec![0.3, 0.1]),
+        ];
+        let mut replies = control.trials(stream::iter(requests)).await.unwrap().into_inner();
+        let mut got = Vec::new();
+        while let Some(reply) = replies.message().await.unwrap() {
+            got.push(reply);
+        }
+        assert_eq!(got.iter().map(|r| r.trial_id).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5, 6]);
+        assert_eq!((got[0].step, got[0].batches), (7, BATCHES), "the step held is said first");
+        assert_eq!((got[1].viewer.as_str(), got[2].viewer.as_str()), ("", viewer));
+        assert_eq!((got[1].cost, got[1].refusal.as_str()), (got[2].cost, ""), "not generated again to be sent");
+        assert!(got[1].cost.unwrap().size_bytes > 0);
+        for (reply, words) in [(&got[3], ["gamma", "NaN"]), (&got[4], ["1025", "1024"]), (&got[5], ["gamma", "-1"])] {
+            assert!(words.iter().all(|w| reply.refusal.contains(w)), "{}", reply.refusal);
+        }
+        assert!(got[6].costs[0].size_bytes < got[6].costs[1].size_bytes && got[6].viewer.is_empty());
+
+        let channel = connect(&viz.url()).await.unwrap();
+        let mut quality = v1::quality_client::QualityClient::new(channel);
+        let mut measure = async |trial_id, first_batch, batches| {
+            let reply = quality.measure(v1::QualityRequest { trial_id, first_batch, batches }).await;
+            reply.map(|r| r.into_inner().views.iter().map(|v| v.batch_mse.len()).collect::<Vec<_>>())
+        };
+        assert_eq!(measure(2, 3, 2).await.unwrap(), [2, 2]);
+        assert_eq!(measure(2, 3, 0).await.unwrap(), [13, 13]);
+        for (first, n) in [(0, 17), (16, 0), (16, 1), (u32::MAX, u32::MAX)] {
+            let status = measure(2, first, n).await.unwrap_err();
+            assert!(status.code() == Code::InvalidArgument && status.message().contains("0..16"), "{status}");
+        }
+    });
+}
+
+#[test]
+fn without_viewers_or_with_an_address_that_is_none_the_remedy_is_named() {
+    let cluster = Cluster::start();
+    run(async {
+        // One that shows, but measures nothing.
+        let _silent = subscribe(&cluster, "").await.unwrap();
+        let error = cluster.remote(0).await.err().unwrap().to_string();
+        assert!(
+            [&cluster.generator.url(), "viz-node", "quality_address"].iter().all(|w| error.contains(*w)),
+            "{error}"
+        );
+        let refused = subscribe(&cluster, "somewhere:7102").await.err().unwrap();
+        assert!(refused.code() == Code::InvalidArgument && refused.message().contains("http://HOST:PORT"), "{refused}");
+        let _any = subscribe(&cluster, "http://0.0.0.0:7102").await.unwrap();
+        let listed = cluster.viewers(&cluster.control().await, 1).await;
+        assert_eq!(listed[0].address, "http://127.0.0.1:7102", "0.0.0.0 is where the subscriber connects from");
+    });
+}

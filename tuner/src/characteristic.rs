@@ -1,0 +1,170 @@
+//! Characteristic steps: those that were studied, kept as measured tables, never as voxels.
+//!
+//! One pass and bounded memory. A new step is like a kept one if its size is what that one's table says for the parameters in
+//! force; parameters chosen there then hold here. A step like none is characteristic itself: it is studied and kept, and
+//! where there are too many, the older of the two most alike is forgotten.
+
+use crate::Contract;
+use crate::search::{Price, Process, place};
+use crate::tune::Study;
+use crate::utility::Utility;
+use lamina_model::GenerationParams;
+
+/// Tables kept.
+const MOST: usize = 8;
+/// Sizes that differ by this much on a logarithmic scale, 12 %, are no longer alike.
+const ALIKE: f64 = 0.12;
+/// A table says nothing about parameters whose size it knows no better than this.
+const KNOWN: f64 = 0.06;
+
+/// A step and what was measured on it.
+pub struct Kept {
+    /// Its trials.
+    pub study: Study,
+    /// The row in use.
+    pub chosen: usize,
+    sizes: Process<Price>,
+}
+
+impl Kept {
+    fn new(study: Study, chosen: usize) -> Self {
+        let places = study.rows.iter().map(|r| place(&r.params)).collect();
+        let sizes: Vec<f64> = study.rows.iter().map(|r| (r.measured.cost.size_bytes.max(1) as f64).ln()).collect();
+        Self { sizes: Price::of_sizes(places, &sizes), study, chosen }
+    }
+
+    /// How far a step of this size is from this one: the difference of the logarithms; `None` where the table does not tell.
+    fn distance(&self, params: &GenerationParams, size_bytes: u64) -> Option<f64> {
+        let expected = self.sizes.predict(&place(params));
+        (expected.deviation < KNOWN).then(|| ((size_bytes.max(1) as f64).ln() - expected.mean).abs())
+    }
+}
+
+/// All kept steps of a run, oldest first.
+#[derive(Default)]
+pub struct Characteristic {
+    kept: Vec<Kept>,
+}
+
+impl Characteristic {
+    /// Keeps a study, whose row `chosen` is used.
+    pub fn keep(&mut self, study: Study, chosen: usize) {
+        self.kept.push(Kept::new(study, chosen));
+        if self.kept.len() > MOST {
+            self.kept.remove(self.most_alike());
+        }
+    }
+
+    /// The older one of the two kept steps that are most alike.
+    fn most_alike(&self) -> usize {
+        let distance = |a: &Kept, b: &Kept| {
+            let row = &b.study.rows[b.chosen];
+            a.distance(&row.params, row.measured.cost.size_bytes).unwrap_or(f64::INFINITY)
+        };
+        let pairs = (0..self.kept.len()).flat_map(|a| (a + 1..self.kept.len()).map(move |b| (a, b)));
+        let nearest = pairs.min_by(|x, y| {
+            let [x, y] = [x, y].map(|&(a, b)| distance(&self.kept[a], &self.kept[b]));
+            x.total_cmp(&y)
+        });
+        nearest.map_or(0, |(older, _)| older)
+    }
+
+    /// The kept step that a step of this size, made with `params`, is like; the newest of several.
+    pub fn like(&self, params: &GenerationParams, size_bytes: u64) -> Option<&Kept> {
+        let near = |k: &&Kept| k.distance(params, size_bytes).is_some_and(|d| d < ALIKE);
+        let distance = |k: &&Kept| k.distance(params, size_bytes).unwrap_or(f64::INFINITY);
+        self.kept.iter().rev().filter(near).min_by(|a, b| distance(a).total_cmp(&distance(b)))
+    }
+
+    /// How many are kept.
+    pub fn len(&self) -> usize {
+        self.kept.len()
+    }
+
+    /// True before the first study.
+    pub fn is_empty(&self) -> bool {
+        self.kept.is_empty()
+    }
+}
+
+/// What new parameters must gain before those in use are given up: decibels, or a share of whatever else is wanted.
+const WORTH_CHANGING_DB: f64 = 0.2;
+const WORTH_CHANGING: f64 = 0.03;
+
+/// The row to use: the study's best, or the parameters in use where they keep the contract and lose next to nothing, so that
+/// pictures do not change their grain for no gain. Where nothing keeps the contract, what comes nearest.
+pub fn choose(study: &Study, contract: &Contract, in_use: Option<&GenerationParams>) -> Option<usize> {
+    let Some(best) = study.best else { return study.nearest(contract) };
+    let worth = match contract.utility() {
+        Utility::Quality => WORTH_CHANGING_DB,
+        Utility::Size | Utility::Time | Utility::Expression(_) => WORTH_CHANGING * study.rows[best].cost.abs(),
+    };
+    let same = study.rows.iter().position(|r| Some(&r.params) == in_use && r.cost < f64::INFINITY);
+    Some(same.filter(|&n| study.rows[n].cost - study.rows[best].cost < worth).unwrap_or(best))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trial::{Cost, Measured};
+    use crate::tune::Row;
+    use lamina_model::{Quality, ViewError};
+
+    fn params(r: u32, gamma: f64) -> GenerationParams {
+        GenerationParams::new(r, gamma).unwrap()
+    }
+
+    /// A step of a field `much` times as rich: sigma = much r^1.8 gamma^-0.3, q = 20 log10 r - 50 gamma.
+    fn study(step: u64, much: f64, limit: u64) -> Study {
+        let mut study = Study { step, rows: Vec::new(), best: None };
+        for (r, gamma) in
+            [(96, 0.005), (96, 0.02), (96, 0.1), (160, 0.01), (192, 0.02), (256, 0.02), (224, 0.02), (240, 0.015)]
+        {
+            let size_bytes = (much * f64::from(r).powf(1.8) * f64::powf(gamma, -0.3)) as u64;
+            let mse = 10_f64.powf(-(20.0 * f64::from(r).log10() - 50.0 * gamma) / 10.0);
+            let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse] }] };
+            let measured = Measured { cost: Cost { size_bytes, ..Cost::default() }, quality };
+            let cost = Contract::size(limit).cost(&measured);
+            study.add(Row { params: params(r, gamma), measured, cost });
+        }
+        study
+    }
+
+    #[test]
+    fn a_step_is_like_the_one_whose_table_says_its_size() {
+        let mut all = Characteristic::default();
+        for (step, much) in [(0, 1.0), (10, 1.6)] {
+            let study = study(step, much, 50_000);
+            let chosen = study.best.unwrap();
+            all.keep(study, chosen);
+        }
+        let size = |much: f64| (much * 224_f64.powf(1.8) * 0.02_f64.powf(-0.3)) as u64;
+        let like = |much| all.like(&params(224, 0.02), size(much)).map(|k| k.study.step);
+        assert_eq!((like(1.05), like(1.5), like(1.28), like(3.0)), (Some(0), Some(10), None, None));
+        assert!(all.like(&params(4000, 2.0), size(1.0)).is_none(), "no table knows this");
+    }
+
+    #[test]
+    fn memory_is_bounded_and_different_steps_stay() {
+        let mut all = Characteristic::default();
+        for n in 0..40_u32 {
+            // Slow growth, with one step that is like no other.
+            let much = if n == 5 { 20.0 } else { 1.0 + 0.02 * f64::from(n) };
+            let study = study(n.into(), much, 50_000_000);
+            all.keep(study, 0);
+        }
+        assert_eq!(all.len(), MOST);
+        assert!(all.kept.iter().any(|k| k.study.step == 5) && all.kept.iter().any(|k| k.study.step == 39));
+    }
+
+    #[test]
+    fn parameters_stay_unless_others_gain() {
+        let study = study(0, 1.0, 50_000);
+        let best = study.best.unwrap();
+        let contract = Contract::size(50_000);
+        assert_eq!(choose(&study, &contract, None), Some(best));
+        // 0.005 in gamma and 16 rays differ by 0.35 dB: worth changing; the same parameters are not changed.
+        assert_eq!(choose(&study, &contract, Some(&study.rows[best].params)), Some(best));
+        assert_eq!(choose(&study, &contract, Some(&params(96, 0.1))), Some(best));
+    }
+}

@@ -1,0 +1,273 @@
+//! What the user wants: limits that every step must keep, and what is best among what keeps them.
+
+use crate::trial::{Cost, Measured};
+use crate::units::{Bytes, Millis, show_bytes};
+use crate::utility::Utility;
+use lamina_model::Invalid;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::str::FromStr;
+use std::time::Duration;
+
+/// Limits on size, time and quality, and a utility; nu of the paper is such a contract with one limit.
+///
+/// Written as `size <= 300kB, time <= 40ms, psnr >= 35dB, cone <= 30deg, maximise psnr`; every part may be left out, and
+/// `time+encoding <= 60ms` counts encoding too.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Contract {
+    /// The most bytes of an encoded VDI.
+    pub size_bytes: Option<u64>,
+    /// The longest wall time of generation, milliseconds.
+    pub time_ms: Option<f64>,
+    /// True if that time includes encoding.
+    pub with_encoding: bool,
+    /// The least PSNR over the test views, decibels.
+    pub psnr_db: Option<f64>,
+    /// Views up to so many degrees to either side count; without it, those of the generator-node's sample plan.
+    pub cone_deg: Option<f64>,
+    /// What is best among what keeps the limits; `None`: quality, or size where quality alone is limited.
+    pub utility: Option<Utility>,
+}
+
+const HELP: &str = "write limits such as `size <= 300kB, time <= 40ms, time+encoding <= 60ms, psnr >= 35dB, cone <= 30deg`, and \
+     `maximise psnr`, `minimise size`, `minimise time` or `maximise q - 0.01 * sigma`";
+
+fn bad(part: &str, why: impl fmt::Display) -> Invalid {
+    Invalid::new("contract", format!("\"{part}\": {why}; {HELP}"))
+}
+
+impl Contract {
+    /// The best quality within so many bytes: the paper's Eq. 1.
+    pub fn size(limit_bytes: u64) -> Self {
+        Self { size_bytes: Some(limit_bytes), ..Self::free() }
+    }
+
+    /// The best quality within so much generation time: the paper's Eq. 2.
+    pub fn time(limit_ms: f64) -> Self {
+        Self { time_ms: Some(limit_ms), ..Self::free() }
+    }
+
+    fn free() -> Self {
+        Self { size_bytes: None, time_ms: None, with_encoding: false, psnr_db: None, cone_deg: None, utility: None }
+    }
+
+    /// The utility in force.
+    pub fn utility(&self) -> Utility {
+        let quality_alone = self.psnr_db.is_some() && self.size_bytes.is_none() && self.time_ms.is_none();
+        self.utility.clone().unwrap_or(if quality_alone { Utility::Size } else { Utility::Quality })
+    }
+
+    /// Test views that the cone calls for, degrees; `None` without a cone.
+    pub fn angles_deg(&self) -> Option<Vec<f64>> {
+        self.cone_deg.map(|d| [-3.0, -2.0, -1.0, 1.0, 2.0, 3.0].map(|k| k * d / 3.0).to_vec())
+    }
+
+    /// The time that the limit is about.
+    pub fn time_of(&self, generation: Duration, encode: Duration) -> f64 {
+        let time = if self.with_encoding { generation + encode } else { generation };
+        1e3 * time.as_secs_f64()
+    }
+
+    /// By which factor the worst limit is exceeded, as its logarithm: 0 or less keeps all of them. Decibels count as
+    /// amplitude, 20 dB a factor of ten. `psnr_db` is left out of account where it is NaN.
+    pub fn excess(&self, cost: &Cost, psnr_db: f64) -> f64 {
+        let over = |limit: Option<f64>, value: f64| limit.map(|limit| (value / limit).ln());
+        let size = over(self.size_bytes.map(|b| b as f64), cost.size_bytes as f64);
+        let time = over(self.time_ms, self.time_of(cost.generation_time, cost.encode_time));
+        let psnr =
+            self.psnr_db.filter(|_| !psnr_db.is_nan()).map(|least| (least - psnr_db) * std::f64::consts::LN_10 / 20.0);
+        [size, time, psnr].into_iter().flatten().fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// alpha: lower is better; +infinity breaks a limit or measures nothing.
+    #[doc(alias = "alpha")]
+    pub fn cost(&self, measured: &Measured) -> f64 {
+        let indicators = measured.indicators();
+        let kept = self.excess(&measured.cost, indicators.psnr_db) <= 0.0;
+        if kept && !indicators.psnr_db.is_nan() {
+            let ms = self.time_of(measured.cost.generation_time, measured.cost.encode_time);
+            self.utility().cost(measured.cost.size_bytes, indicators.psnr_db, ms)
+        } else {
+            f64::INFINITY
+        }
+    }
+
+    /// What these figures are against the limits, for people: `312.0 kB (limit 300.0 kB), 31.2 ms`.
+    pub fn describe(&self, measured: &Measured) -> String {
+        let ms = self.time_of(measured.cost.generation_time, measured.cost.encode_time);
+        let limit = |text: Option<String>| text.map_or_else(String::new, |t| format!(" (limit {t})"));
+        format!(
+            "{}{}, {ms:.1} ms{}, {:.2} dB{}",
+            show_bytes(measured.cost.size_bytes),
+            limit(self.size_bytes.map(show_bytes)),
+            limit(self.time_ms.map(|t| format!("{t} ms"))),
+            measured.quality.psnr_db(),
+            limit(self.psnr_db.map(|q| format!("{q} dB"))),
+        )
+    }
+
+    fn limit(&mut self, part: &str) -> Result<(), Invalid> {
+        let ordered = part.split_once("<=").map(|p| (p, true)).or_else(|| part.split_once(">=").map(|p| (p, false)));
+        let ((name, value), at_most) = ordered.ok_or_else(|| bad(part, "not a limit"))?;
+        let (name, value) = (name.trim(), value.trim());
+        let once = |unset: bool| if unset { Ok(()) } else { Err(bad(part, "limited twice")) };
+        match (name, at_most) {
+            ("size", true) => {
+                once(self.size_bytes.is_none())?;
+                self.size_bytes = Some(value.parse::<Bytes>().map_err(|e| bad(part, e))?.0);
+            }
+            ("time" | "time+encoding", true) => {
+                once(self.time_ms.is_none())?;
+                self.time_ms = Some(value.parse::<Millis>().map_err(|e| bad(part, e))?.0);
+                self.with_encoding = name != "time";
+            }
+            ("psnr", false) => {
+                once(self.psnr_db.is_none())?;
+                self.psnr_db = Some(number(part, value, "dB", 0.0..=200.0)?);
+            }
+            ("cone", true) => {
+                once(self.cone_deg.is_none())?;
+                self.cone_deg = Some(number(part, value, "deg", 0.1..=180.0)?);
+            }
+            ("size" | "time" | "time+encoding" | "cone", false) => {
+                return Err(bad(part, "this is limited from above, <="));
+            }
+            ("psnr", true) => return Err(bad(part, "quality is limited from below, >=")),
+            _ => return Err(bad(part, "there is no such quantity")),
+        }
+        Ok(())
+    }
+}
+
+fn number(part: &str, value: &str, unit: &str, range: std::ops::RangeInclusive<f64>) -> Result<f64, Invalid> {
+    let digits = value.strip_suffix(unit).unwrap_or(value).trim();
+    let parsed = digits.parse().ok().filter(|v| range.contains(v));
+    let (low, high) = (range.start(), range.end());
+    parsed.ok_or_else(|| bad(part, format!("needs a number of {unit} from {low} to {high}")))
+}
+
+impl FromStr for Contract {
+    type Err = Invalid;
+
+    fn from_str(text: &str) -> Result<Self, Invalid> {
+        let mut contract = Self::free();
+        for part in text.split(',').map(str::trim) {
+            let aim = ["maximise ", "minimise "].iter().find_map(|w| part.strip_prefix(w).map(|rest| (*w, rest)));
+            match aim {
+                Some(_) if contract.utility.is_some() => return Err(bad(part, "a second aim")),
+                Some((word, rest)) => {
+                    contract.utility = Some(Utility::parse(word == "maximise ", rest).map_err(|e| bad(part, e))?);
+                }
+                None => contract.limit(part)?,
+            }
+        }
+        Ok(contract)
+    }
+}
+
+impl fmt::Display for Contract {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let time = if self.with_encoding { "time+encoding" } else { "time" };
+        let parts = [
+            self.size_bytes.map(|b| format!("size <= {b}B")),
+            self.time_ms.map(|t| format!("{time} <= {t}ms")),
+            self.psnr_db.map(|q| format!("psnr >= {q}dB")),
+            self.cone_deg.map(|d| format!("cone <= {d}deg")),
+            self.utility.as_ref().map(ToString::to_string),
+        ];
+        let parts: Vec<String> = parts.into_iter().flatten().collect();
+        f.write_str(if parts.is_empty() { "maximise psnr" } else { "" })?;
+        f.write_str(&parts.join(", "))
+    }
+}
+
+impl TryFrom<String> for Contract {
+    type Error = Invalid;
+    fn try_from(text: String) -> Result<Self, Invalid> {
+        text.parse()
+    }
+}
+
+impl From<Contract> for String {
+    fn from(contract: Contract) -> Self {
+        contract.to_string()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lamina_model::{Quality, ViewError};
+
+    fn measured(size_bytes: u64, ms: u64, mse: f64) -> Measured {
+        let cost = Cost { size_bytes, generation_time: Duration::from_millis(ms), ..Cost::default() };
+        Measured { cost, quality: Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse] }] } }
+    }
+
+    fn contract(text: &str) -> Contract {
+        text.parse().unwrap()
+    }
+
+    #[test]
+    fn cost_is_the_utility_within_all_limits_and_infinite_beyond_any() {
+        let c = contract("size <= 300kB, time <= 40ms");
+        assert!((c.cost(&measured(300_000, 40, 1e-3)) + 30.0).abs() < 1e-12);
+        assert_eq!(c.cost(&measured(300_001, 40, 1e-3)), f64::INFINITY);
+        assert_eq!(c.cost(&measured(1, 41, 1e-3)), f64::INFINITY);
+        assert_eq!(c.cost(&measured(1, 1, 0.0)), f64::NEG_INFINITY);
+        assert_eq!(c.cost(&measured(1, 1, f64::NAN)), f64::INFINITY);
+        // Quality alone limited: the smallest is wanted.
+        let c = contract("psnr >= 30 dB");
+        assert_eq!(c.cost(&measured(5000, 1, 0.9e-3)), 5.0);
+        assert_eq!(c.cost(&measured(5000, 1, 1.1e-3)), f64::INFINITY);
+        let c = contract("psnr >= 30dB, maximise q - 2 * sigma - tau");
+        assert!((c.cost(&measured(5000, 3, 1e-4)) - (-40.0 + 10.0 + 3.0)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn excess_is_the_worst_factor() {
+        let c = contract("size <= 100B, psnr >= 20dB");
+        assert!((c.excess(&measured(200, 0, 0.0).cost, 0.0) - 10_f64.ln()).abs() < 1e-12);
+        assert!((c.excess(&measured(200, 0, 0.0).cost, f64::NAN) - 2_f64.ln()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn encoding_counts_where_it_is_asked_for() {
+        let mut m = measured(1, 30, 1e-3);
+        m.cost.encode_time = Duration::from_millis(20);
+        assert!(contract("time <= 40ms").cost(&m).is_finite());
+        assert_eq!(contract("time+encoding <= 40ms").cost(&m), f64::INFINITY);
+    }
+
+    #[test]
+    fn what_is_written_comes_back_and_nonsense_is_refused_with_the_remedy() {
+        for text in [
+            "size <= 300000B",
+            "time+encoding <= 40.5ms, psnr >= 35dB, minimise size",
+            "cone <= 30deg",
+            "maximise psnr",
+        ] {
+            assert_eq!(contract(text).to_string(), text);
+        }
+        for bad in [
+            "",
+            "size",
+            "size <= 300 parsecs",
+            "size >= 300kB",
+            "psnr <= 30dB",
+            "psnr >= 30 kB",
+            "size <= 1kB, size <= 2kB",
+            "weight <= 3",
+            "time <= -1ms",
+            "psnr >= nan",
+            "cone <= 0",
+            "maximise",
+            "maximise fun",
+            "minimise size, minimise time",
+        ] {
+            let error = bad.parse::<Contract>().unwrap_err().to_string();
+            assert!(error.contains("write limits such as"), "{bad}: {error}");
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! The front of what can be had: measurements that no other one beats in size, quality and time at once.
+
+use crate::tune::Row;
+
+/// Size, time and squared error of a row: less is better in each.
+fn prices(row: &Row) -> [f64; 3] {
+    let m = &row.measured;
+    [m.cost.size_bytes as f64, m.cost.generation_time.as_secs_f64(), m.quality.mse()]
+}
+
+/// Indices of the rows that no other row beats, smallest first. Rows without quality are none of them.
+pub fn front(rows: &[Row]) -> Vec<usize> {
+    let all: Vec<(usize, [f64; 3])> =
+        rows.iter().enumerate().map(|(n, row)| (n, prices(row))).filter(|(_, p)| !p[2].is_nan()).collect();
+    let beats = |a: &[f64; 3], b: &[f64; 3]| a.iter().zip(b).all(|(a, b)| a <= b) && a != b;
+    let mut front: Vec<(usize, [f64; 3])> =
+        all.iter().filter(|(_, p)| !all.iter().any(|(_, other)| beats(other, p))).copied().collect();
+    front.sort_by(|a, b| a.1[0].total_cmp(&b.1[0]));
+    front.into_iter().map(|(n, _)| n).collect()
+}
+
+/// What more of one thing buys.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Offer {
+    /// The row that offers it.
+    pub row: usize,
+    /// Decibels more.
+    pub gain_db: f64,
+    /// Kilobytes more (less if negative).
+    pub extra_kilobytes: f64,
+    /// Milliseconds of generation more (less if negative).
+    pub extra_ms: f64,
+}
+
+/// What the front offers beyond row `chosen`, at least 0.1 dB better: the most decibels per kilobyte, and the most per
+/// millisecond.
+pub fn offers(rows: &[Row], chosen: usize) -> (Option<Offer>, Option<Offer>) {
+    let from = prices(&rows[chosen]);
+    let offer = |row: usize| {
+        let p = prices(&rows[row]);
+        Offer {
+            row,
+            gain_db: 10.0 * (from[2] / p[2]).log10(),
+            extra_kilobytes: (p[0] - from[0]) / 1e3,
+            extra_ms: 1e3 * (p[1] - from[1]),
+        }
+    };
+    let better: Vec<Offer> = front(rows).into_iter().map(offer).filter(|o| o.gain_db >= 0.1).collect();
+    let most = |price: fn(&Offer) -> f64| {
+        let paid = better.iter().filter(|o| price(o) > 0.0);
+        paid.max_by(|a, b| (a.gain_db / price(a)).total_cmp(&(b.gain_db / price(b)))).copied()
+    };
+    (most(|o| o.extra_kilobytes), most(|o| o.extra_ms))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trial::{Cost, Measured};
+    use lamina_model::{GenerationParams, Quality, ViewError};
+    use std::time::Duration;
+
+    fn row(kilobytes: u64, ms: u64, db: f64) -> Row {
+        let cost = Cost { size_bytes: 1000 * kilobytes, generation_time: Duration::from_millis(ms), ..Cost::default() };
+        let view = ViewError { angle_deg: 10.0, batch_mse: vec![10_f64.powf(-db / 10.0)] };
+        let measured = Measured { cost, quality: Quality { views: vec![view] } };
+        Row { params: GenerationParams::new(64, 0.1).unwrap(), measured, cost: 0.0 }
+    }
+
+    #[test]
+    fn the_front_holds_what_nothing_beats() {
+        let rows = [
+            row(100, 10, 30.0),
+            row(100, 11, 30.0),
+            row(90, 20, 30.0),
+            row(200, 5, 31.0),
+            row(300, 30, 30.9),
+            row(5, 1, f64::NAN),
+        ];
+        assert_eq!(front(&rows), [2, 0, 3]);
+    }
+
+    #[test]
+    fn offers_name_the_best_price() {
+        let rows = [row(100, 10, 30.0), row(110, 30, 31.0), row(200, 12, 32.0), row(400, 60, 40.0)];
+        let (size, time) = offers(&rows, 0);
+        let (size, time) = (size.unwrap(), time.unwrap());
+        assert_eq!((size.row, time.row), (1, 2));
+        assert!(
+            (size.gain_db - 1.0).abs() < 1e-9 && size.extra_kilobytes == 10.0 && (time.extra_ms - 2.0).abs() < 1e-9
+        );
+        assert_eq!(offers(&rows, 3), (None, None));
+    }
+}

@@ -1,0 +1,109 @@
+//! The stream of trials to the generator-node: one request at a time.
+
+use super::{node_error, words};
+use crate::trial::TrialError;
+use lamina_wire::v1::{self, control_client::ControlClient};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use tokio::sync::mpsc;
+use tokio::time::{Instant, timeout, timeout_at};
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::transport::Channel;
+use tonic::{Status, Streaming};
+
+/// What it is called in errors.
+const NODE: &str = "generator-node";
+/// How long one VDI may take, from the question to its cost.
+const TRIAL_DEADLINE: Duration = Duration::from_secs(120);
+/// How much longer for each gamma of a request for many.
+const GAMMA_DEADLINE: Duration = Duration::from_secs(2);
+
+/// The generator-node's end of a study.
+pub struct Generator {
+    address: String,
+    requests: mpsc::Sender<v1::TrialRequest>,
+    replies: Streaming<v1::TrialReply>,
+    /// The question that is not answered yet, and until when it may.
+    asked: Option<(u64, Instant)>,
+    step: u64,
+    batches: u32,
+}
+
+impl Generator {
+    /// Opens a stream of trials on the newest step.
+    ///
+    /// # Errors
+    /// If the node does not answer, or has no step yet.
+    pub async fn open(control: &ControlClient<Channel>, address: &str) -> Result<Self, TrialError> {
+        let failed = |status: Status| node_error(NODE, address, &words(&status));
+        let (requests, stream) = mpsc::channel(1);
+        let mut replies = control.clone().trials(ReceiverStream::new(stream)).await.map_err(failed)?.into_inner();
+        let late = |_| node_error(NODE, address, &format!("named no step within {TRIAL_DEADLINE:?}"));
+        let greeting = timeout(TRIAL_DEADLINE, replies.message()).await.map_err(late)?.map_err(failed)?;
+        let greeting = greeting.filter(|g| g.trial_id == 0 && g.batches > 0);
+        let v1::TrialReply { step, batches, .. } =
+            greeting.ok_or_else(|| node_error(NODE, address, "named no step; are all nodes of one version?"))?;
+        Ok(Self { address: address.to_owned(), requests, replies, asked: None, step, batches })
+    }
+
+    /// The step that all trials are of.
+    pub fn step(&self) -> u64 {
+        self.step
+    }
+
+    /// Batches of sampled pixels that its reference has.
+    pub fn batches(&self) -> u32 {
+        self.batches
+    }
+
+    /// True if no answer is due.
+    pub fn is_idle(&self) -> bool {
+        self.asked.is_none()
+    }
+
+    /// Sends a request under a fresh id, which it gives. The one before must have been answered.
+    ///
+    /// # Errors
+    /// If the stream has ended.
+    pub async fn ask(&mut self, request: v1::TrialRequest) -> Result<u64, TrialError> {
+        let trial_id = fresh_trial_id();
+        let patience = TRIAL_DEADLINE + GAMMA_DEADLINE * request.gammas.len() as u32;
+        let sent = self.requests.send(v1::TrialRequest { trial_id, ..request }).await;
+        sent.map_err(|_| self.failed("ended the stream of trials; its log says why".to_owned()))?;
+        self.asked = Some((trial_id, Instant::now() + patience));
+        Ok(trial_id)
+    }
+
+    /// The answer that is due; waits for ever if none is. Nothing is lost if the wait is given up.
+    ///
+    /// # Errors
+    /// If the stream ends or the answer is late or another one's.
+    pub async fn reply(&mut self) -> Result<v1::TrialReply, TrialError> {
+        let Some((trial_id, deadline)) = self.asked else { return std::future::pending().await };
+        let Ok(reply) = timeout_at(deadline, self.replies.message()).await else {
+            return Err(self.failed("did not answer a trial in time; give it smaller steps or candidates".to_owned()));
+        };
+        match reply {
+            Ok(Some(reply)) if reply.trial_id == trial_id => {
+                self.asked = None;
+                Ok(reply)
+            }
+            Ok(Some(reply)) => Err(self.failed(format!("answered trial {} instead of {trial_id}", reply.trial_id))),
+            Ok(None) => Err(self.failed("ended the stream of trials; its log says why".to_owned())),
+            Err(status) => Err(self.failed(words(&status))),
+        }
+    }
+
+    /// An error of this node.
+    pub fn failed(&self, reason: String) -> TrialError {
+        node_error(NODE, &self.address, &reason)
+    }
+}
+
+/// Unique over restarts of this tuner: starts at the clock's microseconds.
+fn fresh_trial_id() -> u64 {
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(1, |d| d.as_micros() as u64);
+    let _ = NEXT.compare_exchange(0, now.max(1), Ordering::Relaxed, Ordering::Relaxed);
+    NEXT.fetch_add(1, Ordering::Relaxed)
+}

@@ -1,0 +1,230 @@
+//! One question for many parameters: the generator-node makes VDI after VDI, and every viz-node measures what it was given.
+
+use super::viewers::Fault;
+use super::{Generator, Key, Known, Remote, Viewers};
+use crate::trial::TrialError;
+use futures::StreamExt;
+use futures::future::BoxFuture;
+use futures::stream::FuturesUnordered;
+use lamina_model::{Invalid, Quality};
+use lamina_wire::v1;
+use std::collections::{HashMap, HashSet, VecDeque};
+use tokio::time::{Instant, sleep_until};
+
+/// Trials a viewer has before it: the one it measures, and one that is on its way meanwhile.
+const AHEAD: usize = 2;
+/// How often in a row a trial that was sent may be missing, for reasons of room or of the way.
+const MISSES: u32 = 2;
+
+/// What the generator-node is at: the parameters, and the viewer they are for, if any.
+pub struct Generating {
+    key: Key,
+    viewer: Option<String>,
+}
+
+/// A viewer's answer about some parameters.
+struct Answer {
+    key: Key,
+    viewer: String,
+    address: String,
+    outcome: Result<Quality, Fault>,
+}
+
+/// What is under way.
+pub struct Round<'a> {
+    generator: &'a mut Generator,
+    viewers: &'a mut Viewers,
+    known: &'a mut HashMap<Key, Known>,
+    generating: &'a mut Option<Generating>,
+    batches: u32,
+    asked: HashSet<Key>,
+    /// To be generated.
+    todo: VecDeque<Key>,
+    /// To be measured by the viewer that has them.
+    ready: VecDeque<(Key, String)>,
+    /// Viewers that measure.
+    busy: HashSet<String>,
+    measuring: FuturesUnordered<BoxFuture<'static, Answer>>,
+}
+
+impl<'a> Round<'a> {
+    /// Asks for costs and the first `batches` batches of all of `keys` that lack them.
+    pub fn new(remote: &'a mut Remote, keys: &[Key], batches: u32) -> Self {
+        let Remote { generator, viewers, known, generating } = remote;
+        Self {
+            generator,
+            viewers,
+            known,
+            generating,
+            batches,
+            asked: keys.iter().copied().collect(),
+            todo: VecDeque::new(),
+            ready: VecDeque::new(),
+            busy: HashSet::new(),
+            measuring: FuturesUnordered::new(),
+        }
+        .with_work(keys)
+    }
+
+    fn with_work(mut self, keys: &[Key]) -> Self {
+        let mut seen: HashSet<Key> = self.generating.iter().map(|g| g.key).collect();
+        for key in keys.iter().filter(|k| seen.insert(**k)) {
+            self.place(*key);
+        }
+        // In the order asked for; `place` puts what comes back first.
+        self.todo.make_contiguous().reverse();
+        self
+    }
+
+    /// Finds out what is lacking.
+    ///
+    /// # Errors
+    /// If the generator-node fails, or no viewer is left. What was measured until then is known.
+    pub async fn run(mut self) -> Result<(), TrialError> {
+        self.viewers.catch_up()?;
+        self.recall();
+        loop {
+            self.start_measuring();
+            self.start_generating().await?;
+            let due = self.generating.as_ref().is_some_and(|g| self.asked.contains(&g.key));
+            if !due && self.todo.is_empty() && self.ready.is_empty() && self.busy.is_empty() {
+                return Ok(());
+            }
+            let alone = self.batches > 0 && self.viewers.present().is_empty() && self.busy.is_empty();
+            let hope = self.viewers.hope();
+            if alone && hope.is_none() {
+                return Err(self.viewers.none_left());
+            }
+            tokio::select! {
+                reply = self.generator.reply() => self.generated(reply?)?,
+                Some(answer) = self.measuring.next(), if !self.busy.is_empty() => self.measured(answer),
+                changed = self.viewers.changed() => changed?,
+                () = sleep_until(hope.unwrap_or_else(Instant::now)), if alone => {}
+            }
+            self.recall();
+        }
+    }
+
+    /// Puts parameters where they go next, if anything of them is lacking.
+    fn place(&mut self, key: Key) {
+        let known = &self.known[&key];
+        if !self.asked.contains(&key) || !known.lacks(self.batches) {
+            return;
+        }
+        match &known.held {
+            Some((viewer, _)) if self.viewers.get(viewer).is_some() => self.ready.push_back((key, viewer.clone())),
+            _ => self.todo.push_front(key),
+        }
+    }
+
+    /// What waits for a viewer that is no longer there goes to another.
+    fn recall(&mut self) {
+        let viewers = &mut *self.viewers;
+        let (stay, orphans) = self.ready.drain(..).partition(|(_, viewer)| viewers.get(viewer).is_some());
+        self.ready = stay;
+        let orphans: VecDeque<(Key, String)> = orphans;
+        for (key, _) in orphans.into_iter().rev() {
+            self.todo.push_front(key);
+        }
+    }
+
+    fn start_measuring(&mut self) {
+        let mut waiting = VecDeque::new();
+        for (key, name) in self.ready.drain(..) {
+            let (known, viewer) = (&self.known[&key], self.viewers.get(&name));
+            let (Some((_, trial_id)), Some(viewer)) = (&known.held, viewer) else { continue };
+            if !self.busy.insert(name.clone()) {
+                waiting.push_back((key, name));
+                continue;
+            }
+            let measure = viewer.measure(*trial_id, known.quality.batches() as u32..self.batches);
+            let address = viewer.address.clone();
+            let answer = async move { Answer { key, viewer: name, address, outcome: measure.await } };
+            self.measuring.push(Box::pin(answer));
+        }
+        self.ready = waiting;
+    }
+
+    async fn start_generating(&mut self) -> Result<(), TrialError> {
+        if !self.generator.is_idle() || self.todo.is_empty() {
+            return Ok(());
+        }
+        let viewer = self.least_loaded();
+        if self.batches > 0 && viewer.is_none() {
+            return Ok(());
+        }
+        let Some(key) = self.todo.pop_front() else { return Ok(()) };
+        let request = v1::TrialRequest {
+            params: Some((&self.known[&key].params).into()),
+            viewer: viewer.clone().unwrap_or_default(),
+            ..Default::default()
+        };
+        *self.generating = Some(Generating { key, viewer });
+        self.generator.ask(request).await?;
+        Ok(())
+    }
+
+    /// Who gets the next VDI; `None` if all have enough before them, or none is wanted.
+    fn least_loaded(&mut self) -> Option<String> {
+        if self.batches == 0 {
+            return None;
+        }
+        let load = |name: &String| {
+            usize::from(self.busy.contains(name)) + self.ready.iter().filter(|(_, viewer)| viewer == name).count()
+        };
+        let loads = self.viewers.present().iter().map(|v| (load(&v.name), v.given, v.name.clone()));
+        let (_, _, name) = loads.filter(|(load, ..)| *load < AHEAD).min()?;
+        self.viewers.get(&name)?.given += 1;
+        Some(name)
+    }
+
+    /// Takes in what the generator-node says.
+    ///
+    /// # Errors
+    /// If it says nothing.
+    pub fn generated(&mut self, reply: v1::TrialReply) -> Result<(), TrialError> {
+        let Some(Generating { key, viewer }) = self.generating.take() else { return Ok(()) };
+        let Some(known) = self.known.get_mut(&key) else { return Ok(()) };
+        if !reply.refusal.is_empty() {
+            known.refusal = Some(Invalid::new("candidate", reply.refusal));
+            return Ok(());
+        }
+        let cost = reply.cost.ok_or_else(|| self.generator.failed("measured no cost of a trial".to_owned()))?;
+        // One that is sent again keeps the cost it had.
+        known.cost.get_or_insert(cost.into());
+        if let Some(viewer) = viewer {
+            if reply.viewer == viewer {
+                known.held = Some((viewer, reply.trial_id));
+            } else {
+                self.viewers.gone(&viewer);
+            }
+        }
+        self.place(key);
+        Ok(())
+    }
+
+    fn measured(&mut self, answer: Answer) {
+        let Answer { key, viewer, address, outcome } = answer;
+        self.busy.remove(&viewer);
+        let Some(known) = self.known.get_mut(&key) else { return };
+        match outcome.and_then(|q| known.quality.extend(&q).map_err(|e| Fault::Failed(format!("measured {e}")))) {
+            Ok(()) => known.missed = 0,
+            Err(Fault::Refused(reason)) => {
+                known.refusal = Some(Invalid::new("candidate", format!("viz-node {address}: {reason}")));
+            }
+            Err(Fault::Missing(reason)) => {
+                known.held = None;
+                known.missed += 1;
+                if known.missed > MISSES {
+                    known.missed = 0;
+                    self.viewers.leave_out(&address, &reason);
+                }
+            }
+            Err(Fault::Failed(reason)) => {
+                known.held = None;
+                self.viewers.leave_out(&address, &reason);
+            }
+        }
+        self.place(key);
+    }
+}

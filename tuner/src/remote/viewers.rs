@@ -1,0 +1,201 @@
+//! The viz-nodes that measure: those the generator-node lists, but for those that failed during this study.
+
+use super::{node_error, words};
+use crate::trial::TrialError;
+use futures::FutureExt;
+use futures::future::BoxFuture;
+use lamina_model::Quality;
+use lamina_wire::node::connect;
+use lamina_wire::v1::{self, control_client::ControlClient, quality_client::QualityClient};
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::OnceCell;
+use tokio::time::{Instant, timeout, timeout_at};
+use tonic::transport::Channel;
+use tonic::{Code, Status, Streaming};
+
+/// How long a viz-node is waited for where there is none.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// How long one measurement may take; a viz-node itself waits a minute for a VDI to arrive.
+const MEASURE_DEADLINE: Duration = Duration::from_secs(120);
+
+/// A viz-node that measures.
+pub struct Viewer {
+    /// Its name at the generator-node.
+    pub name: String,
+    /// Where its Quality service is.
+    pub address: String,
+    /// Trials it was given in this study.
+    pub given: u64,
+    client: Arc<OnceCell<QualityClient<Channel>>>,
+}
+
+/// Why there is no measurement.
+pub enum Fault {
+    /// It does not have the VDI (any more).
+    Missing(String),
+    /// This VDI cannot be measured.
+    Refused(String),
+    /// The viz-node cannot be trusted with another.
+    Failed(String),
+}
+
+/// Those present.
+pub struct Viewers {
+    generator: String,
+    list: Streaming<v1::ViewerList>,
+    present: Vec<Viewer>,
+    /// Addresses of those that failed.
+    left_out: Vec<String>,
+    last_failure: Option<TrialError>,
+    /// Until when one that went without failing may come back.
+    hope: Option<Instant>,
+}
+
+impl Viewers {
+    /// Follows the generator-node's list.
+    ///
+    /// # Errors
+    /// If it does not answer, or lists nobody for some seconds.
+    pub async fn open(control: &ControlClient<Channel>, generator: &str) -> Result<Self, TrialError> {
+        let failed = |status: Status| node_error("generator-node", generator, &words(&status));
+        let list = control.clone().viewers(v1::ViewersRequest {}).await.map_err(failed)?.into_inner();
+        let generator = generator.to_owned();
+        let mut viewers =
+            Self { generator, list, present: Vec::new(), left_out: Vec::new(), last_failure: None, hope: None };
+        let deadline = Instant::now() + PATIENCE;
+        while viewers.present.is_empty() {
+            match timeout_at(deadline, viewers.changed()).await {
+                Ok(changed) => changed?,
+                Err(_) => return Err(viewers.none_left()),
+            }
+        }
+        Ok(viewers)
+    }
+
+    /// The next list from the generator-node. Nothing is lost if the wait is given up.
+    ///
+    /// # Errors
+    /// If that one does not answer any more.
+    pub async fn changed(&mut self) -> Result<(), TrialError> {
+        let list = self
+            .list
+            .message()
+            .await
+            .map_err(|status| node_error("generator-node", &self.generator, &words(&status)))?;
+        self.update(list.ok_or_else(|| {
+            node_error("generator-node", &self.generator, "ended the list of viz-nodes; its log says why")
+        })?);
+        Ok(())
+    }
+
+    /// Takes in all lists that have come.
+    ///
+    /// # Errors
+    /// As [`Self::changed`].
+    pub fn catch_up(&mut self) -> Result<(), TrialError> {
+        while let Some(changed) = self.changed().now_or_never() {
+            changed?;
+        }
+        Ok(())
+    }
+
+    fn update(&mut self, list: v1::ViewerList) {
+        let gone = |v: &Viewer| !list.viewers.iter().any(|listed| listed.viewer == v.name);
+        for name in self.present.iter().filter(|v| gone(v)).map(|v| v.name.clone()).collect::<Vec<_>>() {
+            self.gone(&name);
+        }
+        for v1::Viewer { viewer: name, address } in list.viewers {
+            if !self.left_out.contains(&address) && self.get(&name).is_none() {
+                self.present.push(Viewer { name, address, given: 0, client: Arc::default() });
+            }
+        }
+    }
+
+    /// The viewer of this name, if it is present.
+    pub fn get(&mut self, name: &str) -> Option<&mut Viewer> {
+        self.present.iter_mut().find(|v| v.name == name)
+    }
+
+    /// All of them.
+    pub fn present(&self) -> &[Viewer] {
+        &self.present
+    }
+
+    /// Its subscription has ended: it may come back under another name.
+    pub fn gone(&mut self, name: &str) {
+        self.remove(name, "is no longer subscribed to the generator-node");
+        self.hope = Some(Instant::now() + PATIENCE);
+    }
+
+    /// It failed, and is asked no more in this study.
+    pub fn leave_out(&mut self, address: &str, reason: &str) {
+        if !self.left_out.iter().any(|a| a == address) {
+            self.left_out.push(address.to_owned());
+            tracing::warn!("viz-node {address} is left out of this study: {reason}");
+        }
+        self.present.retain(|v| v.address != address);
+        self.last_failure = Some(node_error("viz-node", address, reason));
+        self.hope = None;
+    }
+
+    fn remove(&mut self, name: &str, reason: &str) {
+        let Some(n) = self.present.iter().position(|v| v.name == name) else { return };
+        let address = self.present.remove(n).address;
+        tracing::warn!("viz-node {address} {reason}; its trials go to the others");
+        self.last_failure = Some(node_error("viz-node", &address, reason));
+    }
+
+    /// Until when it is worth waiting for somebody while nobody is present.
+    pub fn hope(&self) -> Option<Instant> {
+        self.hope.filter(|&until| until > Instant::now())
+    }
+
+    /// The error for a study that nobody can measure for.
+    pub fn none_left(&self) -> TrialError {
+        let remedy = "start a viz-node for it, and give it a quality_address that it can be reached at from elsewhere";
+        match &self.last_failure {
+            Some(TrialError::Node { node, reason }) => TrialError::Node {
+                node: node.clone(),
+                reason: format!("{reason}; no viz-node is left to measure quality: see to it, or {remedy}"),
+            },
+            _ => node_error(
+                "generator-node",
+                &self.generator,
+                &format!("no viz-node that measures quality subscribes to it; {remedy}"),
+            ),
+        }
+    }
+}
+
+impl Viewer {
+    /// Measures some batches of a trial that was sent there.
+    pub fn measure(&self, trial_id: u64, batches: Range<u32>) -> BoxFuture<'static, Result<Quality, Fault>> {
+        let (client, address) = (self.client.clone(), self.address.clone());
+        let work = async move {
+            let connected = client.get_or_try_init(|| async { connect(&address).await.map(QualityClient::new) }).await;
+            let unreachable = |reason| {
+                Fault::Failed(format!("{reason}; set quality_address in its configuration to where others reach it"))
+            };
+            let (first_batch, asked) = (batches.start, batches.end - batches.start);
+            let request = v1::QualityRequest { trial_id, first_batch, batches: asked };
+            let reply = connected.map_err(unreachable)?.clone().measure(request).await.map_err(fault)?;
+            let quality = Quality::try_from(reply.into_inner()).map_err(|e| Fault::Failed(format!("measured {e}")))?;
+            match quality.batches() {
+                n if n == asked as usize => Ok(quality),
+                n => Err(Fault::Failed(format!("measured {n} batches of {asked} asked for"))),
+            }
+        };
+        let late = |_| Err(Fault::Failed(format!("did not measure a trial within {MEASURE_DEADLINE:?}")));
+        async move { timeout(MEASURE_DEADLINE, work).await.unwrap_or_else(late) }.boxed()
+    }
+}
+
+fn fault(status: Status) -> Fault {
+    match status.code() {
+        Code::NotFound => Fault::Missing(words(&status)),
+        Code::InvalidArgument => Fault::Refused(words(&status)),
+        _ => Fault::Failed(words(&status)),
+    }
+}

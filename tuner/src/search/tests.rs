@@ -1,0 +1,123 @@
+//! The search against exhaustion, on a made-up response with the shape that measured ones have.
+
+use super::{Grid, candidates, search};
+use crate::Contract;
+use crate::trial::{Cost, Measured, Trial, TrialError};
+use crate::tune::{Study, tune};
+use crate::utility::Utility;
+use lamina_model::{GenerationParams, Invalid, Quality, ViewError};
+use std::time::Duration;
+
+/// sigma = 2 r^1.75 (gamma + 0.01)^-0.45 with a ripple, tau = r^1.6 us, squared error (245 / r)^2.2 2e-4 + (gamma / 0.03)^1.1
+/// 1e-4, with batches that scatter by a fifth.
+#[derive(Default)]
+struct Response {
+    measured: usize,
+    marches: usize,
+    batches: usize,
+}
+
+impl Response {
+    fn cost(&self, p: &GenerationParams) -> Cost {
+        let (r, gamma) = (f64::from(p.resolution()), p.gamma());
+        let ripple = 1.0 + 0.02 * (r / 50.0).sin() * (60.0 * gamma).cos();
+        let size_bytes = (2.0 * r.powf(1.75) * (gamma + 0.01).powf(-0.45) * ripple) as u64;
+        let generation_time = Duration::from_nanos((1e3 * r.powf(1.6)) as u64);
+        Cost { size_bytes, generation_time, encode_time: generation_time, supersegments: 1 }
+    }
+
+    fn quality(&self, p: &GenerationParams, batches: u32) -> Quality {
+        let (r, gamma) = (f64::from(p.resolution()), p.gamma());
+        let mse = 2e-4 * (245.0 / r).powf(2.2) + 1e-4 * (gamma / 0.03).powf(1.1);
+        // The same for all parameters, as pixels that are hard are hard for all.
+        let scatter = |b: u32| 1.0 + 0.2 * f64::from(b * 7919 % 16).mul_add(0.125, -0.9375);
+        let batch_mse = (0..batches).map(|b| mse * scatter(b)).collect();
+        Quality { views: if batches == 0 { Vec::new() } else { vec![ViewError { angle_deg: 10.0, batch_mse }] } }
+    }
+}
+
+impl Trial for Response {
+    fn step(&self) -> u64 {
+        3
+    }
+    fn batches(&self) -> u32 {
+        16
+    }
+    async fn sizes(&mut self, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {
+        self.marches += 1;
+        gammas.iter().map(|g| Ok(self.cost(&params.with_gamma(*g)?))).collect()
+    }
+    async fn measure(
+        &mut self,
+        all: &[GenerationParams],
+        batches: u32,
+    ) -> Result<Vec<Result<Measured, Invalid>>, TrialError> {
+        let batches = batches.min(16);
+        self.measured += usize::from(batches == 0) * all.len();
+        self.batches += batches as usize * all.len();
+        Ok(all.iter().map(|p| Ok(Measured { cost: self.cost(p), quality: self.quality(p, batches) })).collect())
+    }
+}
+
+fn papers() -> Vec<GenerationParams> {
+    Grid::paper().candidates(&GenerationParams::new(1, 0.0).unwrap()).unwrap()
+}
+
+async fn exhaustive(contract: &Contract) -> Study {
+    tune(&mut Response::default(), contract, &papers(), |_| {}).await.unwrap()
+}
+
+#[tokio::test]
+async fn a_few_trials_find_what_thirteen_hundred_find() {
+    for text in [
+        "size <= 60kB",
+        "size <= 150kB",
+        "size <= 600kB",
+        "time <= 8ms",
+        "time+encoding <= 30ms, size <= 200kB",
+        "psnr >= 36dB",
+        "psnr >= 38dB, minimise time",
+        "size <= 400kB, psnr >= 34dB, maximise q - 0.02 * sigma",
+    ] {
+        let contract: Contract = text.parse().unwrap();
+        let all = exhaustive(&contract).await;
+        let best = &all.rows[all.best.unwrap()];
+        let mut response = Response::default();
+        let found = search(&mut response, &contract, &papers(), None, |_| {}).await.unwrap();
+        let row = &found.study.rows[found.study.best.unwrap_or_else(|| panic!("{text}: {found:?}"))];
+        assert!(contract.excess(&row.measured.cost, row.measured.quality.psnr_db()) <= 0.0, "{text} is kept");
+        // Within 0.1 dB; of what is no decibels, within 2 %.
+        let near = if contract.utility() == Utility::Quality { 0.1 } else { 0.02 * best.cost.abs() };
+        assert!(row.cost - best.cost <= near, "{text}: {row:?}, but {best:?}");
+        assert!(response.measured <= 24 && response.marches == 1, "{text}: {} trials", response.measured);
+        assert_eq!(row.measured.quality.batches(), 16, "{text}: the winner is measured on all pixels");
+    }
+}
+
+#[tokio::test]
+async fn what_nothing_keeps_is_said_with_the_nearest() {
+    for text in ["size <= 300B", "size <= 20kB, psnr >= 45dB", "time <= 0.01ms"] {
+        let contract: Contract = text.parse().unwrap();
+        let found = search(&mut Response::default(), &contract, &papers(), None, |_| {}).await.unwrap();
+        assert_eq!(found.study.best, None, "{text}");
+        assert!(found.hope < 0.05, "{text}: {}", found.hope);
+        assert!(found.study.nearest(&contract).is_some());
+    }
+}
+
+#[tokio::test]
+async fn parameters_in_use_are_measured_with_the_others() {
+    let in_use = GenerationParams::new(333, 0.0123).unwrap();
+    let contract = Contract::size(200_000);
+    let found = search(&mut Response::default(), &contract, &papers(), Some(&in_use), |_| {}).await.unwrap();
+    assert!(found.study.rows.iter().any(|r| r.params == in_use));
+}
+
+#[tokio::test]
+async fn gammas_come_from_the_data_where_none_are_stated() {
+    let base = GenerationParams::new(1, 0.0).unwrap();
+    let all = candidates(&mut Response::default(), &Grid::default(), &base).await.unwrap();
+    assert_eq!(all.len(), 22 * 40);
+    let gammas: Vec<f64> = all[..40].iter().map(GenerationParams::gamma).collect();
+    assert!(gammas.is_sorted() && gammas[0] < 0.001 && gammas[39] > 0.26, "{gammas:?}");
+}

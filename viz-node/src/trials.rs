@@ -1,0 +1,131 @@
+//! Trials that arrived, decoded and kept for as long as there is room: batches of each are measured when asked for.
+
+use crate::kernel::PreparedVdi;
+use crate::measure::Meter;
+use lamina_model::ReferenceSamples;
+use lamina_wire::v1::{self, quality_server};
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+use tokio::sync::watch;
+use tonic::{Request, Response, Status};
+
+/// Trials kept at once, the newest.
+const KEPT: usize = 8;
+/// Bytes of decoded VDIs kept at once; the newest one stays whatever it weighs.
+const KEPT_BYTES: usize = 512 << 20;
+/// Trials remembered as gone.
+const GONE: usize = 1024;
+/// How long a question for a trial waits for its VDI to arrive.
+const TRIAL_WAIT: Duration = Duration::from_secs(60);
+
+/// A trial that can be measured.
+pub struct Ready {
+    /// What is measured.
+    pub vdi: PreparedVdi,
+    /// With what it is compared.
+    pub reference: Arc<ReferenceSamples>,
+}
+
+type Arrived = Result<Arc<Ready>, Status>;
+
+#[derive(Default)]
+struct Held {
+    kept: VecDeque<(u64, Arrived)>,
+    gone: VecDeque<u64>,
+}
+
+impl Held {
+    /// What is known of the trial; `None` if it may still come.
+    fn find(&self, trial_id: u64) -> Option<Arrived> {
+        if let Some((_, arrived)) = self.kept.iter().find(|(id, _)| *id == trial_id) {
+            return Some(arrived.clone());
+        }
+        let gone =
+            || Err(Status::not_found(format!("trial {trial_id} had to make room for newer ones; send it again")));
+        self.gone.contains(&trial_id).then(gone)
+    }
+
+    fn bytes(&self) -> usize {
+        let ready = self.kept.iter().filter_map(|(_, arrived)| arrived.as_ref().ok());
+        ready
+            .map(|r| size_of_val(r.vdi.vdi().offsets()) + size_of_val(r.vdi.vdi().segments()) + r.vdi.size_bytes())
+            .sum()
+    }
+}
+
+/// The trials kept.
+#[derive(Default)]
+pub struct Trials(watch::Sender<Held>);
+
+impl Trials {
+    /// Keeps what arrived as trial `trial_id`, or why it cannot be measured.
+    pub fn keep(&self, trial_id: u64, arrived: Arrived) {
+        self.0.send_modify(|held| {
+            held.kept.push_back((trial_id, arrived));
+            while held.kept.len() > KEPT || (held.kept.len() > 1 && held.bytes() > KEPT_BYTES) {
+                held.gone.extend(held.kept.pop_front().map(|(id, _)| id));
+            }
+            let excess = held.gone.len().saturating_sub(GONE);
+            held.gone.drain(..excess);
+        });
+    }
+
+    /// The trial, waited for.
+    async fn find(&self, trial_id: u64) -> Arrived {
+        let mut held = self.0.subscribe();
+        let late = || {
+            Err(Status::not_found(format!(
+                "trial {trial_id} did not arrive within {TRIAL_WAIT:?}; is this viz-node subscribed to the generator-node?"
+            )))
+        };
+        match tokio::time::timeout(TRIAL_WAIT, held.wait_for(|held| held.find(trial_id).is_some())).await {
+            Ok(Ok(held)) => held.find(trial_id).unwrap_or_else(late),
+            Ok(Err(_)) => Err(Status::unavailable("stopping")),
+            Err(_) => late(),
+        }
+    }
+}
+
+/// The gRPC face of [`Trials`] towards the tuner.
+pub struct QualityService(pub Arc<Meter>);
+
+#[tonic::async_trait]
+impl quality_server::Quality for QualityService {
+    async fn measure(&self, request: Request<v1::QualityRequest>) -> Result<Response<v1::QualityReply>, Status> {
+        let v1::QualityRequest { trial_id, first_batch, batches } = request.into_inner();
+        let ready = self.0.trials.find(trial_id).await?;
+        let end = if batches == 0 { ready.reference.plan.batches } else { first_batch.saturating_add(batches) };
+        let backend = self.0.backend.clone();
+        let work = move || backend.quality(&ready.vdi, &ready.reference, first_batch..end);
+        let quality = tokio::task::spawn_blocking(work).await.map_err(|e| Status::internal(e.to_string()))?;
+        let quality = quality.map_err(|e| lamina_wire::invalid(&e))?;
+        self.0.counters.trials.fetch_add(1, Ordering::Relaxed);
+        Ok(Response::new((&quality).into()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tonic::Code;
+
+    #[tokio::test]
+    async fn trials_are_waited_for_and_known_to_be_gone() {
+        let trials = Arc::new(Trials::default());
+        let code = |arrived: Arrived| arrived.err().unwrap().code();
+        let asked = tokio::spawn({
+            let trials = trials.clone();
+            async move { trials.find(1).await }
+        });
+        tokio::task::yield_now().await;
+        for trial_id in 1..=1 + KEPT as u64 {
+            trials.keep(trial_id, Err(Status::data_loss("made up")));
+            tokio::task::yield_now().await;
+        }
+        assert_eq!(code(asked.await.unwrap()), Code::DataLoss);
+        assert_eq!(code(trials.find(1).await), Code::NotFound, "made room");
+        assert_eq!(code(trials.find(2).await), Code::DataLoss);
+    }
+}
