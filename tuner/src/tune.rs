@@ -58,10 +58,12 @@ pub async fn tune(
     Ok(study)
 }
 
-/// The most parameters of a ladder, those with a larger gamma among them, and by which factor gamma grows.
+/// The most parameters of a ladder, those not measured among them, and by which factors r and gamma change from one to the
+/// next: along with each other, as the best parameters do when a limit gets tighter.
 const LONGEST_LADDER: usize = 8;
-const STEEPER: usize = 3;
-const RUNG: f64 = 1.3;
+const STEEPER: usize = 6;
+const FEWER_RAYS: f64 = 0.92;
+const MORE_GAMMA: f64 = 1.12;
 /// A gamma of 0 would not grow.
 const LEAST_GAMMA: f64 = 1e-3;
 
@@ -75,11 +77,16 @@ impl Study {
         self.rows.push(row);
     }
 
-    /// Parameters for steps on which `from` would be too large, by falling size: first the same resolution with ever larger
-    /// gamma, then the best of each size measured, each at least 15 % smaller than the one before.
+    /// Parameters for steps on which `from` would be too large, by falling size: first from there on with ever fewer rays and
+    /// larger gamma, then the best of each size measured, each at least 15 % smaller than the one before.
     pub fn ladder(&self, from: usize) -> Vec<GenerationParams> {
         let start = self.rows[from].params;
-        let steeper = |k: usize| start.with_gamma(start.gamma().max(LEAST_GAMMA) * RUNG.powi(k as i32)).ok();
+        let steeper = |k: usize| {
+            let resolution = (f64::from(start.resolution()) * FEWER_RAYS.powi(k as i32)).round().max(1.0) as u32;
+            let gamma = start.gamma().max(LEAST_GAMMA) * MORE_GAMMA.powi(k as i32);
+            let params = GenerationParams::new(resolution, gamma).ok()?;
+            params.with_opacity_cutoff(start.opacity_cutoff()).ok()?.with_step_voxels(start.step_voxels()).ok()
+        };
         let mut ladder: Vec<GenerationParams> = (1..=STEEPER).filter_map(steeper).collect();
         let mut by_size: Vec<&Row> = self.rows.iter().filter(|r| !r.measured.quality.psnr_db().is_nan()).collect();
         by_size.sort_by_key(|r| r.measured.cost.size_bytes);
@@ -90,8 +97,8 @@ impl Study {
             best_db = best_db.max(r.measured.quality.psnr_db());
             better
         });
-        // Below what the larger gammas may have reached.
-        let mut below = 0.7 * self.rows[from].measured.cost.size_bytes as f64;
+        // Below what the first rungs reach: each takes about a fifth off.
+        let mut below = 0.3 * self.rows[from].measured.cost.size_bytes as f64;
         for row in by_size.iter().rev() {
             let size = row.measured.cost.size_bytes as f64;
             if size <= below && ladder.len() < LONGEST_LADDER {
@@ -190,8 +197,8 @@ mod tests {
         assert!(ladder.len() > STEEPER && ladder.len() <= LONGEST_LADDER);
         let best = s.rows[s.best.unwrap()].params;
         for (k, p) in ladder[..STEEPER].iter().enumerate() {
-            assert_eq!(p.resolution(), best.resolution());
-            assert!((p.gamma() / best.gamma() - RUNG.powi(k as i32 + 1)).abs() < 1e-9);
+            assert!(p.resolution() < best.resolution() && p.gamma() > best.gamma(), "rung {k}");
+            assert_eq!((p.opacity_cutoff(), p.step_voxels()), (best.opacity_cutoff(), best.step_voxels()));
         }
         let rung = |p: &GenerationParams| s.rows.iter().find(|r| r.params == *p).unwrap().measured.indicators();
         let mut last = rung(&best);
