@@ -33,7 +33,7 @@ impl Default for Config {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 7103)),
             generator: "http://127.0.0.1:7101".to_owned(),
-            contract: Contract::size(300_000),
+            contract: Contract::default(),
             grid: Grid::default(),
             opacity_cutoff: 1.0,
             step_voxels: GenerationParams::DEFAULT_STEP_VOXELS,

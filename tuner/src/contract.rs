@@ -37,6 +37,13 @@ fn bad(part: &str, why: impl fmt::Display) -> Invalid {
     Invalid::new("contract", format!("\"{part}\": {why}; {HELP}"))
 }
 
+impl Default for Contract {
+    /// 300 kB a step: what the product promises a user who names no price.
+    fn default() -> Self {
+        Self::size(300_000)
+    }
+}
+
 impl Contract {
     /// The best quality within so many bytes: the paper's Eq. 1.
     pub fn size(limit_bytes: u64) -> Self {
@@ -72,9 +79,14 @@ impl Contract {
     /// By which factor the worst limit is exceeded, as its logarithm: 0 or less keeps all of them. Decibels count as
     /// amplitude, 20 dB a factor of ten. `psnr_db` is left out of account where it is NaN.
     pub fn excess(&self, cost: &Cost, psnr_db: f64) -> f64 {
+        self.excess_of(cost.size_bytes as f64, self.time_of(cost.generation_time, cost.encode_time), psnr_db)
+    }
+
+    /// The same of bytes, milliseconds ([`Self::time_of`]) and decibels.
+    pub(crate) fn excess_of(&self, size_bytes: f64, ms: f64, psnr_db: f64) -> f64 {
         let over = |limit: Option<f64>, value: f64| limit.map(|limit| (value / limit).ln());
-        let size = over(self.size_bytes.map(|b| b as f64), cost.size_bytes as f64);
-        let time = over(self.time_ms, self.time_of(cost.generation_time, cost.encode_time));
+        let size = over(self.size_bytes.map(|b| b as f64), size_bytes);
+        let time = over(self.time_ms, ms);
         let psnr =
             self.psnr_db.filter(|_| !psnr_db.is_nan()).map(|least| (least - psnr_db) * std::f64::consts::LN_10 / 20.0);
         [size, time, psnr].into_iter().flatten().fold(f64::NEG_INFINITY, f64::max)

@@ -123,7 +123,7 @@ impl Daemon {
         if self.config.retune_every > 0 && report.step >= studied + self.config.retune_every {
             return study;
         }
-        let cost = cost_of(report);
+        let cost = Cost::from(report.cost.unwrap_or_default());
         let params = report.params.and_then(|p| GenerationParams::try_from(p).ok());
         let like = params.and_then(|p| self.run.characteristic.like(&p, cost.size_bytes));
         let kept = self.config.contract.excess(&cost, f64::NAN) <= 0.0;
@@ -201,16 +201,6 @@ impl Daemon {
         self.status.finished(&study, chosen);
         self.run.characteristic.keep(study, chosen);
         Ok(())
-    }
-}
-
-fn cost_of(report: &v1::StepReport) -> Cost {
-    let cost = report.cost.unwrap_or_default();
-    Cost {
-        size_bytes: cost.size_bytes,
-        generation_time: cost.generation_time(),
-        encode_time: cost.encode_time(),
-        supersegments: cost.supersegments,
     }
 }
 

@@ -8,7 +8,7 @@ mod viewers;
 
 use crate::trial::{Cost, Measured, Trial, TrialError};
 use generator::Generator;
-use lamina_model::{GenerationParams, Invalid, Quality, ViewError};
+use lamina_model::{GenerationParams, Invalid, ParamsKey, Quality};
 use lamina_wire::node::innermost;
 use lamina_wire::v1::{self, control_client::ControlClient};
 use round::{Generating, Round};
@@ -21,17 +21,9 @@ use viewers::Viewers;
 pub struct Remote {
     generator: Generator,
     viewers: Viewers,
-    known: HashMap<Key, Known>,
+    known: HashMap<ParamsKey, Known>,
     /// What the generator-node is at; its answer is waited for by whoever comes next.
     generating: Option<Generating>,
-}
-
-/// Parameters as something to look up by.
-type Key = [u64; 4];
-
-fn key(params: &GenerationParams) -> Key {
-    let [gamma, cutoff, step] = [params.gamma(), params.opacity_cutoff(), params.step_voxels()].map(f64::to_bits);
-    [u64::from(params.resolution()), gamma, cutoff, step]
 }
 
 /// What is known of one set of parameters.
@@ -62,12 +54,7 @@ impl Known {
         if let Some(refusal) = &self.refusal {
             return Err(refusal.clone());
         }
-        let first = |v: &ViewError| ViewError {
-            angle_deg: v.angle_deg,
-            batch_mse: v.batch_mse.iter().copied().take(batches as usize).collect(),
-        };
-        let views = if batches == 0 { Vec::new() } else { self.quality.views.iter().map(first).collect() };
-        Ok(Measured { cost: self.cost.unwrap_or_default(), quality: Quality { views } })
+        Ok(Measured { cost: self.cost.unwrap_or_default(), quality: self.quality.first(batches as usize) })
     }
 }
 
@@ -137,9 +124,9 @@ impl Trial for Remote {
     ) -> Result<Vec<Result<Measured, Invalid>>, TrialError> {
         let batches = batches.min(self.batches());
         for p in params {
-            self.known.entry(key(p)).or_insert_with(|| Known::new(*p));
+            self.known.entry(p.key()).or_insert_with(|| Known::new(*p));
         }
-        let wanted: Vec<Key> = params.iter().map(key).collect();
+        let wanted: Vec<ParamsKey> = params.iter().map(GenerationParams::key).collect();
         Round::new(self, &wanted, batches).run().await?;
         Ok(wanted.iter().map(|k| self.known[k].answer(batches)).collect())
     }

@@ -54,7 +54,6 @@ pub async fn tune(
             }
         }
     }
-    study.step = trial.step();
     Ok(study)
 }
 
@@ -84,8 +83,7 @@ impl Study {
         let steeper = |k: usize| {
             let resolution = (f64::from(start.resolution()) * FEWER_RAYS.powi(k as i32)).round().max(1.0) as u32;
             let gamma = start.gamma().max(LEAST_GAMMA) * MORE_GAMMA.powi(k as i32);
-            let params = GenerationParams::new(resolution, gamma).ok()?;
-            params.with_opacity_cutoff(start.opacity_cutoff()).ok()?.with_step_voxels(start.step_voxels()).ok()
+            start.with_resolution(resolution).ok()?.with_gamma(gamma).ok()
         };
         let mut ladder: Vec<GenerationParams> = (1..=STEEPER).filter_map(steeper).collect();
         let mut by_size: Vec<&Row> = self.rows.iter().filter(|r| !r.measured.quality.psnr_db().is_nan()).collect();

@@ -5,7 +5,7 @@
 
 use crate::cli;
 use crate::parts::{open, prepare};
-use crate::process;
+use crate::process::{self, Used};
 use anyhow::{Context, ensure};
 use glam::DVec3;
 use lamina_generator_node::kernel::lanes::{self, Shot};
@@ -135,17 +135,16 @@ impl Clock {
 
     /// Runs `work`; what it returns is dropped by the caller, out of the measured time.
     fn time<T>(&mut self, name: String, work: impl FnOnce() -> T) -> T {
-        let (cpu, wall) = (process::cpu_time(), Instant::now());
+        let (cpu, wall) = (Used::now(), Instant::now());
         let made = work();
-        let (wall, used) = (wall.elapsed(), process::cpu_time());
+        let (wall, used) = (wall.elapsed(), cpu.secs());
         if self.warm {
             let at = self.measured.iter().position(|m| m.name == name).unwrap_or_else(|| {
                 self.measured.push(Measured { name, wall_ms: Vec::new(), cpu_ms: Vec::new() });
                 self.measured.len() - 1
             });
             self.measured[at].wall_ms.push(1e3 * wall.as_secs_f64());
-            let cpu = used.zip(cpu).map(|(after, before)| 1e3 * after.saturating_sub(before).as_secs_f64());
-            self.measured[at].cpu_ms.extend(cpu);
+            self.measured[at].cpu_ms.extend(used.map(|secs| 1e3 * secs));
         }
         made
     }

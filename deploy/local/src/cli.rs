@@ -155,7 +155,7 @@ pub struct Tune {
     #[command(flatten)]
     pub input: Input,
     /// What to keep and what is best, such as "size <= 300kB, psnr >= 35dB, minimise time"
-    #[arg(long, value_name = "CONTRACT", default_value = "size <= 300kB")]
+    #[arg(long, value_name = "CONTRACT", default_value_t)]
     pub contract: Contract,
     /// Parameters to choose from: auto, coarse, paper, or R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
     #[arg(long, default_value = "auto", value_name = "GRID")]

@@ -15,15 +15,21 @@ use std::time::Instant;
 /// The volume and scene that an input names.
 pub fn open(input: &cli::Input) -> anyhow::Result<(Volume, Scene)> {
     let series = Series::open(&input.input, &read_options(&input.raw))?;
+    let volume = read_step(&series, input)?;
+    let scene = with_step(scene_for(input.scene.as_deref(), &[&volume])?, input)?;
+    Ok((volume, scene))
+}
+
+/// The step that `--time-step` names.
+pub fn read_step(series: &Series, input: &cli::Input) -> anyhow::Result<Volume> {
     let (n, steps) = (input.time_step, series.len());
     ensure!(n < steps, "--time-step {n}: {} has {steps} steps, counted from 0", input.input.display());
-    let volume = series.read(n)?;
-    let mut scene = scene_for(input.scene.as_deref(), &[&volume])?;
-    if let Some(step) = input.step {
-        scene.step_voxels = step;
-        scene = scene.check()?;
-    }
-    Ok((volume, scene))
+    Ok(series.read(n)?)
+}
+
+/// `scene`, sampled as `--step` says.
+pub fn with_step(scene: Scene, input: &cli::Input) -> anyhow::Result<Scene> {
+    Ok(Scene { step_voxels: input.step.unwrap_or(scene.step_voxels), ..scene }.check()?)
 }
 
 /// `volume` under `scene`, with a warning where voxels are missing.

@@ -14,6 +14,21 @@ pub fn cpu_time() -> Option<Duration> {
     None
 }
 
+/// Processor time from here on.
+pub struct Used(Option<Duration>);
+
+impl Used {
+    /// Begins to count.
+    pub fn now() -> Self {
+        Self(cpu_time())
+    }
+
+    /// What was used since, seconds; `None` where the system does not tell.
+    pub fn secs(&self) -> Option<f64> {
+        cpu_time().zip(self.0).map(|(now, before)| now.saturating_sub(before).as_secs_f64())
+    }
+}
+
 /// Memory in use now, and the most since the process began or [`forget_peak`] was called; bytes.
 pub fn memory() -> anyhow::Result<(u64, u64)> {
     let status = std::fs::read_to_string("/proc/self/status").context("memory is measured under Linux only")?;

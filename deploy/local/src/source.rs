@@ -104,23 +104,27 @@ pub struct Recorded {
     scene: Scene,
 }
 
-/// Steps of a series that a scene is chosen from.
-const SCENE_STEPS: usize = 3;
-
 /// What the command line says about raw files.
 pub fn read_options(raw: &cli::Raw) -> Options {
     let spec = RawSpec { dims: raw.dims.map(|d| d.0), voxel_type: raw.dtype, ..RawSpec::default() };
     Options { raw: spec, field: raw.field.clone() }
 }
 
+/// The scene of a series: of `file`, where that leaves something open chosen from first, middle and last step.
+pub fn scene_of(series: &Series, file: Option<&Path>) -> anyhow::Result<Scene> {
+    let last = series.len() - 1;
+    let mut steps = vec![0, last / 2, last];
+    steps.dedup();
+    let read = |n| series.read(n).with_context(|| format!("{}, step {n}", series.name()));
+    let volumes = steps.into_iter().map(read).collect::<anyhow::Result<Vec<Volume>>>()?;
+    scene_for(file, &volumes.iter().collect::<Vec<_>>())
+}
+
 impl Recorded {
     /// The series at `path`; its scene suits first, middle and last step.
     pub fn open(path: &Path, options: &Options, scene_file: Option<&Path>) -> anyhow::Result<Self> {
         let series = Series::open(path, options)?;
-        let mut picks: Vec<usize> = (0..SCENE_STEPS).map(|k| k * (series.len() - 1) / (SCENE_STEPS - 1)).collect();
-        picks.dedup();
-        let volumes = picks.iter().map(|&n| series.read(n)).collect::<Result<Vec<_>, _>>()?;
-        let scene = scene_for(scene_file, &volumes.iter().collect::<Vec<_>>())?;
+        let scene = scene_of(&series, scene_file)?;
         Ok(Self { series, next: 0, scene })
     }
 }

@@ -16,9 +16,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// Limit where the user names none.
-const DEFAULT_SIZE_LIMIT: u64 = 300_000;
-
 /// `lamina live`.
 pub fn live(arguments: &cli::Live) -> anyhow::Result<()> {
     let watch = &arguments.watch;
@@ -94,7 +91,7 @@ fn push_only(
 fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume) -> anyhow::Result<Setup> {
     let fixed = options.resolution.zip(options.gamma);
     let (resolution, gamma) = fixed.unwrap_or((256, 0.05));
-    let contract = options.contract.clone().unwrap_or_else(|| Contract::size(DEFAULT_SIZE_LIMIT));
+    let contract = options.contract.clone().unwrap_or_default();
     let angles_deg = contract.angles_deg();
     // The cone is a matter of where quality is measured.
     let contract = Contract { cone_deg: None, ..contract };

@@ -74,6 +74,16 @@ impl Quality {
         decibels(self.mse())
     }
 
+    /// The first `batches` of it; nothing of none.
+    #[must_use]
+    pub fn first(&self, batches: usize) -> Self {
+        let first = |v: &ViewError| ViewError {
+            angle_deg: v.angle_deg,
+            batch_mse: v.batch_mse.iter().copied().take(batches).collect(),
+        };
+        Self { views: if batches == 0 { Vec::new() } else { self.views.iter().map(first).collect() } }
+    }
+
     /// Adds further batches of the same views.
     ///
     /// # Errors

@@ -20,7 +20,7 @@ pub mod volume;
 pub use camera::{Aabb, Camera, Ray};
 pub use image::Image;
 pub use indicators::{Indicators, Quality, ViewError, decibels};
-pub use params::GenerationParams;
+pub use params::{GenerationParams, ParamsKey};
 pub use psnr::{SquaredError, psnr};
 pub use samples::{ReferenceSamples, SamplePlan};
 pub use scene::Scene;

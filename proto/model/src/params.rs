@@ -50,6 +50,9 @@ impl From<GenerationParams> for ParamsFields {
     }
 }
 
+/// Parameters as something to look up by.
+pub type ParamsKey = [u64; 4];
+
 impl GenerationParams {
     /// The most rays per side.
     pub const MAX_RESOLUTION: u32 = 8192;
@@ -69,6 +72,21 @@ impl GenerationParams {
             return Err(Invalid::new("gamma", format!("{gamma} must be a finite number, 0 or more")));
         }
         Ok(Self { resolution, gamma, opacity_cutoff: 1.0, step_voxels: Self::DEFAULT_STEP_VOXELS })
+    }
+
+    /// What tells these parameters from all others.
+    pub fn key(&self) -> ParamsKey {
+        let [gamma, cutoff, step] = [self.gamma, self.opacity_cutoff, self.step_voxels].map(f64::to_bits);
+        [u64::from(self.resolution), gamma, cutoff, step]
+    }
+
+    /// The same with another resolution.
+    ///
+    /// # Errors
+    /// If it is outside 1..=8192.
+    pub fn with_resolution(self, resolution: u32) -> Result<Self, Invalid> {
+        let Self { opacity_cutoff, step_voxels, .. } = self;
+        Ok(Self { opacity_cutoff, step_voxels, ..Self::new(resolution, self.gamma)? })
     }
 
     /// The same with another interrupt parameter.

@@ -1,6 +1,6 @@
 //! Peak signal-to-noise ratio with peak 1: -10 log10(MSE) over all pixels and channels.
 
-use crate::{Image, Invalid};
+use crate::{Image, Invalid, decibels};
 
 /// Squared differences gathered so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -40,7 +40,7 @@ impl SquaredError {
 
     /// PSNR in decibels; +infinity if identical, NaN of nothing.
     pub fn psnr_db(&self) -> f64 {
-        -10.0 * self.mse().log10()
+        decibels(self.mse())
     }
 }
 

@@ -1,12 +1,12 @@
 //! One question for many parameters: the generator-node makes VDI after VDI, and every viz-node measures what it was given.
 
 use super::viewers::Fault;
-use super::{Generator, Key, Known, Remote, Viewers};
+use super::{Generator, Known, Remote, Viewers};
 use crate::trial::TrialError;
 use futures::StreamExt;
 use futures::future::BoxFuture;
 use futures::stream::FuturesUnordered;
-use lamina_model::{Invalid, Quality};
+use lamina_model::{Invalid, ParamsKey, Quality};
 use lamina_wire::v1;
 use std::collections::{HashMap, HashSet, VecDeque};
 use tokio::time::{Instant, sleep_until};
@@ -18,13 +18,13 @@ const MISSES: u32 = 2;
 
 /// What the generator-node is at: the parameters, and the viewer they are for, if any.
 pub struct Generating {
-    key: Key,
+    key: ParamsKey,
     viewer: Option<String>,
 }
 
 /// A viewer's answer about some parameters.
 struct Answer {
-    key: Key,
+    key: ParamsKey,
     viewer: String,
     address: String,
     outcome: Result<Quality, Fault>,
@@ -34,14 +34,14 @@ struct Answer {
 pub struct Round<'a> {
     generator: &'a mut Generator,
     viewers: &'a mut Viewers,
-    known: &'a mut HashMap<Key, Known>,
+    known: &'a mut HashMap<ParamsKey, Known>,
     generating: &'a mut Option<Generating>,
     batches: u32,
-    asked: HashSet<Key>,
+    asked: HashSet<ParamsKey>,
     /// To be generated.
-    todo: VecDeque<Key>,
+    todo: VecDeque<ParamsKey>,
     /// To be measured by the viewer that has them.
-    ready: VecDeque<(Key, String)>,
+    ready: VecDeque<(ParamsKey, String)>,
     /// Viewers that measure.
     busy: HashSet<String>,
     measuring: FuturesUnordered<BoxFuture<'static, Answer>>,
@@ -49,7 +49,7 @@ pub struct Round<'a> {
 
 impl<'a> Round<'a> {
     /// Asks for costs and the first `batches` batches of all of `keys` that lack them.
-    pub fn new(remote: &'a mut Remote, keys: &[Key], batches: u32) -> Self {
+    pub fn new(remote: &'a mut Remote, keys: &[ParamsKey], batches: u32) -> Self {
         let Remote { generator, viewers, known, generating } = remote;
         Self {
             generator,
@@ -66,8 +66,8 @@ impl<'a> Round<'a> {
         .with_work(keys)
     }
 
-    fn with_work(mut self, keys: &[Key]) -> Self {
-        let mut seen: HashSet<Key> = self.generating.iter().map(|g| g.key).collect();
+    fn with_work(mut self, keys: &[ParamsKey]) -> Self {
+        let mut seen: HashSet<ParamsKey> = self.generating.iter().map(|g| g.key).collect();
         for key in keys.iter().filter(|k| seen.insert(**k)) {
             self.place(*key);
         }
@@ -106,7 +106,7 @@ impl<'a> Round<'a> {
     }
 
     /// Puts parameters where they go next, if anything of them is lacking.
-    fn place(&mut self, key: Key) {
+    fn place(&mut self, key: ParamsKey) {
         let known = &self.known[&key];
         if !self.asked.contains(&key) || !known.lacks(self.batches) {
             return;
@@ -122,7 +122,7 @@ impl<'a> Round<'a> {
         let viewers = &mut *self.viewers;
         let (stay, orphans) = self.ready.drain(..).partition(|(_, viewer)| viewers.get(viewer).is_some());
         self.ready = stay;
-        let orphans: VecDeque<(Key, String)> = orphans;
+        let orphans: VecDeque<(ParamsKey, String)> = orphans;
         for (key, _) in orphans.into_iter().rev() {
             self.todo.push_front(key);
         }

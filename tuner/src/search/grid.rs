@@ -126,8 +126,7 @@ impl Grid {
                 ));
             }
             for &gamma in gammas {
-                let params = GenerationParams::new(r as u32, gamma)?;
-                all.push(params.with_opacity_cutoff(base.opacity_cutoff())?.with_step_voxels(base.step_voxels())?);
+                all.push(base.with_resolution(r as u32)?.with_gamma(gamma)?);
             }
         }
         Ok(all)

@@ -29,8 +29,6 @@ pub struct Found {
     pub study: Study,
     /// Expected improvement of the candidate most worth trying next, in the utility's unit: dB, kB, ms.
     pub left: f64,
-    /// Half the width of the 95 % interval about the best one's PSNR, decibels.
-    pub half_width_db: f64,
     /// The best probability that some candidate keeps the contract, where none was found to.
     pub hope: f64,
 }
@@ -63,7 +61,7 @@ pub async fn search(
         }
         // All pixels may tell other than a quarter of them did: then something else may have become worth trying.
         if !race.settle(trial).await? {
-            return race.finish(trial.step(), &best);
+            return Ok(race.finish(trial.step(), &best));
         }
     }
 }
@@ -90,6 +88,7 @@ impl Promise {
 
 struct Race<'a> {
     contract: &'a Contract,
+    utility: Utility,
     candidates: &'a [GenerationParams],
     /// Sizes from the march.
     marched: Vec<(Place, f64)>,
@@ -104,6 +103,7 @@ impl<'a> Race<'a> {
     fn new(contract: &'a Contract, candidates: &'a [GenerationParams], batches: usize) -> Self {
         Self {
             contract,
+            utility: contract.utility(),
             candidates,
             marched: Vec::new(),
             tried: Vec::new(),
@@ -150,10 +150,7 @@ impl<'a> Race<'a> {
     /// rays again.
     fn first_trials(&self) -> Vec<GenerationParams> {
         let lowest = f64::from(self.lowest());
-        let mut first: Vec<_> =
-            [(1.0, 0.0), (1.0, 0.05), (1.5, 0.009)].iter().filter_map(|(r, g)| self.nearest(r * lowest, *g)).collect();
-        first.dedup();
-        first
+        [(1.0, 0.0), (1.0, 0.05), (1.5, 0.009)].iter().filter_map(|(r, g)| self.nearest(r * lowest, *g)).collect()
     }
 
     async fn measure(
@@ -194,7 +191,7 @@ impl<'a> Race<'a> {
 
     /// An improvement too small to look for.
     fn tolerance(&self, least: f64) -> f64 {
-        match self.contract.utility() {
+        match self.utility {
             Utility::Quality => 0.02,
             Utility::Size | Utility::Time => 0.002 * least.abs().max(1e-9),
             Utility::Expression(_) => 0.0005 * least.abs().max(1e-9),
@@ -268,16 +265,12 @@ impl<'a> Race<'a> {
     /// Mean improvement on `least`, and the share of draws that keep the contract.
     fn expectation(&self, of: &[Prediction; 3], least: Option<f64>) -> (f64, f64) {
         let (mut improvement, mut feasible) = (0.0, 0.0);
-        let limits = self.contract;
         for draw in &self.draws {
             let [size, time, q] = std::array::from_fn(|k| of[k].mean + of[k].deviation * draw[k]);
             let (bytes, ms) = (size.exp(), time.exp());
-            let kept = limits.size_bytes.is_none_or(|most| bytes <= most as f64)
-                && limits.time_ms.is_none_or(|most| ms <= most)
-                && limits.psnr_db.is_none_or(|least| q >= least);
-            if kept {
+            if self.contract.excess_of(bytes, ms, q) <= 0.0 {
                 feasible += 1.0;
-                let cost = limits.utility().cost(bytes as u64, q, ms);
+                let cost = self.utility.cost(bytes as u64, q, ms);
                 // Without a best, cheaper is better by itself; the offset keeps the order's sign.
                 improvement += least.map_or(-cost, |least| (least - cost).max(0.0));
             }
@@ -290,9 +283,7 @@ impl<'a> Race<'a> {
     async fn settle(&mut self, trial: &mut impl Trial) -> Result<bool, TrialError> {
         let mut settled = false;
         loop {
-            let least = |r: &Row| if r.cost.is_nan() { f64::INFINITY } else { r.cost };
-            let Some(best) =
-                (0..self.tried.len()).min_by(|&a, &b| least(&self.tried[a]).total_cmp(&least(&self.tried[b])))
+            let Some(best) = (0..self.tried.len()).min_by(|&a, &b| self.tried[a].cost.total_cmp(&self.tried[b].cost))
             else {
                 return Ok(settled);
             };
@@ -323,18 +314,17 @@ impl<'a> Race<'a> {
             let off = (a.measured.quality.psnr_db() - least).abs();
             off <= half_width_db(&a.measured.quality)
         });
-        let quality = matches!(self.contract.utility(), Utility::Quality | Utility::Expression(_));
+        let quality = matches!(self.utility, Utility::Quality | Utility::Expression(_));
         limited || (quality && difference_db(&a.measured.quality, &b.measured.quality).1 > 0.0)
     }
 
-    fn finish(self, step: u64, next: &Promise) -> Result<Found, TrialError> {
+    fn finish(self, step: u64, next: &Promise) -> Found {
         let mut study = Study { step, rows: Vec::new(), best: None };
         for row in self.tried {
             study.add(row);
         }
-        let half_width_db = study.best.map_or(f64::NAN, |n| half_width_db(&study.rows[n].measured.quality));
         let left = if study.best.is_some() { next.improvement.max(0.0) } else { f64::NAN };
-        Ok(Found { study, left, half_width_db, hope: next.feasible })
+        Found { study, left, hope: next.feasible }
     }
 }
 

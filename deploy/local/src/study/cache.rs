@@ -4,7 +4,7 @@
 //! out and its trial measured again.
 
 use anyhow::Context;
-use lamina_model::{GenerationParams, Quality, SamplePlan, Scene, ViewError, Volume};
+use lamina_model::{GenerationParams, ParamsKey, Quality, SamplePlan, Scene, ViewError, Volume};
 use lamina_tuner::trial::Cost;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -104,14 +104,7 @@ impl From<Line> for Trial {
 /// Trials by their parameters; in a file, or in memory only.
 pub struct Cache {
     file: Option<(PathBuf, File)>,
-    trials: HashMap<Key, Trial>,
-}
-
-/// Parameters as something to look up by.
-type Key = (u32, u64, u64, u64);
-
-fn key(p: &GenerationParams) -> Key {
-    (p.resolution(), p.gamma().to_bits(), p.opacity_cutoff().to_bits(), p.step_voxels().to_bits())
+    trials: HashMap<ParamsKey, Trial>,
 }
 
 /// What the trials of one file have in common, as 16 hexadecimal digits.
@@ -165,13 +158,13 @@ impl Cache {
             fs::create_dir_all(folder).with_context(unable)?;
         }
         let file = OpenOptions::new().create(true).append(true).open(path).with_context(unable)?;
-        let trials = good.iter().filter_map(|line| parse(line)).map(|t| (key(&t.params), t)).collect();
+        let trials = good.iter().filter_map(|line| parse(line)).map(|t| (t.params.key(), t)).collect();
         Ok(Self { file: Some((path.to_owned(), file)), trials })
     }
 
     /// What was measured of `params`.
     pub fn get(&self, params: &GenerationParams) -> Option<&Trial> {
-        self.trials.get(&key(params))
+        self.trials.get(&params.key())
     }
 
     /// Keeps a trial; a later one of the same parameters replaces it.
@@ -184,7 +177,7 @@ impl Cache {
             let line = format!("{:08x} {json}\n", crc32fast::hash(json.as_bytes()));
             file.write_all(line.as_bytes()).with_context(|| format!("{}: cannot be written", path.display()))?;
         }
-        self.trials.insert(key(&trial.params), trial);
+        self.trials.insert(trial.params.key(), trial);
         Ok(())
     }
 }

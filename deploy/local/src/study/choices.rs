@@ -55,8 +55,13 @@ fn ms_at_least(all: &[Measured]) -> f64 {
 
 /// The row of least cost under `contract`; `None` if no row keeps it.
 pub fn best(rows: &[Row], contract: &Contract) -> Option<usize> {
-    let cost = |n: &usize| contract.cost(&rows[*n].measured);
-    (0..rows.len()).filter(|n| cost(n) < f64::INFINITY).min_by(|a, b| cost(a).total_cmp(&cost(b)))
+    let costs = rows.iter().map(|r| contract.cost(&r.measured)).enumerate();
+    costs.filter(|(_, cost)| *cost < f64::INFINITY).min_by(|a, b| a.1.total_cmp(&b.1)).map(|(n, _)| n)
+}
+
+/// By which share a row exceeds the limit on size or time: 0.1 is a tenth; negative if it keeps it.
+pub fn excess(contract: &Contract, row: &Row) -> f64 {
+    contract.excess(&row.measured.cost, f64::NAN).exp() - 1.0
 }
 
 /// Parameters chosen on one step, used on another: the paper's Table 1.
@@ -76,9 +81,9 @@ pub struct Transfer<'a> {
 }
 
 impl Transfer<'_> {
-    /// By which share the limit is exceeded: 0.1 is a tenth; negative if it is kept.
+    /// By which share the limit is exceeded; see [`excess`].
     pub fn excess(&self) -> f64 {
-        self.contract.excess(&self.used.measured.cost, f64::NAN).exp() - 1.0
+        excess(self.contract, self.used)
     }
 
     /// Decibels below what would have been chosen there; negative if the transfer is better because it breaks the limit.

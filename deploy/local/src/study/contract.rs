@@ -1,14 +1,13 @@
 //! `lamina tune`: the best parameters of one step under a contract, with a few trials.
 
 use super::cache::Cache;
-use super::{Local, sample_plan, scene_of};
+use super::{Local, sample_plan};
 use crate::cli;
-use crate::parts::prepare;
-use crate::process;
-use crate::source::read_options;
-use anyhow::ensure;
+use crate::parts::{read_step, with_step};
+use crate::process::Used;
+use crate::source::{read_options, scene_of};
 use lamina_generator_node::kernel::Backend;
-use lamina_model::{GenerationParams, SamplePlan, Scene};
+use lamina_model::{GenerationParams, SamplePlan};
 use lamina_read::Series;
 use lamina_tuner::Contract;
 use lamina_tuner::interval::half_width_db;
@@ -22,29 +21,20 @@ pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
     let contract = &arguments.contract;
     let input = &arguments.input;
     let series = Series::open(&input.input, &read_options(&input.raw))?;
-    let (n, steps) = (input.time_step, series.len());
-    ensure!(n < steps, "--time-step {n}: {} has {steps} steps, counted from 0", input.input.display());
-    let mut scene = scene_of(&series, input.scene.as_deref())?;
-    if let Some(step_voxels) = input.step {
-        scene = Scene { step_voxels, ..scene }.check()?;
-    }
-    let volume = series.read(n)?;
-    let backends = (Backend::open(arguments.input.backend)?, viz::Backend::open(arguments.input.backend)?);
-    let step = arguments.input.time_step as u64;
-    let field = prepare(volume, &scene);
+    let volume = read_step(&series, input)?;
+    let scene = with_step(scene_of(&series, input.scene.as_deref())?, input)?;
+    let backends = (Backend::open(input.backend)?, viz::Backend::open(input.backend)?);
     let plan = SamplePlan { angles_deg: contract.angles_deg().unwrap_or(sample_plan().angles_deg), ..sample_plan() };
-    let reference = backends.0.reference_samples(&field, &plan, step)?;
-    let mut trial = Local::new(step, field, backends.0, backends.1, reference, Cache::in_memory());
+    let mut trial = Local::new(input.time_step as u64, volume, &scene, &backends, &plan, Cache::in_memory())?;
     let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
-    let before = process::cpu_time();
+    let before = Used::now();
     let runtime = tokio::runtime::Builder::new_current_thread().build()?;
     let all = runtime.block_on(candidates(&mut trial, &arguments.grid, &base))?;
     let found =
         runtime.block_on(search(&mut trial, contract, &all, None, |row| println!("  {}", line(contract, row))))?;
-    let used = process::cpu_time().zip(before).map(|(now, before)| now.saturating_sub(before).as_secs_f64());
     println!("contract   {contract}");
     verdict(contract, &found)?;
-    let time = used.map_or_else(String::new, |s| format!(", {s:.1} s of processor time"));
+    let time = before.secs().map_or_else(String::new, |s| format!(", {s:.1} s of processor time"));
     println!("trials     {} of {} candidates{time}", found.study.rows.len(), all.len());
     Ok(())
 }
@@ -87,8 +77,9 @@ fn verdict(contract: &Contract, found: &Found) -> anyhow::Result<()> {
     };
     more(size);
     more(time.filter(|t| size.is_none_or(|s| s.row != t.row)));
-    println!("front      {} of the trials are beaten by no other:", front(rows).len());
-    for n in front(rows) {
+    let front = front(rows);
+    println!("front      {} of the trials are beaten by no other:", front.len());
+    for n in front {
         println!("  {}", line(contract, &rows[n]));
     }
     Ok(())

@@ -1,9 +1,10 @@
 //! Trials in this process: both nodes' kernels on one step, without sockets.
 
 use super::cache::{Cache, Spent, Trial as Recorded};
+use crate::parts::prepare;
 use crate::process;
 use lamina_generator_node::kernel::{Backend, Field};
-use lamina_model::{GenerationParams, Invalid, Quality, ReferenceSamples, Vdi};
+use lamina_model::{GenerationParams, Invalid, Quality, ReferenceSamples, SamplePlan, Scene, Vdi, Volume};
 use lamina_tuner::trial::{Cost, Measured, Trial, TrialError};
 use lamina_viz_node::kernel::{self as viz, PreparedVdi};
 use lamina_wire::codec::{self, DecodeLimits, EncodeOptions};
@@ -17,23 +18,27 @@ pub struct Local {
     backend: Backend,
     viewer: viz::Backend,
     reference: ReferenceSamples,
-    options: EncodeOptions,
     cache: Cache,
     /// The VDI measured last, for further batches.
     held: Option<(GenerationParams, PreparedVdi<Arc<Vdi>>)>,
 }
 
 impl Local {
-    /// Trials of `step` on `field`, against `reference`.
+    /// Trials of `step`, which is `volume` under `scene`, on the pixels of `plan`.
+    ///
+    /// # Errors
+    /// If those cannot be cast.
     pub fn new(
         step: u64,
-        field: Field,
-        backend: Backend,
-        viewer: viz::Backend,
-        reference: ReferenceSamples,
+        volume: Volume,
+        scene: &Scene,
+        backends: &(Backend, viz::Backend),
+        plan: &SamplePlan,
         cache: Cache,
-    ) -> Self {
-        Self { step, field, backend, viewer, reference, options: EncodeOptions::default(), cache, held: None }
+    ) -> Result<Self, Invalid> {
+        let (field, (backend, viewer)) = (prepare(volume, scene), backends.clone());
+        let reference = backend.reference_samples(&field, plan, step)?;
+        Ok(Self { step, field, backend, viewer, reference, cache, held: None })
     }
 
     /// What has been measured so far, with what measuring took.
@@ -50,19 +55,16 @@ impl Local {
     fn generate(&mut self, params: &GenerationParams) -> Result<(Cost, Spent), Invalid> {
         let start = clock();
         let (vdi, generation_time) = self.backend.generate(&self.field, params)?;
-        let generated = (clock(), Instant::now());
-        let supersegments = vdi.segments().len() as u64;
-        let bytes = codec::encode(&vdi, &self.options).map_err(|e| Invalid::new("vdi", e.to_string()))?;
-        let (encode_time, encoded) = (generated.1.elapsed(), clock());
-        drop(vdi);
+        let generated = clock();
+        let (bytes, cost) = encode(vdi, generation_time)?;
+        let encoded = clock();
         let decoded =
             codec::decode(&bytes, &DecodeLimits::default()).map_err(|e| Invalid::new("vdi", e.to_string()))?;
         self.held = Some((*params, PreparedVdi::new(Arc::new(decoded))));
-        let cost = Cost { size_bytes: bytes.len() as u64, generation_time, encode_time, supersegments };
         let ns = |from: Duration, to: Duration| to.saturating_sub(from).as_nanos() as u64;
         let spent = Spent {
-            generate_ns: ns(start, generated.0),
-            encode_ns: ns(generated.0, encoded),
+            generate_ns: ns(start, generated),
+            encode_ns: ns(generated, encoded),
             decode_ns: ns(encoded, clock()),
             quality_ns: 0,
         };
@@ -97,6 +99,14 @@ impl Local {
     }
 }
 
+/// Its bytes, with what they cost.
+fn encode(vdi: Vdi, generation_time: Duration) -> Result<(Vec<u8>, Cost), Invalid> {
+    let start = Instant::now();
+    let bytes = codec::encode(&vdi, &EncodeOptions::default()).map_err(|e| Invalid::new("vdi", e.to_string()))?;
+    let (size_bytes, supersegments) = (bytes.len() as u64, vdi.segments().len() as u64);
+    Ok((bytes, Cost { size_bytes, generation_time, encode_time: start.elapsed(), supersegments }))
+}
+
 fn measured(trial: &Recorded) -> Measured {
     Measured { cost: trial.cost, quality: trial.quality.clone() }
 }
@@ -120,13 +130,7 @@ impl Trial for Local {
         let start = Instant::now();
         let vdis = self.backend.generate_all(&self.field, params, gammas)?;
         let generation_time = start.elapsed();
-        let cost = |vdi: Vdi| {
-            let start = Instant::now();
-            let bytes = codec::encode(&vdi, &self.options).map_err(|e| Invalid::new("vdi", e.to_string()))?;
-            let supersegments = vdi.segments().len() as u64;
-            Ok(Cost { size_bytes: bytes.len() as u64, generation_time, encode_time: start.elapsed(), supersegments })
-        };
-        vdis.into_iter().map(cost).collect()
+        vdis.into_iter().map(|vdi| Ok(encode(vdi, generation_time)?.1)).collect()
     }
 
     async fn measure(

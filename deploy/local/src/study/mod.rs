@@ -16,9 +16,7 @@ pub use contract::tune as contract;
 pub use local::Local;
 
 use crate::cli;
-use crate::parts::prepare;
-use crate::scene_file::scene_for;
-use crate::source::read_options;
+use crate::source::{read_options, scene_of};
 use anyhow::{Context, ensure};
 use cache::Cache;
 use choices::Limits;
@@ -48,16 +46,6 @@ pub struct Measured {
 /// Where study measures: the paper's views and picture, one pixel in 16.
 pub fn sample_plan() -> SamplePlan {
     SamplePlan { batches: 64, ..SamplePlan::default() }
-}
-
-/// The scene of a series: chosen from its first, middle and last step, as `replay` does.
-fn scene_of(series: &Series, file: Option<&Path>) -> anyhow::Result<Scene> {
-    let last = series.len() - 1;
-    let mut steps = vec![0, last / 2, last];
-    steps.dedup();
-    let read = |n| series.read(n).with_context(|| format!("{}, step {n}", series.name()));
-    let volumes = steps.into_iter().map(read).collect::<anyhow::Result<Vec<Volume>>>()?;
-    scene_for(file, &volumes.iter().collect::<Vec<_>>())
 }
 
 /// `lamina study`.
@@ -109,9 +97,7 @@ fn open(
     let backend = format!("{:?}", std::mem::discriminant(&backends.0));
     let fingerprint = cache::fingerprint(&volume, scene, &plan, &backend)?;
     let cache = Cache::open(&out.join("cache").join(format!("{name}-{step}-{fingerprint}.jsonl")))?;
-    let field = prepare(volume, scene);
-    let reference = backends.0.reference_samples(&field, &plan, step)?;
-    Ok(Local::new(step, field, backends.0.clone(), backends.1.clone(), reference, cache))
+    Ok(Local::new(step, volume, scene, backends, &plan, cache)?)
 }
 
 /// Every candidate of `grid`.

@@ -1,10 +1,10 @@
 //! The search beside the exhaustive study: it asks for trials that the study has measured, and each is charged the processor
 //! time that measuring it took. So both see the same noise, and a limit on time is kept or broken by the same figure.
 
-use super::choices::best;
+use super::choices::{best, excess};
 use super::{Local, Measured};
-use crate::process;
-use lamina_model::{GenerationParams, Invalid, Quality, ViewError};
+use crate::process::Used;
+use lamina_model::{GenerationParams, Invalid, ParamsKey};
 use lamina_tuner::Contract;
 use lamina_tuner::search::search;
 use lamina_tuner::trial::{self, Cost, Trial, TrialError};
@@ -38,35 +38,39 @@ impl Outcome {
         self.best.as_ref().zip(self.found.as_ref()).map(|(best, found)| db(best) - db(found))
     }
 
-    /// By which share the search's choice exceeds the limit; negative if it keeps it.
+    /// By which share the search's choice exceeds the limit; see [`excess`].
     pub fn excess(&self) -> Option<f64> {
-        self.found.as_ref().map(|row| self.contract.excess(&row.measured.cost, f64::NAN).exp() - 1.0)
+        self.found.as_ref().map(|row| excess(&self.contract, row))
     }
 }
 
 /// Answers from what was measured.
 struct Replay<'a> {
-    step: u64,
-    study: &'a Local,
-    /// Processor time of the march that gives sizes, seconds.
-    march_secs: f64,
-    batches: u32,
+    study: &'a mut Local,
+    /// Processor time of the march that gives sizes, seconds, once it was made.
+    march_secs: &'a mut Option<f64>,
     /// Batches given so far.
-    given: HashMap<(u32, u64), u32>,
+    given: HashMap<ParamsKey, u32>,
     spent_secs: f64,
 }
 
 impl Trial for Replay<'_> {
     fn step(&self) -> u64 {
-        self.step
+        self.study.step()
     }
 
     fn batches(&self) -> u32 {
-        self.batches
+        self.study.batches()
     }
 
     async fn sizes(&mut self, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {
-        self.spent_secs += self.march_secs;
+        // No exhaustive study has a figure for it: it is made once.
+        if self.march_secs.is_none() {
+            let before = Used::now();
+            self.study.sizes(params, gammas).await?;
+            *self.march_secs = Some(before.secs().unwrap_or(0.0));
+        }
+        self.spent_secs += self.march_secs.unwrap_or(0.0);
         let cost = |gamma: &f64| {
             let trial = self.study.cache().get(&params.with_gamma(*gamma)?);
             trial.map(|t| t.cost).ok_or_else(|| Invalid::new("trial", "was not measured").into())
@@ -86,7 +90,7 @@ impl Trial for Replay<'_> {
 impl Replay<'_> {
     fn one(&mut self, params: &GenerationParams, batches: u32) -> Result<trial::Measured, Invalid> {
         let trial = self.study.cache().get(params).ok_or_else(|| Invalid::new("trial", "was not measured"))?;
-        let (spent, key) = (&trial.spent, (params.resolution(), params.gamma().to_bits()));
+        let (spent, key) = (&trial.spent, params.key());
         let before = self.given.get(&key).copied();
         let all = trial.quality.batches() as u32;
         let wanted = batches.min(all).max(before.unwrap_or(0));
@@ -100,14 +104,7 @@ impl Replay<'_> {
         ns += spent.quality_ns as f64 * f64::from(wanted - before.unwrap_or(0)) / f64::from(all.max(1));
         self.spent_secs += 1e-9 * ns;
         self.given.insert(key, wanted);
-        let view =
-            |v: &ViewError| ViewError { angle_deg: v.angle_deg, batch_mse: v.batch_mse[..wanted as usize].to_vec() };
-        let quality = if wanted == 0 {
-            Quality::default()
-        } else {
-            Quality { views: trial.quality.views.iter().map(view).collect() }
-        };
-        Ok(trial::Measured { cost: trial.cost, quality })
+        Ok(trial::Measured { cost: trial.cost, quality: trial.quality.first(wanted as usize) })
     }
 }
 
@@ -116,20 +113,19 @@ pub fn outcomes(all: &mut [Measured], contracts: &[&Contract]) -> anyhow::Result
     let runtime = tokio::runtime::Builder::new_current_thread().build()?;
     let mut outcomes = Vec::new();
     for m in all {
-        let march_secs = march(&runtime, m)?;
+        let mut march_secs = None;
         let candidates: Vec<GenerationParams> = m.rows.iter().map(|r| r.params).collect();
         let spent = candidates.iter().filter_map(|p| m.trial.cache().get(p));
         let exhaustive_secs = spent.map(|t| t.spent.secs()).sum();
         for contract in contracts {
-            let (step, batches) = (m.step, m.trial.batches());
-            let mut replay =
-                Replay { step, study: &m.trial, march_secs, batches, given: HashMap::new(), spent_secs: 0.0 };
+            let (study, march_secs) = (&mut m.trial, &mut march_secs);
+            let mut replay = Replay { study, march_secs, given: HashMap::new(), spent_secs: 0.0 };
             let found = runtime.block_on(search(&mut replay, contract, &candidates, None, |_| {}))?;
             let chosen = found.study.best.map(|n| found.study.rows[n].params);
             let measured = |p| m.rows.iter().find(|r| r.params == p).cloned();
             outcomes.push(Outcome {
                 name: m.name.clone(),
-                step,
+                step: m.step,
                 contract: (*contract).clone(),
                 best: best(&m.rows, contract).map(|n| m.rows[n].clone()),
                 found: chosen.and_then(measured),
@@ -140,18 +136,6 @@ pub fn outcomes(all: &mut [Measured], contracts: &[&Contract]) -> anyhow::Result
         }
     }
     Ok(outcomes)
-}
-
-/// Processor time of the search's march, which no exhaustive study has a figure for: measured now.
-fn march(runtime: &tokio::runtime::Runtime, m: &mut Measured) -> anyhow::Result<f64> {
-    let lowest = m.rows.iter().map(|r| r.params.resolution()).min().unwrap_or(0);
-    let row: Vec<GenerationParams> = m.rows.iter().map(|r| r.params).filter(|p| p.resolution() == lowest).collect();
-    let every = row.len().div_ceil(12).max(1);
-    let gammas: Vec<f64> = row.iter().step_by(every).map(GenerationParams::gamma).collect();
-    let before = process::cpu_time();
-    runtime.block_on(m.trial.sizes(&row[0], &gammas))?;
-    let used = process::cpu_time().zip(before).map(|(now, before)| now.saturating_sub(before).as_secs_f64());
-    Ok(used.unwrap_or(0.0))
 }
 
 /// The searches in one sentence.
