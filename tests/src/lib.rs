@@ -3,7 +3,7 @@
 pub mod processes;
 
 use glam::DVec3;
-use lamina_model::{Camera, ControlPoint, Grid, ScalarRange, Scale, Scene, TransferFunction, Volume, Voxels};
+use lamina_model::{Camera, ControlPoint, Effects, Grid, ScalarRange, Scale, Scene, TransferFunction, Volume, Voxels};
 
 /// A volume of `n`^3 voxels over [-1, 1]^3 with value `f(position)`.
 ///
@@ -37,7 +37,7 @@ pub fn transfer(unit_length: f64, points: &[(f64, [f64; 3], f64)]) -> TransferFu
 /// Never.
 pub fn front_scene(transfer: TransferFunction) -> Scene {
     let camera = Camera::new(4.0 * DVec3::Z, DVec3::ZERO, DVec3::Y, 40.0).expect("a valid camera");
-    Scene { transfer, camera, background: [0.0; 3], step_voxels: 0.5 }
+    Scene { transfer, camera, background: [0.0; 3], step_voxels: 0.5, effects: Effects::default() }
 }
 
 /// Clumps of different size and value in [-1, 1]^3: smooth, with occlusion from every side.

@@ -6,7 +6,7 @@
 use glam::DVec3;
 use lamina_device::{Choice, testing};
 use lamina_model::{
-    Aabb, Camera, ControlPoint, GenerationParams, ReferenceSamples, SamplePlan, ScalarRange, Scale, Scene,
+    Aabb, Camera, ControlPoint, Effects, GenerationParams, ReferenceSamples, SamplePlan, ScalarRange, Scale, Scene,
     Supersegment, TransferFunction, Vdi, VdiHeader,
 };
 use lamina_viz_node::kernel::gpu::{GpuError, GpuKernels};
@@ -296,7 +296,8 @@ fn quality_is_the_processors() {
     let range = ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap();
     let points = [0.0, 1.0].map(|at| ControlPoint { at, color: [1.0; 3], opacity: 0.1 });
     let transfer = TransferFunction::new(range, None, points.to_vec()).unwrap();
-    let scene = Scene { transfer, camera: outside(), background: [0.0; 3], step_voxels: 0.5 };
+    let scene =
+        Scene { transfer, camera: outside(), background: [0.0; 3], step_voxels: 0.5, effects: Effects::default() };
     let colors = vec![vec![[0.3, 0.4, 0.5]; plan.samples_per_view()]; 2];
     let reference = ReferenceSamples { step: 0, plan, scene, colors };
     let (on_gpu, on_cpu) = (Backend::Gpu(Arc::new(kernels)), Backend::open(Choice::Cpu).unwrap());

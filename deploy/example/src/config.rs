@@ -27,6 +27,14 @@ pub struct Config {
     pub courant: f64,
     /// What lies beyond the faces of the box.
     pub boundary: Boundary,
+    /// Acceleration, up to 1000 in size; none by default, like all terms below: a term that is off costs nothing.
+    pub gravity: [f64; 3],
+    /// Decay rate of internal energy in gas of density 1, up to 1000.
+    pub cooling: f64,
+    /// Dynamic viscosity, up to 1.
+    pub viscosity: f64,
+    /// Follows the gas that was in the blast.
+    pub tracer: bool,
 }
 
 impl Default for Config {
@@ -39,6 +47,10 @@ impl Default for Config {
             interval: 0.004,
             courant: 0.8,
             boundary: Boundary::Outflow,
+            gravity: [0.0; 3],
+            cooling: 0.0,
+            viscosity: 0.0,
+            tracer: false,
         }
     }
 }
@@ -59,6 +71,9 @@ impl Config {
             ("gamma", self.gamma, 1.05, 3.0),
             ("interval", self.interval, 1e-6, 1.0),
             ("courant", self.courant, 0.05, 0.9),
+            ("gravity", self.gravity.iter().map(|g| g * g).sum::<f64>().sqrt(), 0.0, 1e3),
+            ("cooling", self.cooling, 0.0, 1e3),
+            ("viscosity", self.viscosity, 0.0, 1.0),
         ];
         for (name, value, least, most) in ranges {
             // A NaN is in no range.

@@ -5,8 +5,11 @@
 //! A split scheme is stable up to Courant number 1 on each axis by itself, which an unsplit one is not.
 
 use crate::config::Config;
-use crate::state::{Block, GasLaw, LANES, Lanes, Primitive, QUANTITIES, Repairs, State, conserved, most, primitives};
+use crate::state::{
+    Block, DENSITY, GasLaw, LANES, Lanes, Primitive, QUANTITIES, Repairs, State, conserved, most, primitives,
+};
 use crate::sweep::{Line, Sweep};
+use crate::terms::{self, Tracer};
 use rayon::prelude::*;
 
 /// Each second order is the one before it, reversed.
@@ -26,6 +29,7 @@ pub(crate) struct Gas {
     config: Config,
     cycles: u64,
     repairs: Repairs,
+    tracer: Option<Tracer>,
 }
 
 impl Gas {
@@ -48,7 +52,19 @@ impl Gas {
                 }
             }
         });
-        Self { state, spare, law, config: *config, cycles: 0, repairs: Repairs::default() }
+        Self { state, spare, law, config: *config, cycles: 0, repairs: Repairs::default(), tracer: None }
+    }
+
+    /// Follows the gas of the cells for which `share` gives more than 0.
+    pub(crate) fn follow(&mut self, share: impl Fn([f64; 3]) -> f64) {
+        let [nx, ny, nz] = self.state.shape();
+        let center = |i: usize, n: usize| (i as f64 + 0.5 - 0.5 * n as f64) * self.config.spacing();
+        let at = |n: usize| [center(n % nx, nx), center(n / nx % ny, ny), center(n / (nx * ny), nz)];
+        self.tracer = Some(Tracer::new((0..nx * ny * nz).map(|n| share(at(n)) as f32).collect()));
+    }
+
+    pub(crate) fn tracer(&self) -> Option<&Tracer> {
+        self.tracer.as_ref()
     }
 
     pub(crate) fn state(&self) -> &State {
@@ -62,7 +78,13 @@ impl Gas {
     /// The longest stable time step.
     pub(crate) fn stable_dt(&self) -> f64 {
         let caution = if self.cycles < CAUTIOUS_CYCLES { CAUTION } else { 1.0 };
-        caution * self.config.courant * self.config.spacing() / f64::from(self.fastest_wave())
+        let waves = caution * self.config.courant * self.config.spacing() / f64::from(self.fastest_wave());
+        if self.config.viscosity == 0.0 {
+            return waves;
+        }
+        // Diffusion along three axes is stable while a sixth of the velocity's difference is given away at most.
+        let least = self.state.component(DENSITY, 0..self.state.shape()[2]).into_iter().fold(f32::MAX, f32::min);
+        waves.min(f64::from(least) * self.config.spacing().powi(2) / (6.0 * self.config.viscosity))
     }
 
     /// One time step of every cell.
@@ -72,6 +94,20 @@ impl Gas {
             let sweep = Sweep { axis, dt_dx, law: self.law, boundary: self.config.boundary };
             self.repairs += sweep.run(&self.state, &mut self.spare);
             std::mem::swap(&mut self.state, &mut self.spare);
+        }
+        let config = &self.config;
+        if config.viscosity > 0.0 {
+            terms::rub(&self.state, &mut self.spare, config, dt);
+            std::mem::swap(&mut self.state, &mut self.spare);
+        }
+        if config.gravity != [0.0; 3] {
+            terms::fall(&mut self.state, config.gravity, dt);
+        }
+        if config.cooling > 0.0 {
+            terms::cool(&mut self.state, config.cooling, dt);
+        }
+        if let Some(tracer) = &mut self.tracer {
+            tracer.carry(&self.state, config, dt);
         }
         self.cycles += 1;
     }

@@ -6,6 +6,7 @@
 //! - `riemann`: the HLLC flux (Toro, *Riemann Solvers and Numerical Methods for Fluid Dynamics*, 3rd ed., chapter 10);
 //! - `sweep`: MUSCL-Hancock along one axis (Toro, chapter 14.4), second order, first order where that would turn negative;
 //! - `gas`: the three axes put together by Strang splitting (Toro, chapter 16; Strang 1968), and the time step;
+//! - `terms`: gravity, cooling, viscosity and a tracer, each only in runs that ask for it;
 //! - `state`: how the five conserved quantities lie in memory, and floors;
 //! - `setup`: the blast and its clumps.
 //!
@@ -41,6 +42,7 @@ mod riemann;
 mod setup;
 mod state;
 mod sweep;
+mod terms;
 
 #[cfg(test)]
 mod tests;
@@ -71,7 +73,10 @@ impl Simulation {
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         config.check()?;
         let scene = setup::Scene::new(&config);
-        let gas = Gas::new([config.cells; 3], &config, |position| scene.at(position));
+        let mut gas = Gas::new([config.cells; 3], &config, |position| scene.at(position));
+        if config.tracer {
+            gas.follow(|position| scene.blast_share(position));
+        }
         let initial_energy = gas.total(state::ENERGY);
         Ok(Self { config, gas, step: 0, cycles: 0, initial_energy })
     }
@@ -137,6 +142,12 @@ impl Simulation {
     /// If `z` goes beyond the last layer or ends before it starts.
     pub fn density_slab(&self, z: Range<usize>) -> Vec<f32> {
         self.gas.state().component(state::DENSITY, z)
+    }
+
+    /// The share of each cell's gas that was in the blast, 0 to 1, ordered as [`Simulation::density`]; `None` unless the run
+    /// follows it.
+    pub fn tracer(&self) -> Option<&[f32]> {
+        self.gas.tracer().map(terms::Tracer::values)
     }
 
     /// The share of the initial energy that is still in the box. Constant (to rounding) until the blast meets the

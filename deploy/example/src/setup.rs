@@ -61,16 +61,20 @@ impl Scene {
     /// rho, u, v, w, p at a position in the box.
     pub(crate) fn at(&self, position: [f64; 3]) -> Primitive {
         let density = self.clumps.iter().fold(1.0_f64, |density, clump| density.max(clump.density_at(position)));
+        let pressure = AMBIENT_PRESSURE + (BLAST_PRESSURE - AMBIENT_PRESSURE) * self.blast_share(position);
+        [density, 0.0, 0.0, 0.0, pressure]
+    }
+
+    /// How far a position lies in the blast: 1 inside, 0 outside.
+    pub(crate) fn blast_share(&self, position: [f64; 3]) -> f64 {
         let offset = difference(position, self.blast);
         let distance = length(offset);
         let direction = offset.map(|c| c / distance.max(1e-9));
         if distance > self.blast_reach {
-            return [density, 0.0, 0.0, 0.0, AMBIENT_PRESSURE];
+            return 0.0;
         }
         let dent: f64 = self.bumps.iter().map(|b| b.height * (dot(b.wave, direction) + b.phase).sin()).sum();
-        let inside = 1.0 - ramp((distance - BLAST_RADIUS * (1.0 + dent)) / BLAST_EDGE + 0.5);
-        let pressure = AMBIENT_PRESSURE + (BLAST_PRESSURE - AMBIENT_PRESSURE) * inside;
-        [density, 0.0, 0.0, 0.0, pressure]
+        1.0 - ramp((distance - BLAST_RADIUS * (1.0 + dent)) / BLAST_EDGE + 0.5)
     }
 }
 

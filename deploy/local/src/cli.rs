@@ -63,8 +63,19 @@ pub struct Live {
     /// Which clumps: another number, another field
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Terms of the example simulation beyond the gas itself; a tracer is watched instead of density
+    #[arg(long, value_name = "TERM,..", value_delimiter = ',')]
+    pub terms: Vec<Term>,
     #[command(flatten)]
     pub watch: Watch,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum Term {
+    Gravity,
+    Cooling,
+    Viscosity,
+    Tracer,
 }
 
 #[derive(Args)]

@@ -1,7 +1,7 @@
 //! Scene files: what they leave out is chosen to suit the data.
 
 use anyhow::Context;
-use lamina_model::{Camera, GenerationParams, Invalid, Scene, TransferFunction, Volume, suggest};
+use lamina_model::{Camera, Effects, GenerationParams, Invalid, Scene, TransferFunction, Volume, suggest};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -14,6 +14,8 @@ struct SceneFile {
     #[serde(default)]
     background: [f32; 3],
     step_voxels: Option<f64>,
+    #[serde(default)]
+    effects: Effects,
 }
 
 /// The scene in `file`, completed for `volumes`, or all of it chosen for them.
@@ -32,6 +34,7 @@ pub fn scene_for(file: Option<&Path>, volumes: &[&Volume]) -> anyhow::Result<Sce
             camera: stated.camera.unwrap_or(suggested.camera),
             background: stated.background,
             step_voxels: stated.step_voxels.unwrap_or(GenerationParams::DEFAULT_STEP_VOXELS),
+            effects: stated.effects,
         }
         .check()
     };

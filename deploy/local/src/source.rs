@@ -5,7 +5,7 @@ use crate::scene_file::scene_for;
 use anyhow::Context;
 use glam::DVec3;
 use lamina_example::{Config, Simulation};
-use lamina_model::{ControlPoint, Grid, ScalarRange, Scale, Scene, TransferFunction, Volume, Voxels, suggest};
+use lamina_model::{ControlPoint, Effects, Grid, ScalarRange, Scale, Scene, TransferFunction, Volume, Voxels, suggest};
 use lamina_read::{Options, RawSpec, Series};
 use std::path::Path;
 
@@ -33,20 +33,29 @@ pub struct Example {
 
 impl Example {
     /// A blast on `cells`^3 cells.
-    pub fn new(cells: usize, seed: u64, scene_file: Option<&Path>) -> anyhow::Result<Self> {
-        let simulation = Simulation::new(Config { cells, seed, ..Config::default() })?;
-        let mut scene = example_scene(&simulation)?;
-        if scene_file.is_some() {
-            scene = scene_for(scene_file, &[&density(&simulation)?])?;
+    pub fn new(cells: usize, seed: u64, terms: &[cli::Term], scene_file: Option<&Path>) -> anyhow::Result<Self> {
+        let mut config = Config { cells, seed, ..Config::default() };
+        for term in terms {
+            match term {
+                cli::Term::Gravity => config.gravity = [0.0, -20.0, 0.0],
+                cli::Term::Cooling => config.cooling = 2.0,
+                cli::Term::Viscosity => config.viscosity = 0.01,
+                cli::Term::Tracer => config.tracer = true,
+            }
         }
+        let simulation = Simulation::new(config)?;
+        let chosen = scene_file.is_some() || config.tracer;
+        let scene = if chosen { scene_for(scene_file, &[&shown(&simulation)?])? } else { example_scene(&simulation)? };
         Ok(Self { simulation, started: false, elapsed: 0.0, scene })
     }
 }
 
-fn density(simulation: &Simulation) -> anyhow::Result<Volume> {
+/// The tracer of a run that has one, else density.
+fn shown(simulation: &Simulation) -> anyhow::Result<Volume> {
     let (h, o) = (simulation.spacing(), simulation.origin());
     let grid = Grid::new([simulation.cells(); 3], DVec3::splat(h), DVec3::splat(o))?;
-    Ok(Volume::new(grid, Voxels::F32(simulation.density()))?)
+    let voxels = simulation.tracer().map_or_else(|| simulation.density(), <[f32]>::to_vec);
+    Ok(Volume::new(grid, Voxels::F32(voxels))?)
 }
 
 /// Density over four decades: the hot cavity a thin blue, undisturbed gas (density 1) clear, the swept-up shell red, clumps
@@ -64,9 +73,9 @@ fn example_scene(simulation: &Simulation) -> anyhow::Result<Scene> {
         point(1.0, [1.0, 1.0, 1.0], 0.9),
     ];
     let transfer = TransferFunction::new(ScalarRange::new(0.01, 100.0, Scale::Log10)?, Some(1.0 / 24.0), points)?;
-    let volume = density(simulation)?;
+    let volume = shown(simulation)?;
     let camera = suggest::suggest_camera(&volume.grid().bounds())?;
-    Ok(Scene { transfer, camera, background: [0.0; 3], step_voxels: 0.5 })
+    Ok(Scene { transfer, camera, background: [0.0; 3], step_voxels: 0.5, effects: Effects::default() })
 }
 
 impl Source for Example {
@@ -74,7 +83,7 @@ impl Source for Example {
         "blast"
     }
     fn field(&self) -> &str {
-        "density"
+        if self.simulation.tracer().is_some() { "blast gas" } else { "density" }
     }
     fn len(&self) -> Option<u64> {
         None
@@ -93,7 +102,7 @@ impl Source for Example {
             self.simulation.advance();
         }
         self.started = true;
-        Ok(Some((self.elapsed + self.simulation.time(), density(&self.simulation)?)))
+        Ok(Some((self.elapsed + self.simulation.time(), shown(&self.simulation)?)))
     }
 }
 

@@ -20,7 +20,7 @@ use std::time::Duration;
 pub fn live(arguments: &cli::Live) -> anyhow::Result<()> {
     let watch = &arguments.watch;
     ensure!(!watch.headless || watch.steps.is_some(), "live --headless never ends by itself; say how many --steps");
-    let mut source = Example::new(arguments.cells, arguments.seed, watch.scene.as_deref())?;
+    let mut source = Example::new(arguments.cells, arguments.seed, &arguments.terms, watch.scene.as_deref())?;
     // A live simulation does not wait for its viewer, unless every step is to be recorded.
     let policy = if watch.headless { FullPolicy::Block } else { FullPolicy::DropOldest };
     run(&mut source, watch, policy)

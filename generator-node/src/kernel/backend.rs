@@ -81,6 +81,10 @@ impl Backend {
         if !lanes::fits(field) {
             return gammas.iter().map(|&gamma| scalar::generate(field, &params.with_gamma(gamma)?)).collect();
         }
+        if field.effects().is_some() {
+            let one = |&gamma: &f64| lanes::generate(self.level(), field, &params.with_gamma(gamma)?);
+            return gammas.iter().map(one).collect();
+        }
         let mut order: Vec<usize> = (0..gammas.len()).collect();
         order.sort_by(|&a, &b| gammas[a].total_cmp(&gammas[b]));
         let mut vdis: Vec<Option<Vdi>> = gammas.iter().map(|_| None).collect();

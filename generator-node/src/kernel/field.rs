@@ -6,6 +6,8 @@
 //! logarithmic range all are mapped first: what is interpolated is the logarithm, so that a steep front keeps its
 //! decades. Voxels that are not finite are NaN, and any sample whose cell touches one is empty.
 
+use super::effects::Effects;
+use super::light::LightVolume;
 use super::skip::{self, SkipMap};
 use glam::DVec3;
 use half::f16;
@@ -25,6 +27,7 @@ pub struct Field {
     offset: f64,
     empty_voxels: u64,
     skip: SkipMap,
+    effects: Option<Effects>,
 }
 
 /// Scalars as they are kept for sampling, x fastest.
@@ -68,10 +71,19 @@ impl Field {
             _ => (1.0 / (range.hi() - range.lo()), (moved - range.lo()) / (range.hi() - range.lo())),
         };
         let unit = |x: f32| (scale * f64::from(x) + offset) as f32;
-        let skip = for_stored!(&stored.0, v => SkipMap::new(&grid, v, |lo, hi| {
-            !scene.transfer.is_transparent(unit(lo), unit(hi))
+        let surfaces: Vec<f32> =
+            scene.effects.isosurfaces.iter().map(|s| scene.transfer.range().unit_from_value(s.value)).collect();
+        // The ends of a step, or its middle once cut, may lie in the brick beside that of its middle.
+        let beside = scene.effects.pre_integrated || !surfaces.is_empty() || !scene.effects.half_spaces().is_empty();
+        let skip = for_stored!(&stored.0, v => SkipMap::new(&grid, v, beside, |lo, hi| {
+            let (lo, hi) = (unit(lo), unit(hi));
+            !scene.transfer.is_transparent(lo, hi) || surfaces.iter().any(|s| (lo..=hi).contains(s))
         }));
-        Self { id, grid, scene: scene.clone(), stored: stored.0, scale, offset, empty_voxels, skip }
+        let (scene, stored) = (scene.clone(), stored.0);
+        let mut field = Self { id, grid, scene, stored, scale, offset, empty_voxels, skip, effects: None };
+        field.effects =
+            Effects::new(&field.scene, &grid, |light| LightVolume::new(&grid, light, |p| field.extinction(p)));
+        field
     }
 
     /// Tells fields apart for as long as the process lives.
@@ -98,6 +110,10 @@ impl Field {
     pub fn skip(&self) -> &SkipMap {
         &self.skip
     }
+    /// What else the scene asks for.
+    pub fn effects(&self) -> Option<&Effects> {
+        self.effects.as_ref()
+    }
     /// Voxels that are NaN or infinite in the data, drawn as empty.
     pub fn empty_voxels(&self) -> u64 {
         self.empty_voxels
@@ -105,6 +121,14 @@ impl Field {
     /// World length that opacities refer to.
     pub fn unit_length(&self) -> f64 {
         self.scene.transfer.unit_length(&self.grid)
+    }
+
+    /// Extinction at `index`, per world length.
+    fn extinction(&self, index: DVec3) -> f64 {
+        if !self.skip.is_visible(index) {
+            return 0.0;
+        }
+        self.scene.transfer.classify(self.sample(index), self.unit_length()).extinction
     }
 
     /// `point` of the world in units of sample points.

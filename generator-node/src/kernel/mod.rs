@@ -11,9 +11,12 @@
 //! lists equal on 99 rays of 100. The lane levels agree among themselves to the bit: none fuses multiply and add.
 
 mod backend;
+mod count;
+mod effects;
 mod field;
 pub mod gpu;
 pub mod lanes;
+mod light;
 mod rows;
 pub mod scalar;
 mod skip;

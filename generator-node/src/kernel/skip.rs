@@ -39,12 +39,17 @@ impl Scalar for f16 {}
 impl Scalar for f32 {}
 
 impl SkipMap {
-    /// The map of `voxels` on `grid`, where `shows(lo, hi)` says whether anything from `lo` to `hi` is visible.
-    pub fn new<V: Scalar>(grid: &Grid, voxels: &[V], shows: impl Fn(f32, f32) -> bool + Sync) -> Self {
+    /// The map of `voxels` on `grid`, where `shows(lo, hi)` says whether anything from `lo` to `hi` is visible. With
+    /// `beside`, bricks beside a visible one count as visible too.
+    pub fn new<V: Scalar>(grid: &Grid, voxels: &[V], beside: bool, shows: impl Fn(f32, f32) -> bool + Sync) -> Self {
         // Cells are one fewer than voxels.
         let dims = grid.dims().map(|d| (d - 1).max(1).div_ceil(BRICK));
         let visible = visible(grid, dims, voxels, shows);
-        Self { dims, distances: distances(dims, visible) }
+        let mut distances = distances(dims, visible);
+        if beside {
+            distances.iter_mut().for_each(|d| *d = d.saturating_sub(1));
+        }
+        Self { dims, distances }
     }
 
     /// Bricks per axis.

@@ -70,3 +70,53 @@ fn bins(transfer: &TransferFunction) -> usize {
     let least = gaps.filter(|&g| g > 0.0).fold(1.0, f64::min);
     ((4.0 / least) as usize).clamp(MIN_BINS, MAX_BINS).next_power_of_two()
 }
+
+/// The transfer function integrated over its range: what a step shows whose scalar runs from one end to the other in a line.
+#[derive(Debug)]
+pub struct Integral {
+    /// Sums of optical depth x (red, green, blue, 1) of a whole step, row by row from the first; in units of rows.
+    pub sums: Vec<[f64; 4]>,
+    /// The summands at both ends of the range, which go on outside.
+    pub ends: [[f64; 4]; 2],
+}
+
+impl Integral {
+    /// For steps of `step_length` where opacities refer to `unit_length`; as many rows as [`TransferTable::new`] makes.
+    pub fn new(transfer: &TransferFunction, unit_length: f64, step_length: f64) -> Self {
+        let bins = bins(transfer);
+        let summand = |n: usize| {
+            let c = transfer.classify((n as f64 / bins as f64) as f32, unit_length);
+            let depth = (c.extinction * step_length).min(OPAQUE);
+            [depth * c.color[0], depth * c.color[1], depth * c.color[2], depth]
+        };
+        let (mut sums, mut sum, mut last) = (vec![[0.0; 4]], [0.0; 4], summand(0));
+        for n in 1..=bins {
+            let next = summand(n);
+            sum = std::array::from_fn(|c| sum[c] + 0.5 * (last[c] + next[c]));
+            sums.push(sum);
+            last = next;
+        }
+        Self { sums, ends: [summand(0), last] }
+    }
+
+    /// Intervals of the range.
+    pub fn bins(&self) -> usize {
+        self.sums.len() - 1
+    }
+
+    /// Straight colour and optical depth of a whole step between two positions in the range that are apart.
+    pub fn between(&self, from: f64, to: f64) -> ([f64; 3], f64) {
+        let bins = self.bins() as f64;
+        let (a, b) = (self.at(from * bins), self.at(to * bins));
+        let [r, g, b, depth] = std::array::from_fn(|c| (b[c] - a[c]) / ((to - from) * bins));
+        if depth > 0.0 { ([r / depth, g / depth, b / depth], depth) } else { ([0.0; 3], 0.0) }
+    }
+
+    fn at(&self, row: f64) -> [f64; 4] {
+        let (x, last) = (row.clamp(0.0, self.bins() as f64), self.bins() - 1);
+        let n = (x as usize).min(last);
+        let (w, beyond) = (x - n as f64, row - x);
+        let end = self.ends[usize::from(beyond > 0.0)];
+        std::array::from_fn(|c| self.sums[n][c] + w * (self.sums[n + 1][c] - self.sums[n][c]) + beyond * end[c])
+    }
+}

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use half::f16;
 use lamina_generator_node::kernel::Field;
-use lamina_model::{Camera, ControlPoint, Grid, ScalarRange, Scale, Scene, TransferFunction, Volume, Voxels};
+use lamina_model::{Camera, ControlPoint, Effects, Grid, ScalarRange, Scale, Scene, TransferFunction, Volume, Voxels};
 
 pub const DIMS: [usize; 3] = [17, 33, 9];
 
@@ -50,6 +50,7 @@ pub fn field(dims: [usize; 3], voxels: Voxels, hi: f64, scale: Scale, away: f64)
         camera: camera(&grid, away),
         background: [0.1, 0.2, 0.4],
         step_voxels: 0.37,
+        effects: Effects::default(),
     };
     Field::new(Volume::new(grid, voxels).unwrap(), &scene)
 }

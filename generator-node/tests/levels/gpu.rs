@@ -7,7 +7,7 @@ use glam::DVec3;
 use lamina_device::{Choice, Gpu, Opened, testing};
 use lamina_generator_node::kernel::gpu::{GpuError, GpuKernels};
 use lamina_generator_node::kernel::{Field, scalar};
-use lamina_model::{Camera, GenerationParams, Grid, Scale, Scene, TransferFunction, Volume, Voxels};
+use lamina_model::{Camera, Effects, GenerationParams, Grid, Scale, Scene, TransferFunction, Volume, Voxels};
 use std::sync::OnceLock;
 
 fn open() -> Option<GpuKernels> {
@@ -116,7 +116,13 @@ fn a_step_that_fits_the_box_exactly_counts_as_the_decoder_does() {
     let grid = Grid::new([33; 3], DVec3::ONE, DVec3::ZERO).unwrap();
     let eye = DVec3::new(16.0, 16.0, 4000.0);
     let camera = Camera::new(eye, DVec3::splat(16.0), DVec3::Y, 0.5).unwrap();
-    let scene = Scene { transfer: transfer(1.0, Scale::Linear), camera, background: [0.0; 3], step_voxels: 0.5 };
+    let scene = Scene {
+        transfer: transfer(1.0, Scale::Linear),
+        camera,
+        background: [0.0; 3],
+        step_voxels: 0.5,
+        effects: Effects::default(),
+    };
     let voxels = Voxels::F32((0..33 * 33 * 33).map(|n| 0.6 + 0.01 * (n % 33) as f32).collect());
     let field = Field::new(Volume::new(grid, voxels).unwrap(), &scene);
     let params = GenerationParams::new(65, 0.01).unwrap();
@@ -172,7 +178,13 @@ fn figures() {
     let voxels = Voxels::U8(values(dims).into_iter().map(|x| (x * 255.0).round() as u8).collect());
     let grid = Grid::new(dims, DVec3::ONE, DVec3::ZERO).unwrap();
     let camera = camera(&grid, 1.0);
-    let scene = Scene { transfer: transfer(255.0, Scale::Linear), camera, background: [0.0; 3], step_voxels: 0.5 };
+    let scene = Scene {
+        transfer: transfer(255.0, Scale::Linear),
+        camera,
+        background: [0.0; 3],
+        step_voxels: 0.5,
+        effects: Effects::default(),
+    };
     let field = Field::new(Volume::new(grid, voxels).unwrap(), &scene);
     let params = GenerationParams::new(256, 0.02).unwrap();
     let clock = std::time::Instant::now;

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod agreement;
+mod effects;
 mod fields;
 mod gpu;
 mod lanes;

@@ -99,6 +99,8 @@ pub trait Floats: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     fn only(self, mask: Self::M) -> Self;
     /// Towards zero; numbers must fit 32 bits.
     fn to_int(self) -> Self::I;
+    /// The square root.
+    fn sqrt(self) -> Self;
     /// The magnitude.
     fn abs(self) -> Self;
     /// The least of `low` and the greatest of `high` among the lanes of `mask`, towards zero; they must fit 32 bits, and

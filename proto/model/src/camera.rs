@@ -46,6 +46,13 @@ impl Aabb {
         0.5 * (self.min + self.max)
     }
 
+    /// All eight.
+    pub fn corners(&self) -> [DVec3; 8] {
+        std::array::from_fn(|n| {
+            DVec3::from_array([0, 1, 2].map(|a| if n >> a & 1 == 0 { self.min } else { self.max }[a]))
+        })
+    }
+
     /// Edge lengths.
     pub fn size(&self) -> DVec3 {
         self.max - self.min

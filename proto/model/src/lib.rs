@@ -6,6 +6,7 @@
 
 pub mod camera;
 pub mod composite;
+pub mod effects;
 pub mod image;
 pub mod indicators;
 pub mod params;
@@ -18,6 +19,7 @@ pub mod vdi;
 pub mod volume;
 
 pub use camera::{Aabb, Camera, Ray};
+pub use effects::Effects;
 pub use image::Image;
 pub use indicators::{Indicators, Quality, ViewError, decibels};
 pub use params::{GenerationParams, ParamsKey};

@@ -1,9 +1,9 @@
 //! What is looked at and how: the paper's S_A.
 
-use crate::{Camera, GenerationParams, Grid, Invalid, TransferFunction};
+use crate::{Camera, Effects, GenerationParams, Grid, Invalid, TransferFunction};
 use serde::{Deserialize, Serialize};
 
-/// Transfer function, generation camera, background and sampling step. The paper's S_A.
+/// Transfer function, generation camera, background, sampling step and effects. The paper's S_A.
 #[doc(alias = "S_A")]
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -19,6 +19,9 @@ pub struct Scene {
     /// Sampling step in voxels.
     #[serde(default = "half_voxel")]
     pub step_voxels: f64,
+    /// What else is to be seen.
+    #[serde(default, skip_serializing_if = "Effects::is_none")]
+    pub effects: Effects,
 }
 
 fn half_voxel() -> f64 {
@@ -29,12 +32,13 @@ impl Scene {
     /// Passes a scene whose plain numbers are valid too.
     ///
     /// # Errors
-    /// If the background or the step is out of bounds.
+    /// If the background, the step or an effect is out of bounds.
     pub fn check(self) -> Result<Self, Invalid> {
         if !self.background.iter().all(|c| (0.0..=1.0).contains(c)) {
             return Err(Invalid::new("background", format!("{:?}: every channel must lie in 0..1", self.background)));
         }
         GenerationParams::new(1, 0.0)?.with_step_voxels(self.step_voxels)?;
+        self.effects.check(self.transfer.range())?;
         Ok(self)
     }
 

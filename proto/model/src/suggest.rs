@@ -24,6 +24,7 @@ pub fn suggest(volumes: &[&Volume]) -> Result<Scene, Invalid> {
         camera: suggest_camera(&first.grid().bounds())?,
         background: [0.0; 3],
         step_voxels: GenerationParams::DEFAULT_STEP_VOXELS,
+        effects: crate::Effects::default(),
     })
 }
 

@@ -1,6 +1,6 @@
 //! Messages to model types and back. Whatever arrives is checked by the model's own constructors.
 
-use crate::{required, v1};
+use crate::{effects, required, v1};
 use glam::DVec3;
 use lamina_model::{
     Camera, ControlPoint, GenerationParams, Grid, Invalid, Quality, ScalarRange, Scale, Scene, TransferFunction,
@@ -124,6 +124,7 @@ impl From<&Scene> for v1::Scene {
             background_green,
             background_blue,
             step_voxels: s.step_voxels,
+            effects: effects::of(s),
         }
     }
 }
@@ -136,6 +137,7 @@ impl TryFrom<v1::Scene> for Scene {
             camera: required(s.camera, "scene.camera")?.try_into()?,
             background: [s.background_red, s.background_green, s.background_blue],
             step_voxels: s.step_voxels,
+            effects: s.effects.map(TryInto::try_into).transpose()?.unwrap_or_default(),
         }
         .check()
     }

@@ -5,6 +5,7 @@
 pub mod chunks;
 pub mod codec;
 pub mod convert;
+mod effects;
 pub mod node;
 pub mod reference;
 

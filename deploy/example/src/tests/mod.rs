@@ -7,6 +7,7 @@ mod exact;
 mod floors;
 mod shock_tube;
 mod smooth;
+mod terms;
 mod threads;
 
 use crate::config::{Boundary, Config};

@@ -125,7 +125,7 @@ impl Work<'_> {
         count: u32,
         sum: Option<&PrefixSum>,
     ) -> Result<(Duration, Vec<lamina_device::wgpu::BufferView>), GpuError> {
-        let Bound { gpu, pipelines, march, field } = self.bound;
+        let Bound { gpu, pipelines, march, field, effects } = self.bound;
         let r = self.header.params.resolution();
         let rows = clustering.end_ray.div_ceil(r) - clustering.first_ray / r;
         let settings = gpu.upload("clustering", bytemuck::bytes_of(clustering), BufferUsages::UNIFORM);
@@ -140,6 +140,7 @@ impl Work<'_> {
                 pass.set_pipeline(&march.generate);
                 pass.set_bind_group(0, field, &[]);
                 pass.set_bind_group(1, &bindings, &[]);
+                pass.set_bind_group(2, effects, &[]);
                 pass.dispatch_workgroups(r.div_ceil(8), rows.div_ceil(8), 1);
                 if let Some(sum) = sum {
                     sum.record(gpu, pipelines, pass);

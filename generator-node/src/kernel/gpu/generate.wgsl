@@ -58,18 +58,37 @@ fn cluster_ray(span: Span, place: ptr<function, Place>) {
     var open = Open(0u, 0u, 0.0, 0.0, vec3f(0.0), 0.0);
     var optical_depth = 0.0;
     var walk = Walk(0u, 0u);
+    var course = Course(vec2f(0.0), vec3f(0.0));
+    if EFFECTS {
+        course = course_of(span);
+        walk.next = u32(max(course.kept.x, 0.0));
+    }
     var s = next_sample(span, &walk);
     while s.step < span.steps {
-        let unit = unit_row(s.row);
-        // Transparent steps are a gap, and a gap ends a supersegment.
-        if unit.w > 0.0 {
+        var unit = vec4f(0.0);
+        var tau = 0.0;
+        var ratio = 0.0;
+        if EFFECTS {
+            let met = look(span, course, s);
+            tau = met.depth;
+            s.length = met.length;
+            if tau > 0.0 {
+                let opacity = opacity_from_optical_depth(tau * (view.unit_steps / s.length));
+                unit = vec4f(met.color * opacity, opacity);
+                ratio = opacity_from_optical_depth(tau) / opacity;
+            }
+        } else {
+            unit = unit_row(s.row);
             let depth = depth_row(s.row);
-            var tau = depth.x;
-            var ratio = depth.y;
+            tau = depth.x;
+            ratio = depth.y;
             if s.length < 1.0 {
                 tau *= s.length;
                 ratio = opacity_from_optical_depth(tau) / unit.w;
             }
+        }
+        // Transparent steps are a gap, and a gap ends a supersegment.
+        if unit.w > 0.0 {
             let joins = open.end == s.step && open.end > 0u && difference(open, unit) < clustering.gamma;
             if !joins {
                 if open.end > 0u {

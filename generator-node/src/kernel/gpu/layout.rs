@@ -31,9 +31,36 @@ pub struct View {
     pub right: [f32; 3],
     pub bins: u32,
     pub up: [f32; 3],
-    pub pad0: u32,
+    pub near: f32,
     pub visible: [f32; 2],
     pub pad1: [u32; 2],
+}
+
+/// Effects.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub struct Effects {
+    pub light: [f32; 3],
+    pub shadows: f32,
+    pub spacing: [f32; 3],
+    pub occlusion: f32,
+    pub gradient: [f32; 3],
+    pub ambient: f32,
+    pub light_scale: [f32; 3],
+    pub diffuse: f32,
+    pub light_dims: [u32; 3],
+    pub specular: f32,
+    pub cue: [f32; 3],
+    pub cue_from: f32,
+    pub cue_per_step: f32,
+    pub cue_strength: f32,
+    pub planes: u32,
+    pub pad0: u32,
+    pub before: [f32; 4],
+    pub beyond: [f32; 4],
+    pub levels: [[f32; 4]; 4],
+    pub surfaces: [[f32; 4]; 4],
+    pub half_spaces: [[f32; 4]; 14],
 }
 
 /// Which pixels of a picture a dispatch colours.

@@ -33,10 +33,45 @@ struct View {
     // Intervals of the transfer function's table.
     bins: u32,
     up: vec3f,
-    pad0: u32,
+    // Steps from the eye to the plane that rays start on.
+    near: f32,
     // Outside these positions of the range all is transparent.
     visible: vec2f,
     pad1: vec2u,
+}
+
+// Effects; twin of effects.rs. Lengths in steps, positions in sample points.
+struct Effects {
+    // Unit vector towards the light.
+    light: vec3f,
+    shadows: f32,
+    // World length between sample points.
+    spacing: vec3f,
+    occlusion: f32,
+    // From differences over two voxels to shares of the range per voxel length.
+    gradient: vec3f,
+    ambient: f32,
+    // From sample points to points of the light volume.
+    light_scale: vec3f,
+    diffuse: f32,
+    light_dims: vec3u,
+    specular: f32,
+    cue: vec3f,
+    // Steps from where colours begin to fade to the plane that rays start on.
+    cue_from: f32,
+    cue_per_step: f32,
+    cue_strength: f32,
+    planes: u32,
+    pad0: u32,
+    // Summands of the integral at both ends of the range.
+    before: vec4f,
+    beyond: vec4f,
+    // Level in x.
+    levels: array<vec4f, 4>,
+    // Colour, and optical depth in w.
+    surfaces: array<vec4f, 4>,
+    // Normal, and offset in w.
+    half_spaces: array<vec4f, 14>,
 }
 
 // Which pixels of a picture a dispatch colours.

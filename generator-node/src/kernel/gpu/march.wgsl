@@ -4,6 +4,8 @@
 // How voxels are stored: 0 whole numbers, 1 half precision, 2 single precision. All come as bits, so that "not a number"
 // is told by whole-number comparisons, which no driver may optimise away as it may x != x.
 override KIND: u32 = 0u;
+// Whether the scene asks for any effect.
+override EFFECTS: bool = false;
 
 @group(0) @binding(0) var<uniform> volume: Volume;
 @group(0) @binding(1) var<uniform> view: View;
@@ -20,20 +22,23 @@ struct Span {
     delta: vec3f,
     length: f32,
     steps: u32,
+    // Steps from the eye to the entry, less those to the plane that rays start on along the camera's axis.
+    beyond: f32,
 }
 
 fn span_of(i: u32, j: u32) -> Span {
     let x = f32(2u * i + 1u) - f32(view.width);
     let y = f32(view.height) - f32(2u * j + 1u);
     let origin = view.base + x * view.base_right + y * view.base_up;
-    let depth = sqrt(1.0 + view.slope * view.slope * (x * x + y * y));
+    let square = view.slope * view.slope * (x * x + y * y);
+    let depth = sqrt(1.0 + square);
     let delta = (view.forward + x * view.right + y * view.up) / depth;
     let t = clip(origin, delta, volume.low, volume.high);
     let length = t.y - t.x;
     if length <= 0.0 {
-        return Span(vec3f(0.0), delta, 0.0, 0u);
+        return Span(vec3f(0.0), delta, 0.0, 0u, 0.0);
     }
-    return Span(clamp(origin + t.x * delta, volume.low, volume.high), delta, length, steps(length));
+    return Span(clamp(origin + t.x * delta, volume.low, volume.high), delta, length, steps(length), view.near * (square / (depth + 1.0)) + t.x);
 }
 
 // True if double precision may count fewer steps on this ray, or none: its last step is hardly there, its steps are more
@@ -59,6 +64,9 @@ struct Sample {
     // 1, or the rest at the ray's end.
     length: f32,
     row: Row,
+    // The position in the range; without it, if a voxel there is not a number.
+    value: f32,
+    there: bool,
 }
 
 // The next sample that may show something.
@@ -79,11 +87,12 @@ fn next_sample(span: Span, walk: ptr<function, Walk>) -> Sample {
         }
         (*walk).next = step + 1u;
         var u = 0.0;
-        if value_at(index, &u) && u >= view.visible.x && u <= view.visible.y {
-            return Sample(step, length, row_at(u, view.bins));
+        let there = value_at(index, &u);
+        if EFFECTS || (there && u >= view.visible.x && u <= view.visible.y) {
+            return Sample(step, length, row_at(u, view.bins), u, there);
         }
     }
-    return Sample(span.steps, 0.0, Row(0u, 0.0));
+    return Sample(span.steps, 0.0, Row(0u, 0.0), 0.0, false);
 }
 
 fn distance_at(brick: vec3u) -> u32 {

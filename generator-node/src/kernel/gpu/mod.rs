@@ -3,6 +3,7 @@
 //! One field stays on the device, the last one seen. A kernel gives a whole result or a [`GpuError`]: never part of an
 //! image. It knows nothing of when to prefer a GPU.
 
+mod effects;
 mod error;
 mod generate;
 mod layout;
@@ -17,6 +18,7 @@ mod view;
 pub use error::GpuError;
 
 use super::Field;
+use effects::{Resources, Set};
 use lamina_device::wgpu::{BindGroup, BufferUsages};
 use lamina_device::{AdapterFacts, DeviceError, Gpu};
 use lamina_model::Camera;
@@ -53,6 +55,8 @@ struct Bound<'a> {
     march: &'a March,
     /// Group 0.
     field: BindGroup,
+    /// Group 2.
+    effects: BindGroup,
 }
 
 /// Rays to be cast.
@@ -103,16 +107,19 @@ impl GpuKernels {
                 *resident = None;
             }
             let resident = resident.get_or_insert_with(|| Resident::new(gpu, field));
-            let known = marches.iter().position(|m| m.kind == resident.kind);
+            let set = Set::of(field);
+            let known = marches.iter().position(|m| m.kind == resident.kind && m.set == set);
             let n = known.unwrap_or_else(|| {
-                marches.push(self.pipelines.march(gpu, resident.kind));
+                marches.push(self.pipelines.march(gpu, resident.kind, set));
                 marches.len() - 1
             });
             let tables = resident.tables(gpu, field, rays.step_length);
             let view = View::new(field, rays.camera, rays.width, rays.height, &tables);
             let view = gpu.upload("view", bytemuck::bytes_of(&view), BufferUsages::UNIFORM);
+            let effects = Resources::new(gpu, field, resident, rays.camera, rays.step_length);
+            let effects = self.pipelines.bind_effects(gpu, &effects);
             let field = self.pipelines.bind_field(gpu, resident, &tables, &view);
-            work(&Bound { gpu, pipelines: &self.pipelines, march: &marches[n], field })
+            work(&Bound { gpu, pipelines: &self.pipelines, march: &marches[n], field, effects })
         });
         if let Err(GpuError::Device(_)) = &done {
             // What was made on the way cannot be relied on.

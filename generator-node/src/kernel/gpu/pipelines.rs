@@ -1,5 +1,6 @@
 //! The compiled kernels and the shape of their bindings. Each kind of voxels has its own, compiled when first met.
 
+use super::effects::{Resources, Set};
 use super::resident::{Kind, Resident, Tables};
 use lamina_device::Gpu;
 use lamina_device::pipeline::{READ, UNIFORM, WRITE};
@@ -15,6 +16,7 @@ macro_rules! march {
             include_str!("layout.wgsl"),
             include_str!("leaf.wgsl"),
             include_str!("march.wgsl"),
+            include_str!("effects.wgsl"),
             include_str!($kernel)
         )
     };
@@ -24,10 +26,11 @@ pub const RAYCAST: &str = march!("raycast.wgsl");
 pub const GENERATE: &str = march!("generate.wgsl");
 pub const SCAN: &str = concat!(include_str!("layout.wgsl"), include_str!("scan.wgsl"));
 
-/// The march for one kind of voxels.
+/// The march for one kind of voxels and one set of effects.
 #[derive(Debug)]
 pub struct March {
     pub kind: Kind,
+    pub set: Set,
     pub raycast_rows: ComputePipeline,
     pub raycast_pixels: ComputePipeline,
     pub generate: ComputePipeline,
@@ -37,6 +40,7 @@ pub struct March {
 #[derive(Debug)]
 pub struct Pipelines {
     field: BindGroupLayout,
+    effects: BindGroupLayout,
     pub raycast: BindGroupLayout,
     pub generate: BindGroupLayout,
     pub scan: BindGroupLayout,
@@ -58,6 +62,7 @@ impl Pipelines {
         let pipeline = |entry| gpu.pipeline(&module, entry, &[&scan], &[]);
         Self {
             field: gpu.layout("field", &[UNIFORM, UNIFORM, VOXELS, READ, READ, READ]),
+            effects: gpu.layout("effects", &[UNIFORM, READ, READ]),
             raycast: gpu.layout("raycast", &[UNIFORM, READ, WRITE]),
             generate: gpu.layout("generate", &[UNIFORM, WRITE, WRITE, WRITE]),
             scan_blocks: pipeline("scan_blocks"),
@@ -66,17 +71,24 @@ impl Pipelines {
         }
     }
 
-    /// The march for voxels of this kind.
-    pub fn march(&self, gpu: &Gpu, kind: Kind) -> March {
+    /// The march for voxels of this kind, with this set of effects.
+    pub fn march(&self, gpu: &Gpu, kind: Kind, set: Set) -> March {
         let (raycast, generate) = (gpu.module("raycast", RAYCAST), gpu.module("generate", GENERATE));
-        let constants = [("KIND", f64::from(kind as u32))];
-        let raycaster = |entry| gpu.pipeline(&raycast, entry, &[&self.field, &self.raycast], &constants);
+        let constants: Vec<(&str, f64)> =
+            std::iter::once(("KIND", f64::from(kind as u32))).chain(set.constants()).collect();
+        let raycaster = |entry| gpu.pipeline(&raycast, entry, &[&self.field, &self.raycast, &self.effects], &constants);
         March {
             kind,
+            set,
             raycast_rows: raycaster("raycast_rows"),
             raycast_pixels: raycaster("raycast_pixels"),
-            generate: gpu.pipeline(&generate, "generate", &[&self.field, &self.generate], &constants),
+            generate: gpu.pipeline(&generate, "generate", &[&self.field, &self.generate, &self.effects], &constants),
         }
+    }
+
+    /// Group 2 of every march.
+    pub fn bind_effects(&self, gpu: &Gpu, effects: &Resources) -> BindGroup {
+        gpu.bind(&self.effects, &[&effects.uniform, &effects.sums, &effects.light])
     }
 
     /// Group 0 of every march.

@@ -94,6 +94,7 @@ fn cast(
             pass.set_pipeline(pipeline);
             pass.set_bind_group(0, &bound.field, &[]);
             pass.set_bind_group(1, &bindings, &[]);
+            pass.set_bind_group(2, &bound.effects, &[]);
             pass.dispatch_workgroups(x, y, 1);
         },
         &[(&out, 0..size)],

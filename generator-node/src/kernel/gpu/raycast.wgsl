@@ -40,6 +40,22 @@ fn color_at(i: u32, j: u32) -> vec3f {
     let span = span_of(i, j);
     var color = vec3f(0.0);
     var transmittance = 1.0;
+    if EFFECTS {
+        let course = course_of(span);
+        var walk = Walk(u32(max(course.kept.x, 0.0)), 0u);
+        var s = next_sample(span, &walk);
+        while s.step < span.steps && f32(s.step) < course.kept.y {
+            let met = look(span, course, s);
+            let opacity = opacity_from_optical_depth(met.depth);
+            color += transmittance * opacity * met.color;
+            transmittance *= 1.0 - opacity;
+            if transmittance < picture.floor {
+                break;
+            }
+            s = next_sample(span, &walk);
+        }
+        return color + transmittance * picture.background;
+    }
     var walk = Walk(0u, 0u);
     var s = next_sample(span, &walk);
     while s.step < span.steps {

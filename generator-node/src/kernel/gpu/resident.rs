@@ -30,6 +30,8 @@ pub struct Resident {
     pub voxels: TextureView,
     pub volume: Buffer,
     pub distances: Buffer,
+    /// The light volume.
+    pub light: Buffer,
     tables: Vec<Tables>,
 }
 
@@ -67,6 +69,7 @@ impl Resident {
             voxels: voxels(gpu, field.grid().dims().map(|d| d as u32), format, bytes),
             volume: gpu.upload("volume", bytemuck::bytes_of(&volume(field)), BufferUsages::UNIFORM),
             distances: gpu.upload("distances", &distances, BufferUsages::STORAGE),
+            light: gpu.upload("light", bytemuck::cast_slice(&super::effects::light(field)), BufferUsages::STORAGE),
             tables: Vec::new(),
         }
     }

@@ -9,15 +9,17 @@ use crate::kernel::Field;
 use glam::DVec3;
 use lamina_model::Camera;
 
+/// How far along the camera's axis the plane lies that rays start on: through the box's nearest corner.
+pub fn nearest_depth(field: &Field, camera: &Camera) -> f64 {
+    let corners = field.grid().bounds().corners();
+    corners.map(|c| camera.view_from_world(c).z).into_iter().fold(f64::INFINITY, f64::min).max(0.0)
+}
+
 impl View {
     /// The rays of `camera` through a `width` x `height` picture of `field`, sampled as `tables` say.
     pub fn new(field: &Field, camera: &Camera, width: u32, height: u32, tables: &Tables) -> Self {
         let step_length = tables.step_length;
-        let bounds = field.grid().bounds();
-        let corner =
-            |n: u32| DVec3::from_array([0, 1, 2].map(|a| if n >> a & 1 == 0 { bounds.min } else { bounds.max }[a]));
-        let depths = (0..8).map(|n| camera.view_from_world(corner(n)).z);
-        let near = depths.fold(f64::INFINITY, f64::min).max(0.0);
+        let near = nearest_depth(field, camera);
         let (center_x, center_y) = (0.5 * f64::from(width), 0.5 * f64::from(height));
         let forward = camera.direction(center_x, center_y, width, height);
         // By half a pixel: what the picture's height spans, divided, so that little is lost to cancellation.
@@ -38,7 +40,7 @@ impl View {
             right: step(right),
             bins: tables.bins,
             up: step(up),
-            pad0: 0,
+            near: (near / step_length) as f32,
             visible: tables.visible,
             pad1: [0; 2],
         }

@@ -1,5 +1,6 @@
 //! R in lanes: the fast twin of `scalar::generate`.
 
+use super::effects::{Plain, Prepared, Source, WithEffects};
 use super::march::{Lens, Packet, View, Visit};
 use super::tile::Tile;
 use crate::kernel::Field;
@@ -18,11 +19,13 @@ pub fn generate(level: Level, field: &Field, params: &GenerationParams) -> Resul
     let header = header(field, params)?;
     let table = TransferTable::new(&field.scene().transfer, field.unit_length(), header.step_length);
     let rays = Rays::new(field, &header);
+    let effects = Prepared::new(field, &header.camera, &table, header.step_length);
+    let effects = effects.as_ref();
     let gamma = params.gamma() as f32;
     let mut join = Join::new((params.resolution() as usize).pow(2));
     for_stored!(field.stored(), v => {
         let view = View::new(field, v, &table);
-        let rows = |n: usize| level.run(Rows { view: &view, rays: &rays, gamma, first_row: Tile::ROWS * n as u32 });
+        let rows = |n: usize| level.run(Rows { view: &view, rays: &rays, effects, gamma, first_row: Tile::ROWS * n as u32 });
         in_order(rays.bands(), rows, |rows: [Band; 2]| rows.into_iter().for_each(|row| join.add(row)));
     });
     join.finish(header)
@@ -101,6 +104,7 @@ impl<L: Lanes> Seen<L> {
 struct Rows<'a, V> {
     view: &'a View<'a, V>,
     rays: &'a Rays,
+    effects: Option<&'a Prepared<'a>>,
     gamma: f32,
     first_row: u32,
 }
@@ -109,10 +113,21 @@ impl<V: Pair> Job for Rows<'_, V> {
     type Output = [Band; 2];
     #[inline(always)]
     fn run<L: Lanes>(self) -> [Band; 2] {
+        match self.effects {
+            None => self.cluster::<L>(Plain(self.view.table)),
+            Some(effects) => self.cluster::<L>(WithEffects::new(self.view, effects)),
+        }
+    }
+}
+
+impl<V: Pair> Rows<'_, V> {
+    #[inline(always)]
+    fn cluster<L: Lanes>(&self, source: impl Source<L>) -> [Band; 2] {
         let mut rows = [Band::default(), Band::default()];
-        let mut cluster = Cluster::<L>::new(self.view.table, self.gamma, self.rays.cutoff);
+        let mut cluster = Cluster::new(source, self.view.table.unit_steps, self.gamma, self.rays.cutoff);
         for tile in self.rays.tiles(self.first_row) {
-            let packet = Packet::<L>::new(&self.rays.lens, tile.pixels());
+            let mut packet = Packet::<L>::new(&self.rays.lens, tile.pixels());
+            cluster.source.begin(&self.rays.lens, tile.pixels(), &mut packet);
             self.view.march(&packet, &mut cluster);
             cluster.finish();
             cluster.closed.hand_over(tile.pixels().iter().map(|&(_, j)| (j - self.first_row) as usize), &mut rows);
@@ -122,8 +137,8 @@ impl<V: Pair> Job for Rows<'_, V> {
 }
 
 /// Eight open supersegments, and the lists of closed ones.
-struct Cluster<'a, L: Lanes> {
-    table: &'a TransferTable,
+struct Cluster<L: Lanes, S> {
+    source: S,
     gamma: f32,
     /// Steps in a unit length.
     unit_steps: f32,
@@ -145,14 +160,14 @@ struct Cluster<'a, L: Lanes> {
     closed: Closed,
 }
 
-impl<'a, L: Lanes> Cluster<'a, L> {
+impl<L: Lanes, S: Source<L>> Cluster<L, S> {
     #[inline(always)]
-    fn new(table: &'a TransferTable, gamma: f32, cutoff: f32) -> Self {
+    fn new(source: S, unit_steps: f32, gamma: f32, cutoff: f32) -> Self {
         let zero = L::F::splat(0.0);
         Self {
-            table,
+            source,
             gamma,
-            unit_steps: table.unit_steps,
+            unit_steps,
             cutoff,
             start: L::I::splat(0),
             end: L::I::splat(-1),
@@ -248,11 +263,11 @@ impl Record {
     }
 }
 
-impl<L: Lanes> Visit<L> for Cluster<'_, L> {
+impl<L: Lanes, S: Source<L>> Visit<L> for Cluster<L, S> {
     #[inline(always)]
     fn sample(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M {
         let Some(Seen { shown, color: [r, g, b], unit, depth, ratio, length }) =
-            Seen::new(self.table, packet, step, at, live)
+            self.source.seen(packet, step, at, live)
         else {
             return live;
         };

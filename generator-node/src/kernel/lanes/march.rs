@@ -6,6 +6,7 @@
 
 use crate::kernel::skip::BRICK;
 use crate::kernel::{Field, table::TransferTable};
+use glam::DVec3;
 use lamina_lanes::{Floats, Ints, Kind, Lanes, Masks, Pair, WIDTH};
 use lamina_model::{Camera, vdi};
 
@@ -107,7 +108,7 @@ impl<'a, V: Pair> View<'a, V> {
 
     /// The trilinear value, as a position in the rows of the table.
     #[inline(always)]
-    fn sample<L: Lanes>(&self, p: [L::F; 3]) -> L::F {
+    pub fn sample<L: Lanes>(&self, p: [L::F; 3]) -> L::F {
         let (cell, w) = self.cell::<L>(p);
         let in_slice = cell[1] * L::I::splat(self.row as i32) + cell[0];
         let index = if self.huge {
@@ -158,7 +159,7 @@ impl<'a, V: Pair> View<'a, V> {
     /// Hands all samples that may show something to `visit`, each ray front to back.
     #[inline(always)]
     pub fn march<L: Lanes>(&self, packet: &Packet<L>, visit: &mut impl Visit<L>) {
-        let mut step = L::I::splat(0);
+        let mut step = packet.first;
         let mut live = packet.steps.gt(step);
         let mut ahead = self.run(packet, packet.position(step));
         while live.any() {
@@ -193,7 +194,8 @@ fn lerp<L: Lanes>(a: L::F, b: L::F, w: L::F) -> L::F {
 
 /// A camera's picture, in units of sample points.
 pub struct Lens {
-    eye: [f64; 3],
+    /// In units of sample points.
+    pub eye: [f64; 3],
     last: [f64; 3],
     per_spacing: [f64; 3],
     per_step: f64,
@@ -221,10 +223,33 @@ impl Lens {
     }
 }
 
+impl Lens {
+    /// World direction of the ray through a pixel, not normalised.
+    pub fn direction(&self, i: u32, j: u32) -> DVec3 {
+        DVec3::from_array(self.corner)
+            + f64::from(i) * DVec3::from_array(self.right)
+            + f64::from(j) * DVec3::from_array(self.down)
+    }
+
+    /// A world direction in units of sample points.
+    pub fn per_spacing(&self, world: DVec3) -> DVec3 {
+        world * DVec3::from_array(self.per_spacing)
+    }
+
+    /// Steps in the length of a direction.
+    pub fn rate(&self, world: DVec3) -> f64 {
+        world.length() * self.per_step
+    }
+}
+
 /// Eight rays, clipped to the box.
 pub struct Packet<L: Lanes> {
+    /// The first sample of each ray that counts: 0, unless an effect cuts it off.
+    pub first: L::I,
     /// Samples of each ray; 0 for a ray that misses.
     pub steps: L::I,
+    /// Steps from the eye to the entry.
+    pub entry_at: [f64; WIDTH],
     /// Number of the last sample.
     pub last: L::I,
     /// Length of the last step, as a share of a whole one.
@@ -265,7 +290,7 @@ impl<L: Lanes> Packet<L> {
             }
         }
         let (mut steps, mut last_length, mut last_at) = ([0; WIDTH], [1.0; WIDTH], [0.0; WIDTH]);
-        let (mut entry, mut delta) = ([[0.0; WIDTH]; 3], [[0.0; WIDTH]; 3]);
+        let (mut entry, mut delta, mut entry_at) = ([[0.0; WIDTH]; 3], [[0.0; WIDTH]; 3], [0.0; WIDTH]);
         for l in 0..WIDTH {
             // Steps per unit of the direction's length.
             let rate = square[l].sqrt() * lens.per_step;
@@ -273,6 +298,7 @@ impl<L: Lanes> Packet<L> {
             let n = (length - vdi::STEP_ROUNDING).ceil().max(0.0);
             let rest = (length - (n - 1.0)).min(1.0);
             steps[l] = n as i32;
+            entry_at[l] = near[l] * rate;
             last_length[l] = rest as f32;
             last_at[l] = (n - 1.0 + 0.5 * rest) as f32;
             for a in 0..3 {
@@ -292,7 +318,9 @@ impl<L: Lanes> Packet<L> {
             L::F::select(still, L::F::splat(1e30), L::F::splat(1.0).div(delta[a]))
         });
         Self {
+            first: L::I::splat(0),
             steps,
+            entry_at,
             last: steps - L::I::splat(1),
             last_length,
             last_at: L::F::from_array(last_at),
@@ -303,11 +331,16 @@ impl<L: Lanes> Packet<L> {
         }
     }
 
+    /// The point `t` steps from the entry, in units of sample points.
+    #[inline(always)]
+    pub fn at(&self, t: L::F) -> [L::F; 3] {
+        axes!(a => self.entry[a] + t * self.delta[a])
+    }
+
     /// Where sample `step` lies, in units of sample points.
     #[inline(always)]
     fn position(&self, step: L::I) -> [L::F; 3] {
         // The middle of the last step comes before that of a whole one.
-        let at = (L::F::from(step) + L::F::splat(0.5)).min(self.last_at);
-        axes!(a => self.entry[a] + at * self.delta[a])
+        self.at((L::F::from(step) + L::F::splat(0.5)).min(self.last_at))
     }
 }

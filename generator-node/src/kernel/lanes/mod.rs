@@ -1,5 +1,6 @@
 //! R in lanes: the fast CPU level, written in the arithmetic of [`lamina_lanes`].
 
+mod effects;
 mod generate;
 mod generate_all;
 mod march;

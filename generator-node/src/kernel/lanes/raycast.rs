@@ -1,5 +1,6 @@
 //! The reference in lanes: the fast twin of `scalar::raycast`.
 
+use super::effects::{Prepared, Source, WithEffects};
 use super::march::{Lens, Packet, View, Visit};
 use super::tile::Tile;
 use crate::kernel::Field;
@@ -23,10 +24,13 @@ pub struct Shot<'a> {
 /// All pixels of a picture, row by row. The field [fits](super::march::fits).
 pub fn raycast(level: Level, field: &Field, shot: &Shot) -> Vec<[f32; 3]> {
     let [width, height] = shot.size;
+    if field.effects().is_some() {
+        return by_lists(level, field, shot);
+    }
     let mut image = vec![[0.0; 3]; width as usize * height as usize];
     let table = table(field);
     let lens = Lens::new(field, shot.camera, shot.size, step_length(field));
-    let cast = Cast { lens: &lens, floor: shot.floor, background: field.scene().background };
+    let cast = Cast { lens: &lens, effects: None, floor: shot.floor, background: field.scene().background };
     for_stored!(field.stored(), v => {
         let view = View::new(field, v, &table);
         let band = |(band, out)| level.run(Band { view: &view, cast: &cast, width, first_row: 2 * band as u32, out });
@@ -35,12 +39,27 @@ pub fn raycast(level: Level, field: &Field, shot: &Shot) -> Vec<[f32; 3]> {
     image
 }
 
+/// The same, tile by tile as lists of pixels: with effects kernels are long, and one of them is enough.
+fn by_lists(level: Level, field: &Field, shot: &Shot) -> Vec<[f32; 3]> {
+    let [width, height] = shot.size;
+    let rows = (0..height).step_by(Tile::ROWS as usize);
+    let tiles = rows.flat_map(|j| Tile::across(width, j, Tile::ROWS.min(height - j)));
+    let pixels: Vec<(u32, u32)> = tiles.flat_map(|tile| tile.pixels().to_vec()).collect();
+    let mut image = vec![[0.0; 3]; pixels.len()];
+    for (color, (i, j)) in raycast_pixels(level, field, shot, &pixels).into_iter().zip(&pixels) {
+        image[(j * width + i) as usize] = color;
+    }
+    image
+}
+
 /// The colours of some `pixels` (column, row) of it.
 pub fn raycast_pixels(level: Level, field: &Field, shot: &Shot, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
     let mut colors = vec![[0.0; 3]; pixels.len()];
     let table = table(field);
     let lens = Lens::new(field, shot.camera, shot.size, step_length(field));
-    let cast = Cast { lens: &lens, floor: shot.floor, background: field.scene().background };
+    let effects = Prepared::new(field, shot.camera, &table, step_length(field));
+    let (effects, background) = (effects.as_ref(), field.scene().background);
+    let cast = Cast { lens: &lens, effects, floor: shot.floor, background };
     for_stored!(field.stored(), v => {
         let view = View::new(field, v, &table);
         let list = |(pixels, out): (&[_], &mut [_])| level.run(List { view: &view, cast: &cast, pixels, out });
@@ -93,7 +112,10 @@ impl<V: Pair> Job for List<'_, V> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         for (pixels, out) in self.pixels.chunks(WIDTH).zip(self.out.chunks_mut(WIDTH)) {
-            let colors = cast::<L, V>(self.view, self.cast, pixels);
+            let colors = match self.cast.effects {
+                None => cast::<L, V>(self.view, self.cast, pixels),
+                Some(effects) => cast_with::<L, V>(self.view, self.cast, effects, pixels),
+            };
             out.copy_from_slice(&colors[..out.len()]);
         }
     }
@@ -102,6 +124,7 @@ impl<V: Pair> Job for List<'_, V> {
 /// What all packets of a picture share.
 struct Cast<'a> {
     lens: &'a Lens,
+    effects: Option<&'a Prepared<'a>>,
     floor: f32,
     background: [f32; 3],
 }
@@ -113,7 +136,28 @@ fn cast<L: Lanes, V: Pair>(view: &View<V>, cast: &Cast, pixels: &[(u32, u32)]) -
     let mut light =
         Light::<L> { table: view.table, floor: cast.floor, color: [zero; 3], transmittance: L::F::splat(1.0) };
     view.march(&packet, &mut light);
-    let (color, transmittance) = (light.color.map(L::F::to_array), light.transmittance.to_array());
+    over::<L>(cast, light.color, light.transmittance)
+}
+
+#[inline(always)]
+fn cast_with<L: Lanes, V: Pair>(
+    view: &View<V>,
+    cast: &Cast,
+    effects: &Prepared,
+    pixels: &[(u32, u32)],
+) -> [[f32; 3]; WIDTH] {
+    let mut packet = Packet::<L>::new(cast.lens, pixels);
+    let mut source = WithEffects::new(view, effects);
+    source.begin(cast.lens, pixels, &mut packet);
+    let zero = L::F::splat(0.0);
+    let mut light = Lit { source, floor: cast.floor, color: [zero; 3], transmittance: L::F::splat(1.0) };
+    view.march(&packet, &mut light);
+    over::<L>(cast, light.color, light.transmittance)
+}
+
+#[inline(always)]
+fn over<L: Lanes>(cast: &Cast, color: [L::F; 3], transmittance: L::F) -> [[f32; 3]; WIDTH] {
+    let (color, transmittance) = (color.map(L::F::to_array), transmittance.to_array());
     std::array::from_fn(|l| std::array::from_fn(|c| color[c][l] + transmittance[l] * cast.background[c]))
 }
 
@@ -141,6 +185,27 @@ impl<L: Lanes> Visit<L> for Light<'_, L> {
         self.color[1] = self.color[1] + through * color[1];
         self.color[2] = self.color[2] + through * color[2];
         self.transmittance = self.transmittance - self.transmittance * opacity;
+        live & L::F::splat(self.floor).le(self.transmittance)
+    }
+}
+
+/// The same with effects.
+struct Lit<L: Lanes, S> {
+    source: S,
+    floor: f32,
+    color: [L::F; 3],
+    transmittance: L::F,
+}
+
+impl<L: Lanes, S: Source<L>> Visit<L> for Lit<L, S> {
+    #[inline(always)]
+    fn sample(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M {
+        let Some(seen) = self.source.seen(packet, step, at, live) else { return live };
+        let weight = (self.transmittance * seen.ratio).only(seen.shown);
+        self.color[0] = self.color[0] + weight * seen.color[0];
+        self.color[1] = self.color[1] + weight * seen.color[1];
+        self.color[2] = self.color[2] + weight * seen.color[2];
+        self.transmittance = self.transmittance - weight * seen.unit;
         live & L::F::splat(self.floor).le(self.transmittance)
     }
 }

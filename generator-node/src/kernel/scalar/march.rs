@@ -1,6 +1,7 @@
 //! The one loop that samples the field along a ray; raycast and generate differ only in what they do with a sample.
 
 use crate::kernel::Field;
+use crate::kernel::table::Integral;
 use lamina_model::transfer::Classified;
 use lamina_model::{Aabb, Ray, vdi};
 use std::ops::ControlFlow;
@@ -17,16 +18,20 @@ pub struct Sample {
 
 /// A field sampled at equal steps.
 pub struct March<'a> {
-    field: &'a Field,
-    bounds: Aabb,
-    unit_length: f64,
-    step_length: f64,
+    pub(super) field: &'a Field,
+    pub(super) bounds: Aabb,
+    pub(super) unit_length: f64,
+    pub(super) step_length: f64,
+    integral: Option<Integral>,
 }
 
 impl<'a> March<'a> {
     /// Samples `field` every `step_length` (world units).
     pub fn new(field: &'a Field, step_length: f64) -> Self {
-        Self { field, bounds: field.grid().bounds(), unit_length: field.unit_length(), step_length }
+        let unit_length = field.unit_length();
+        let integrated = field.effects().is_some_and(|e| e.pre_integrated);
+        let integral = integrated.then(|| Integral::new(&field.scene().transfer, unit_length, step_length));
+        Self { field, bounds: field.grid().bounds(), unit_length, step_length, integral }
     }
 
     /// World length that opacities refer to.
@@ -38,6 +43,9 @@ impl<'a> March<'a> {
     /// of their steps (second order); the last step is cut at the box, so that the whole length is covered whatever the step.
     #[inline]
     pub fn samples(&self, ray: &Ray, mut visit: impl FnMut(Sample) -> ControlFlow<()>) {
+        if let Some(effects) = self.field.effects() {
+            return self.samples_with(effects, self.integral.as_ref(), ray, visit);
+        }
         let Some((t_in, t_out)) = self.bounds.clip(ray) else { return };
         let origin = self.field.index_from_world(ray.origin);
         let direction = ray.direction / self.field.grid().spacing();

@@ -1,6 +1,6 @@
 //! WGSL's structs and their Rust twins lie in memory alike.
 
-use crate::kernel::gpu::layout::{Clustering, Picture, Scan, Segment, View, Volume};
+use crate::kernel::gpu::layout::{Clustering, Effects, Picture, Scan, Segment, View, Volume};
 use crate::kernel::gpu::pipelines::{GENERATE, RAYCAST, SCAN};
 use lamina_device::layout::{parse, struct_layout};
 use lamina_device::layout_of;
@@ -22,9 +22,32 @@ fn structs_equal_their_twins() {
             right,
             bins,
             up,
-            pad0,
+            near,
             visible,
             pad1,
+        }),
+        layout_of!(Effects {
+            light,
+            shadows,
+            spacing,
+            occlusion,
+            gradient,
+            ambient,
+            light_scale,
+            diffuse,
+            light_dims,
+            specular,
+            cue,
+            cue_from,
+            cue_per_step,
+            cue_strength,
+            planes,
+            pad0,
+            before,
+            beyond,
+            levels,
+            surfaces,
+            half_spaces,
         }),
         layout_of!(Picture { background, floor, first, count, pad0 }),
         layout_of!(Clustering { gamma, cutoff, first_row, rows, first_ray, end_ray, first_segment, writing }),

@@ -1,0 +1,180 @@
+//! How much light reaches each point: made once for a field, looked up by all kernels.
+//!
+//! Two values on a grid of half the field's resolution: the transmittance towards the light, swept slice by slice away from
+//! it (each point takes what the slice before lets through, by the trapezoidal rule), and openness: the mean transmittance
+//! of two cells in all 26 directions. Shadows are as soft as that grid is coarse. Isosurfaces cast none.
+
+use glam::DVec3;
+use lamina_model::Grid;
+use rayon::prelude::*;
+
+/// The most points per side.
+const MOST: usize = 129;
+/// Cells that openness looks ahead.
+const REACH: i64 = 2;
+
+/// Light on a coarse grid, x fastest.
+#[derive(Debug)]
+pub struct LightVolume {
+    /// Points per side, 2 or more.
+    pub dims: [usize; 3],
+    /// From units of sample points to its own.
+    pub scale: [f64; 3],
+    /// Transmittance towards the light.
+    pub transmittance: Vec<f32>,
+    /// Openness.
+    pub openness: Vec<f32>,
+}
+
+/// The coarse grid being filled.
+struct Coarse {
+    dims: [usize; 3],
+    spacing: DVec3,
+    extinction: Vec<f32>,
+}
+
+impl LightVolume {
+    /// The light of direction `light` (unit vector towards it) on `grid`, where `extinction` (at an index, per world length)
+    /// is the field's.
+    pub fn new(grid: &Grid, light: DVec3, extinction: impl Fn(DVec3) -> f64 + Sync) -> Self {
+        let dims = grid.dims().map(|n| ((n - 1).div_ceil(2) + 1).clamp(2, MOST));
+        let scale: [f64; 3] = std::array::from_fn(|a| (dims[a] - 1) as f64 / (grid.dims()[a] - 1).max(1) as f64);
+        let per_cell = DVec3::from_array(scale.map(f64::recip));
+        let most = 1e4 / grid.voxel_length();
+        // Each point stands for its surroundings: the mean of eight places a quarter of a cell away.
+        let mean = |p: DVec3| {
+            let place = |n: u32| p + DVec3::from_array([0, 1, 2].map(|a| if n >> a & 1 == 0 { -0.25 } else { 0.25 }));
+            (0..8).map(|n| extinction(place(n) * per_cell).min(most)).sum::<f64>() / 8.0
+        };
+        let point = |n: usize| DVec3::from_array(coordinates(dims, n).map(|c| c as f64));
+        let count = dims.iter().product();
+        let extinction = (0..count).into_par_iter().map(|n| mean(point(n)) as f32).collect();
+        let coarse = Coarse { dims, spacing: grid.spacing() * per_cell, extinction };
+        let openness = (0..count).into_par_iter().map(|n| coarse.openness(coordinates(dims, n))).collect();
+        Self { dims, scale, transmittance: coarse.transmittance(light), openness }
+    }
+
+    /// Transmittance and openness at `index`, in units of the field's sample points.
+    pub fn at(&self, index: DVec3) -> [f64; 2] {
+        let (mut base, mut stride, mut next, mut w) = (0, 1, [0; 3], [0.0; 3]);
+        for a in 0..3 {
+            let x = (index[a] * self.scale[a]).clamp(0.0, (self.dims[a] - 1) as f64);
+            let cell = (x as usize).min(self.dims[a] - 2);
+            (w[a], next[a]) = (x - cell as f64, stride);
+            base += cell * stride;
+            stride *= self.dims[a];
+        }
+        [&self.transmittance, &self.openness].map(|values| {
+            let x = |i: usize| f64::from(values[i]) * (1.0 - w[0]) + f64::from(values[i + next[0]]) * w[0];
+            let y = |i: usize| x(i) * (1.0 - w[1]) + x(i + next[1]) * w[1];
+            y(base) * (1.0 - w[2]) + y(base + next[2]) * w[2]
+        })
+    }
+}
+
+fn coordinates([nx, ny, _]: [usize; 3], n: usize) -> [i64; 3] {
+    [n % nx, n / nx % ny, n / (nx * ny)].map(|c| c as i64)
+}
+
+impl Coarse {
+    /// Extinction at a point; nothing outside.
+    fn at(&self, p: [i64; 3]) -> f64 {
+        let inside = (0..3).all(|a| (0..self.dims[a] as i64).contains(&p[a]));
+        if inside { f64::from(self.extinction[self.number(p)]) } else { 0.0 }
+    }
+
+    fn number(&self, [x, y, z]: [i64; 3]) -> usize {
+        (z as usize * self.dims[1] + y as usize) * self.dims[0] + x as usize
+    }
+
+    fn openness(&self, p: [i64; 3]) -> f32 {
+        let mut sum = 0.0;
+        for n in (0..27).filter(|&n| n != 13) {
+            let d = [n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1];
+            let length = (DVec3::from_array(d.map(|c| c as f64)) * self.spacing).length();
+            let depth: f64 = (1..=REACH).map(|k| self.at(std::array::from_fn(|a| p[a] + k * d[a]))).sum();
+            sum += (-depth * length).exp();
+        }
+        (sum / 26.0) as f32
+    }
+
+    /// Slice by slice across the axis that light travels along fastest.
+    fn transmittance(&self, light: DVec3) -> Vec<f32> {
+        let cells = light / self.spacing;
+        let speed = cells.abs();
+        let axis = (0..3).max_by(|&a, &b| speed[a].total_cmp(&speed[b])).unwrap_or(2);
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        // From a point to the slice before, in cells.
+        let back = cells / speed[axis];
+        let length = (back * self.spacing).length();
+        let [n, columns, rows] = [axis, u, v].map(|a| self.dims[a] as i64);
+        let place = |s: i64, i: i64, j: i64| {
+            let mut p = [0; 3];
+            (p[axis], p[u], p[v]) = (s, i, j);
+            p
+        };
+        let slices: Vec<i64> = if back[axis] > 0.0 { (0..n).rev().collect() } else { (0..n).collect() };
+        let mut all = vec![1.0_f32; self.extinction.len()];
+        for s in slices.into_iter().skip(1) {
+            let before = s + back[axis].signum() as i64;
+            let done = &all;
+            let through = move |(i, j): (i64, i64)| {
+                let (x, y) = (i as f64 + back[u], j as f64 + back[v]);
+                // Through a side of the box light comes in whole.
+                let outside = x < 0.0 || y < 0.0 || x > (columns - 1) as f64 || y > (rows - 1) as f64;
+                let (mut light, mut depth) = (0.0, 0.0);
+                let (cx, cy) = (x.floor().min((columns - 2) as f64), y.floor().min((rows - 2) as f64));
+                let (wx, wy) = (x - cx, y - cy);
+                for (di, dj) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                    let w = (if di == 0 { 1.0 - wx } else { wx }) * (if dj == 0 { 1.0 - wy } else { wy });
+                    if !outside && w > 0.0 {
+                        let p = place(before, cx as i64 + di, cy as i64 + dj);
+                        light += w * f64::from(done[self.number(p)]);
+                        depth += w * self.at(p);
+                    }
+                }
+                if outside {
+                    light = 1.0;
+                }
+                (light * (-0.5 * length * (depth + self.at(place(s, i, j)))).exp()) as f32
+            };
+            let slice: Vec<f32> =
+                (0..columns * rows).into_par_iter().map(|n| through((n % columns, n / columns))).collect();
+            for (n, value) in slice.into_iter().enumerate() {
+                let p = place(s, n as i64 % columns, n as i64 / columns);
+                let number = self.number(p);
+                all[number] = value;
+            }
+        }
+        all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of a homogeneous box lit from above, transmittance is exp(-kappa depth); closed in on all sides, openness is the mean
+    /// over directions of exp(-kappa times two cells).
+    #[test]
+    fn a_homogeneous_box_has_closed_forms() {
+        let grid = Grid::new([17, 9, 33], DVec3::new(0.5, 1.0, 0.25), DVec3::ZERO).unwrap();
+        let light = LightVolume::new(&grid, DVec3::Z, |_| 0.3);
+        for k in 0..=32 {
+            let depth = 0.25 * f64::from(32 - k);
+            let [t, _] = light.at(DVec3::new(8.0, 4.0, f64::from(k)));
+            // Linear between points half a unit apart: second order.
+            assert!((t - (-0.3 * depth).exp()).abs() < 1e-3, "{k}: {t}");
+        }
+        let slanted = LightVolume::new(&grid, DVec3::new(3.0, 0.0, 4.0) / 5.0, |_| 0.3);
+        let [t, _] = slanted.at(DVec3::new(0.0, 4.0, 28.0));
+        assert!((t - (-0.3 * 1.0 / 0.8_f64).exp()).abs() < 5e-3, "{t}");
+        let cell = DVec3::new(1.0, 2.0, 0.5);
+        let directions = (0..27)
+            .filter(|&n| n != 13)
+            .map(|n| DVec3::new((n % 3) as f64 - 1.0, (n / 3 % 3) as f64 - 1.0, (n / 9) as f64 - 1.0));
+        let expected = directions.map(|d| (-0.3 * 2.0 * (d * cell).length()).exp()).sum::<f64>() / 26.0;
+        let [_, open] = light.at(DVec3::new(8.0, 4.0, 16.0));
+        assert!((open - expected).abs() < 1e-6, "{open} {expected}");
+    }
+}
