@@ -92,6 +92,17 @@ fn all_pixels() -> Vec<(u32, u32)> {
     (0..SIZE[1]).flat_map(|j| (0..SIZE[0]).map(move |i| (i, j))).collect()
 }
 
+/// `vdi` with all optical depths so divided that those of a step are 0.2 at most and those of a list 2.
+fn thinned(vdi: &Vdi) -> Vdi {
+    let depth = |s: &Supersegment| f64::from(s.optical_depth).min(1e3);
+    let a_step = |s: &Supersegment| depth(s) / f64::from(s.end - s.start) / 0.2;
+    let lists = vdi.offsets().windows(2).map(|w| &vdi.segments()[w[0] as usize..w[1] as usize]);
+    let a_list = lists.map(|list| list.iter().map(depth).sum::<f64>() / 2.0).fold(1.0, f64::max);
+    let most = vdi.segments().iter().map(a_step).fold(a_list, f64::max);
+    let thin = |s: &Supersegment| Supersegment { optical_depth: (depth(s) / most) as f32, ..*s };
+    Vdi::new(*vdi.header(), vdi.offsets().to_vec(), vdi.segments().iter().map(thin).collect()).unwrap()
+}
+
 /// `vdi` with every supersegment of whole steps cut in two. A ray's last step may be shorter, so what ends there stays.
 fn halved(vdi: &Vdi, share: f64) -> Vdi {
     let (header, r) = (vdi.header(), vdi.resolution());
@@ -151,7 +162,7 @@ proptest! {
     fn colours_are_numbers_from_0_to_1(world in world()) {
         let (field, vdi, [w, h]) = (world.field(), world.vdi(), SIZE);
         let camera = &world.scene.camera;
-        for pictures in [
+        for picture in [
             scalar::raycast(&field, camera, w, h).unwrap(),
             Backend::cpu().raycast(&field, camera, w, h).unwrap(),
             drawn::render(&vdi, camera, w, h).unwrap(),
@@ -159,7 +170,7 @@ proptest! {
             PreparedVdi::new(&vdi).render(camera, w, h).unwrap(),
             PreparedVdi::new(&vdi).render(&world.novel, w, h).unwrap(),
         ] {
-            let colors = pictures.pixels().as_flattened();
+            let colors = picture.pixels().as_flattened();
             prop_assert!(colors.iter().all(|c| (0.0..=1.0).contains(c)), "{colors:?}");
         }
     }
@@ -178,12 +189,13 @@ proptest! {
 
     #[test]
     fn a_supersegment_in_two_is_drawn_as_one(world in world(), share in 0.0..1.0_f64) {
-        let (whole, [w, h]) = (world.vdi(), SIZE);
+        // Where little comes through, rays end: thin enough that none does.
+        let (whole, [w, h]) = (thinned(&world.vdi()), SIZE);
         let parts = halved(&whole, share);
         let [a, b] = [&whole, &parts].map(|vdi| drawn::render(vdi, &world.novel, w, h).unwrap());
         prop_assert!(greatest_difference(a.pixels(), b.pixels()) < 1e-6);
         let [a, b] = [&whole, &parts].map(|vdi| PreparedVdi::new(vdi).render(&world.novel, w, h).unwrap());
-        prop_assert!(greatest_difference(a.pixels(), b.pixels()) < 1e-5, "single precision");
+        prop_assert!(greatest_difference(a.pixels(), b.pixels()) < 3e-6, "single precision");
     }
 
     #[test]
@@ -251,7 +263,7 @@ proptest! {
     #[test]
     fn a_vdi_comes_to_the_ray_cast_image_with_small_gamma_and_great_r(
         eye in vector(-1.0..1.0).prop_filter("some way", |eye| eye.length() > 0.2),
-        angle_deg in -60.0..60.0_f64,
+        angle_deg in prop_oneof![-60.0..-5.0_f64, 5.0..60.0_f64],
     ) {
         const SIDE: u32 = 40;
         let camera = Camera::new(4.0 * eye.normalize(), DVec3::ZERO, DVec3::new(0.1, 1.0, 0.2), 40.0).unwrap();

@@ -33,7 +33,8 @@ struct View {
     // Intervals of the transfer function's table.
     bins: u32,
     up: vec3f,
-    pad0: u32,
+    // Rows of the table before that of position 0.
+    below: u32,
     // Outside these positions of the range all is transparent.
     visible: vec2f,
     pad1: vec2u,

@@ -80,7 +80,7 @@ fn next_sample(span: Span, walk: ptr<function, Walk>) -> Sample {
         (*walk).next = step + 1u;
         var u = 0.0;
         if value_at(index, &u) && u >= view.visible.x && u <= view.visible.y {
-            return Sample(step, length, row_at(u, view.bins));
+            return Sample(step, length, row_at(u, view.bins, view.below));
         }
     }
     return Sample(span.steps, 0.0, Row(0u, 0.0));

@@ -38,7 +38,7 @@ impl View {
             right: step(right),
             bins: tables.bins,
             up: step(up),
-            pad0: 0,
+            below: tables.below,
             visible: tables.visible,
             pad1: [0; 2],
         }

@@ -6,7 +6,7 @@
 
 use crate::kernel::skip::BRICK;
 use crate::kernel::{Field, table::TransferTable};
-use lamina_lanes::{Floats, Ints, Kind, Lanes, Masks, Pair, WIDTH};
+use lamina_lanes::{Floats, Ints, Lanes, Masks, Pair, WIDTH};
 use lamina_model::{Camera, vdi};
 
 /// An expression for each axis. Not a closure: a closure is a function of its own, which the compiler may fail to inline
@@ -90,7 +90,7 @@ impl<'a, V: Pair> View<'a, V> {
             row: dims[0],
             slice: dims[0] * dims[1],
             scale: (scale * table.bins() as f64) as f32,
-            offset: (offset * table.bins() as f64) as f32,
+            offset: (offset * table.bins() as f64 + f64::from(table.below)) as f32,
             bricks: field.skip().dims().map(|n| n as i32),
             distances: field.skip().distances(),
             table,
@@ -118,9 +118,7 @@ impl<'a, V: Pair> View<'a, V> {
         };
         let near = lerp::<L>(self.along_x::<L>(0, &index, w[0]), self.along_x::<L>(1, &index, w[0]), w[1]);
         let far = lerp::<L>(self.along_x::<L>(2, &index, w[0]), self.along_x::<L>(3, &index, w[0]), w[1]);
-        let at = lerp::<L>(near, far, w[2]) * L::F::splat(self.scale);
-        // Single precision is stored as the position in the range itself.
-        if V::KIND == Kind::F32 { at } else { at + L::F::splat(self.offset) }
+        lerp::<L>(near, far, w[2]) * L::F::splat(self.scale) + L::F::splat(self.offset)
     }
 
     /// Between the voxels at `index` of a corner and their right neighbours.

@@ -22,7 +22,7 @@ fn structs_equal_their_twins() {
             right,
             bins,
             up,
-            pad0,
+            below,
             visible,
             pad1,
         }),
