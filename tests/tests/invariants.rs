@@ -3,6 +3,8 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
+use lamina_device::testing;
+use lamina_generator_node::kernel::gpu::GpuKernels as CastKernels;
 use lamina_generator_node::kernel::lanes::{self, Level, Shot};
 use lamina_generator_node::kernel::{Backend, Field, scalar};
 use lamina_model::camera::CameraFields;
@@ -12,9 +14,11 @@ use lamina_model::{
     Vdi, Volume, Voxels, psnr,
 };
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
+use lamina_viz_node::kernel::gpu::GpuKernels as DrawKernels;
 use lamina_viz_node::kernel::{PreparedVdi, scalar as drawn};
 use lamina_wire::codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode, encode, quantize};
 use proptest::prelude::*;
+use std::sync::LazyLock;
 
 const SIZE: [u32; 2] = [21, 13];
 
@@ -45,10 +49,15 @@ fn vector(range: std::ops::Range<f64>) -> impl Strategy<Value = DVec3> {
     [range.clone(), range.clone(), range].prop_map(DVec3::from)
 }
 
+/// Half of them at an end.
+fn channel() -> impl Strategy<Value = f64> {
+    prop_oneof![2 => 0.0..=1.0_f64, 1 => Just(0.0), 1 => Just(1.0)]
+}
+
 /// Ascending corners; positions repeat, and opacities are often 0 or 1.
 fn points() -> impl Strategy<Value = Vec<ControlPoint>> {
     let opacity = prop_oneof![Just(0.0), Just(1.0), 0.0..1.0, Just(1e-7)];
-    let point = ((0_u32..=8).prop_map(|n| f64::from(n) / 8.0), [0.0..=1.0, 0.0..=1.0, 0.0..=1.0], opacity)
+    let point = ((0_u32..=8).prop_map(|n| f64::from(n) / 8.0), [channel(), channel(), channel()], opacity)
         .prop_map(|(at, color, opacity)| ControlPoint { at, color, opacity });
     prop::collection::vec(point, 1..6).prop_map(|mut points| {
         points.sort_by(|a, b| a.at.total_cmp(&b.at));
@@ -73,7 +82,7 @@ fn world() -> impl Strategy<Value = World> {
             prop::collection::vec(hole, grid.voxels()),
             (points(), prop::option::of(0.05..5.0_f64)),
             [camera(bounds.min, bounds.size()), camera(bounds.min, bounds.size())],
-            ([0.0..=1.0_f32, 0.0..=1.0_f32, 0.0..=1.0_f32], 0.1..3.0_f64),
+            ([channel(), channel(), channel()].prop_map(|c| c.map(|x| x as f32)), 0.1..3.0_f64),
             (1_u32..20, prop_oneof![Just(0.0), 0.0..0.5_f64]),
         )
             .prop_map(
@@ -219,6 +228,33 @@ proptest! {
                 let these = prepared.render_pixels(&world.novel, w, h, &listed);
                 prop_assert!(these.into_iter().eq(some.iter().map(|&n| novel.pixels()[n])), "{:?}", level);
             }
+        }
+    }
+
+    #[test]
+    fn on_a_gpu_colours_are_numbers_from_0_to_1_and_order_changes_no_bit(world in world()) {
+        static KERNELS: LazyLock<Option<(CastKernels, DrawKernels)>> = LazyLock::new(|| {
+            let cast = CastKernels::new(testing::gpu()?).unwrap();
+            Some((cast, DrawKernels::new(testing::gpu()?).unwrap()))
+        });
+        let (Some((cast, draw)), [w, h]) = (&*KERNELS, SIZE) else { return Ok(()) };
+        let (field, vdi, mut pixels) = (world.field(), world.vdi(), all_pixels());
+        pixels.reverse();
+        let prepared = PreparedVdi::new(&vdi);
+        let pairs = [
+            (
+                cast.raycast(&field, &world.scene.camera, w, h).unwrap(),
+                cast.raycast_pixels(&field, &world.scene.camera, w, h, &pixels).unwrap(),
+            ),
+            (
+                draw.render(&prepared, &world.novel, w, h).unwrap(),
+                draw.render_pixels(&prepared, &world.novel, w, h, &pixels).unwrap(),
+            ),
+        ];
+        for (picture, listed) in pairs {
+            let colors = picture.pixels().as_flattened();
+            prop_assert!(colors.iter().all(|c| (0.0..=1.0).contains(c)), "{colors:?}");
+            prop_assert!(picture.pixels().iter().rev().eq(&listed));
         }
     }
 

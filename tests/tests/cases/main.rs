@@ -14,6 +14,7 @@ mod table;
 
 use backends::{casters, drawers};
 use case::Case;
+use lamina_device::{Choice, Gpu};
 use std::path::{Path, PathBuf};
 use table::Table;
 
@@ -31,6 +32,9 @@ fn every_case_keeps_its_tolerance_in_every_stage_on_every_backend() {
     let (casters, drawers) = (casters(), drawers());
     let names = casters.iter().map(|c| c.name()).chain(drawers.iter().map(|d| d.name()));
     let mut table = Table::new(names.collect());
+    if let Err(reason) = Gpu::open(Choice::Gpu) {
+        table.pass_over("all", "all", "R gpu, I gpu", &reason.to_string());
+    }
     let only = std::env::var("CASE").unwrap_or_default();
     let cases: Vec<Case> = files().iter().flat_map(|path| case::read(path)).collect();
     for case in cases.iter().filter(|case| case.name.contains(&only)) {

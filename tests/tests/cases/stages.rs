@@ -2,6 +2,7 @@
 //!
 //! - `raycast`: pictures of the volume; greatest difference of a channel.
 //! - `generate`: what comes through up to every start and end of a supersegment; greatest difference.
+//! - `color`: colours of supersegments, where there is one; greatest difference of a channel.
 //! - `composite`: a list's colour, composited by `model::composite`; greatest difference of a channel.
 //! - `encode`: supersegments that come back with other depths, or are not stored the same when encoded once more.
 //! - `decode`: as `composite`, after encoding and decoding.
@@ -10,7 +11,7 @@
 //! - `novel`: pictures from elsewhere against the volume's; root of the mean square.
 
 use crate::backends::{Caster, Drawer};
-use crate::case::Case;
+use crate::case::{Case, Reference};
 use crate::expected::{Lights, View, of_vdi, of_volume, views};
 use crate::table::Table;
 use lamina_generator_node::kernel::Field;
@@ -101,6 +102,10 @@ fn lists(report: &mut Report, vdi: &Vdi, view: &View, seen: &[Vec<Lights>]) {
     report.add("generate", through);
     if let Some(expected) = report.case.longest_list {
         report.table.add(&report.case.name, "lists", &report.backend, longest.abs_diff(expected) as f64, 0.0);
+    }
+    if let Reference::Slab { color, .. } = report.case.reference {
+        let of = |s: &Supersegment| (0..3).map(|c| (f64::from(s.color[c]) - color[c]).abs()).fold(0.0, f64::max);
+        report.add("color", vdi.segments().iter().map(of).fold(0.0, f64::max));
     }
     report.add("composite", worst_channel(&composited(vdi, view), seen, vdi.header().background));
 }

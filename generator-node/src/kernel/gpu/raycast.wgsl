@@ -54,7 +54,8 @@ fn color_at(i: u32, j: u32) -> vec3f {
         }
         s = next_sample(span, &walk);
     }
-    return color + transmittance * picture.background;
+    // Sums of what is white may round to a little more than white.
+    return min(color + transmittance * picture.background, vec3f(1.0));
 }
 
 // The last step: its optical depth in proportion to its length.

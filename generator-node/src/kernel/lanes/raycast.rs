@@ -114,7 +114,8 @@ fn cast<L: Lanes, V: Pair>(view: &View<V>, cast: &Cast, pixels: &[(u32, u32)]) -
         Light::<L> { table: view.table, floor: cast.floor, color: [zero; 3], transmittance: L::F::splat(1.0) };
     view.march(&packet, &mut light);
     let (color, transmittance) = (light.color.map(L::F::to_array), light.transmittance.to_array());
-    std::array::from_fn(|l| std::array::from_fn(|c| color[c][l] + transmittance[l] * cast.background[c]))
+    // Sums of what is white may round to a little more than white.
+    std::array::from_fn(|l| std::array::from_fn(|c| (color[c][l] + transmittance[l] * cast.background[c]).min(1.0)))
 }
 
 /// What eight rays have gathered.
