@@ -1,6 +1,8 @@
 //! What the suites share: small scenes with known answers.
 
 pub mod processes;
+pub mod reference;
+pub mod vdi_reference;
 
 use glam::DVec3;
 use lamina_model::{Camera, ControlPoint, Effects, Grid, ScalarRange, Scale, Scene, TransferFunction, Volume, Voxels};

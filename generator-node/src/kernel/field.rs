@@ -2,9 +2,10 @@
 //!
 //! The field drawn is the position in the transfer function's range, interpolated trilinearly between sample points.
 //! Under a linear range whole numbers and half floats are stored as they are, and the range is applied after
-//! interpolation; single and double precision are mapped first and stored as f32 (in place, if f32 came). Under a
-//! logarithmic range all are mapped first: what is interpolated is the logarithm, so that a steep front keeps its
-//! decades. Voxels that are not finite are NaN, and any sample whose cell touches one is empty.
+//! interpolation, unless the range is too narrow for that in single precision; single and double precision are mapped
+//! first and stored as f32 (in place, if f32 came). Under a logarithmic range all are mapped first: what is interpolated
+//! is the logarithm, so that a steep front keeps its decades. Voxels that are not finite are NaN, and any sample whose
+//! cell touches one is empty.
 
 use super::effects::Effects;
 use super::light::LightVolume;
@@ -167,7 +168,9 @@ impl Field {
 /// The scalars to keep and whether they were moved up, and how many are not finite.
 #[expect(clippy::useless_conversion, reason = "one body for all voxel types, f64 among them")]
 fn stored(voxels: Voxels, range: &ScalarRange) -> ((Stored, bool), u64) {
-    if range.scale() == Scale::Linear {
+    let width = range.hi() - range.lo();
+    // 65536 voxel values and rows of a table: positions as rows stay far below the greatest single.
+    if range.scale() == Scale::Linear && (65536.0 + range.lo().abs()) / width < f64::from(ScalarRange::FARTHEST) {
         match voxels {
             Voxels::U8(v) => return ((Stored::U8(v), false), 0),
             Voxels::U16(v) => return ((Stored::U16(v), false), 0),
@@ -183,8 +186,8 @@ fn stored(voxels: Voxels, range: &ScalarRange) -> ((Stored, bool), u64) {
         }
     }
     let mapped = match voxels {
-        Voxels::F32(mut v) if range.scale() == Scale::Linear => {
-            let (lo, per_range, most) = (range.lo(), 1.0 / (range.hi() - range.lo()), f64::from(f32::MAX));
+        Voxels::F32(mut v) if range.scale() == Scale::Linear && (1.0 / width).is_finite() => {
+            let (lo, per_range, most) = (range.lo(), 1.0 / width, f64::from(ScalarRange::FARTHEST));
             v.par_chunks_mut(1 << 14).for_each(|chunk| {
                 for x in chunk {
                     let unit = ((f64::from(*x) - lo) * per_range).clamp(-most, most) as f32;

@@ -11,11 +11,13 @@ use lamina_model::composite::opacity_from_optical_depth;
 /// Rows of [`TransferTable::unit`] and [`TransferTable::step`].
 #[derive(Debug, Clone)]
 pub struct TransferTable {
-    /// Red, green, blue and opacity of one step, premultiplied. `bins` + 1 rows.
+    /// Red, green, blue and opacity of one step, premultiplied. `below` + `bins` + 1 rows.
     pub step: Vec<[f32; 4]>,
     /// Red, green, blue and opacity of one unit length, premultiplied; then the optical depth of one step and the ratio of
-    /// a step's opacity to that of a unit length; then two zeros. `bins` + 1 rows.
+    /// a step's opacity to that of a unit length; then two zeros. As many rows.
     pub unit: Vec<[f32; 8]>,
+    /// Rows before that of position 0: one where points at 0 make a jump, for what lies below the range.
+    pub below: u32,
     /// Steps in a unit length.
     pub unit_steps: f32,
     /// Outside these rows, ends included, all is transparent.
@@ -34,8 +36,10 @@ impl TransferTable {
     pub fn new(transfer: &TransferFunction, unit_length: f64, step_length: f64) -> Self {
         let bins = bins(transfer);
         let units = step_length / unit_length;
-        let rows = (0..=bins).map(|n| {
-            let c = transfer.classify((n as f64 / bins as f64) as f32, unit_length);
+        let below = u32::from(transfer.at(-1.0) != transfer.at(0.0));
+        let beside = (0..below).map(|_| -1.0);
+        let rows = beside.chain((0..=bins).map(|n| (n as f64 / bins as f64) as f32)).map(|u| {
+            let c = transfer.classify(u, unit_length);
             let optical_depth = (c.extinction * step_length).min(OPAQUE);
             let step = opacity_from_optical_depth(optical_depth);
             // A transparent row takes the limit, so that bins at the rim of the visible interpolate towards it.
@@ -48,8 +52,8 @@ impl TransferTable {
             )
         });
         let (step, unit) = rows.unzip();
-        let visible = transfer.visible_hull().map(|u| u * bins as f32);
-        Self { step, unit, unit_steps: (1.0 / units) as f32, visible }
+        let visible = transfer.visible_hull().map(|u| u * bins as f32 + below as f32);
+        Self { step, unit, below, unit_steps: (1.0 / units) as f32, visible }
     }
 
     /// Whether something may show at a position given in rows. NaN never does.
@@ -60,7 +64,7 @@ impl TransferTable {
 
     /// Intervals of the range.
     pub fn bins(&self) -> usize {
-        self.step.len() - 1
+        self.step.len() - 1 - self.below as usize
     }
 }
 
@@ -76,7 +80,7 @@ fn bins(transfer: &TransferFunction) -> usize {
 pub struct Integral {
     /// Sums of optical depth x (red, green, blue, 1) of a whole step, row by row from the first; in units of rows.
     pub sums: Vec<[f64; 4]>,
-    /// The summands at both ends of the range, which go on outside.
+    /// The summands below and above the range.
     pub ends: [[f64; 4]; 2],
 }
 
@@ -84,19 +88,19 @@ impl Integral {
     /// For steps of `step_length` where opacities refer to `unit_length`; as many rows as [`TransferTable::new`] makes.
     pub fn new(transfer: &TransferFunction, unit_length: f64, step_length: f64) -> Self {
         let bins = bins(transfer);
-        let summand = |n: usize| {
-            let c = transfer.classify((n as f64 / bins as f64) as f32, unit_length);
+        let summand = |at: f64| {
+            let c = transfer.classify(at as f32, unit_length);
             let depth = (c.extinction * step_length).min(OPAQUE);
             [depth * c.color[0], depth * c.color[1], depth * c.color[2], depth]
         };
-        let (mut sums, mut sum, mut last) = (vec![[0.0; 4]], [0.0; 4], summand(0));
+        let (mut sums, mut sum, mut last) = (vec![[0.0; 4]], [0.0; 4], summand(0.0));
         for n in 1..=bins {
-            let next = summand(n);
+            let next = summand(n as f64 / bins as f64);
             sum = std::array::from_fn(|c| sum[c] + 0.5 * (last[c] + next[c]));
             sums.push(sum);
             last = next;
         }
-        Self { sums, ends: [summand(0), last] }
+        Self { sums, ends: [summand(-1.0), last] }
     }
 
     /// Intervals of the range.

@@ -48,10 +48,14 @@ impl From<ScalarRange> for RangeFields {
 }
 
 impl ScalarRange {
+    /// Positions farther from the range are brought to it: in single precision their differences, and rows of a table,
+    /// stay numbers.
+    pub const FARTHEST: f32 = 1e30;
+
     /// The range from `lo` to `hi`.
     ///
     /// # Errors
-    /// If the ends are not finite, not `lo < hi`, or not positive under [`Scale::Log10`].
+    /// If the ends are not finite, not `lo < hi`, or under [`Scale::Log10`] not positive or without different logarithms.
     pub fn new(lo: f64, hi: f64, scale: Scale) -> Result<Self, Invalid> {
         if !(lo.is_finite() && hi.is_finite() && lo < hi && (hi - lo).is_finite()) {
             return Err(Invalid::new(
@@ -61,6 +65,10 @@ impl ScalarRange {
         }
         if scale == Scale::Log10 && lo <= 0.0 {
             return Err(Invalid::new("transfer.range", format!("log10 needs a positive lower end, not {lo}")));
+        }
+        if scale == Scale::Log10 && hi.ln() <= lo.ln() {
+            let text = format!("the logarithms of {lo} and {hi} are the same in double precision; use a linear scale");
+            return Err(Invalid::new("transfer.range", text));
         }
         Ok(Self { lo, hi, scale })
     }
@@ -80,6 +88,7 @@ impl ScalarRange {
 
     /// Where `value` lies: 0 at `lo`, 1 at `hi`. What is not finite becomes NaN, which is drawn as empty. Values the
     /// logarithm cannot take count as one whole range below `lo`.
+    #[inline]
     pub fn unit_from_value(&self, value: f64) -> f32 {
         if !value.is_finite() {
             return f32::NAN;
@@ -87,9 +96,11 @@ impl ScalarRange {
         let u = match self.scale {
             Scale::Linear => (value - self.lo) / (self.hi - self.lo),
             Scale::Log10 if value <= 0.0 => -1.0,
-            Scale::Log10 => ((value / self.lo).ln() / (self.hi / self.lo).ln()).max(-1.0),
+            // Not the logarithm of a ratio: over six hundred decades that has no end.
+            Scale::Log10 => ((value.ln() - self.lo.ln()) / (self.hi.ln() - self.lo.ln())).max(-1.0),
         };
-        u.clamp(f64::from(-f32::MAX), f64::from(f32::MAX)) as f32
+        let farthest = f64::from(Self::FARTHEST);
+        u.clamp(-farthest, farthest) as f32
     }
 }
 

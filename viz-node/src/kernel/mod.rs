@@ -11,4 +11,5 @@ pub mod scalar;
 
 pub use backend::Backend;
 pub use cpu::{PreparedVdi, render};
+pub use lamina_lanes::Level;
 pub use quality::quality;

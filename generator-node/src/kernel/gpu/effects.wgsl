@@ -81,7 +81,7 @@ fn look(span: Span, course: Course, s: Sample) -> Look {
     var color = vec3f(0.0);
     var depth = 0.0;
     if there && u >= view.visible.x && u <= view.visible.y {
-        let row = row_at(u, view.bins);
+        let row = row_at(u, view.bins, view.below);
         let unit = unit_row(row);
         if unit.w > 0.0 {
             color = unit.xyz / unit.w;
@@ -119,7 +119,7 @@ fn look(span: Span, course: Course, s: Sample) -> Look {
 
 // The sums up to position `u` of the range, which go on as they end outside of it.
 fn sum_at(u: f32) -> vec4f {
-    let row = row_at(u, view.bins);
+    let row = row_at(max(u, 0.0), view.bins, 0u);
     let a = sums[row.index];
     let inside = a + row.weight * (sums[row.index + 1u] - a);
     let beyond = (u - clamp(u, 0.0, 1.0)) * f32(view.bins);

@@ -31,9 +31,10 @@ pub struct View {
     pub right: [f32; 3],
     pub bins: u32,
     pub up: [f32; 3],
-    pub near: f32,
+    pub below: u32,
     pub visible: [f32; 2],
-    pub pad1: [u32; 2],
+    pub near: f32,
+    pub pad0: u32,
 }
 
 /// Effects.

@@ -33,11 +33,13 @@ struct View {
     // Intervals of the transfer function's table.
     bins: u32,
     up: vec3f,
-    // Steps from the eye to the plane that rays start on.
-    near: f32,
+    // Rows of the table before that of position 0.
+    below: u32,
     // Outside these positions of the range all is transparent.
     visible: vec2f,
-    pad1: vec2u,
+    // Steps from the eye to the plane that rays start on.
+    near: f32,
+    pad0: u32,
 }
 
 // Effects; twin of effects.rs. Lengths in steps, positions in sample points.

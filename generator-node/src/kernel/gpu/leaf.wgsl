@@ -50,10 +50,10 @@ struct Row {
     weight: f32,
 }
 
-// Row of the table at or below position `u`, and the weight of the next one.
-fn row_at(u: f32, bins: u32) -> Row {
-    let x = clamp(u, 0.0, 1.0) * f32(bins);
-    let index = min(u32(x), bins - 1u);
+// Row of the table at or below position `u`, and the weight of the next one; `below` rows come before that of 0.
+fn row_at(u: f32, bins: u32, below: u32) -> Row {
+    let x = max(clamp(u, -1.0, 1.0) * f32(bins) + f32(below), 0.0);
+    let index = min(u32(x), bins + below - 1u);
     return Row(index, x - f32(index));
 }
 

@@ -89,7 +89,7 @@ fn next_sample(span: Span, walk: ptr<function, Walk>) -> Sample {
         var u = 0.0;
         let there = value_at(index, &u);
         if EFFECTS || (there && u >= view.visible.x && u <= view.visible.y) {
-            return Sample(step, length, row_at(u, view.bins), u, there);
+            return Sample(step, length, row_at(u, view.bins, view.below), u, there);
         }
     }
     return Sample(span.steps, 0.0, Row(0u, 0.0), 0.0, false);

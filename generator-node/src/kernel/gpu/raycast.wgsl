@@ -54,7 +54,7 @@ fn color_at(i: u32, j: u32) -> vec3f {
             }
             s = next_sample(span, &walk);
         }
-        return color + transmittance * picture.background;
+        return min(color + transmittance * picture.background, vec3f(1.0));
     }
     var walk = Walk(0u, 0u);
     var s = next_sample(span, &walk);
@@ -70,7 +70,8 @@ fn color_at(i: u32, j: u32) -> vec3f {
         }
         s = next_sample(span, &walk);
     }
-    return color + transmittance * picture.background;
+    // Sums of what is white may round to a little more than white.
+    return min(color + transmittance * picture.background, vec3f(1.0));
 }
 
 // The last step: its optical depth in proportion to its length.

@@ -39,8 +39,9 @@ pub struct Resident {
 #[derive(Debug, Clone)]
 pub struct Tables {
     pub step_length: f64,
-    /// Intervals.
+    /// Intervals of the range, and rows before it.
     pub bins: u32,
+    pub below: u32,
     /// Outside these positions all is transparent.
     pub visible: [f32; 2],
     pub step_rows: Buffer,
@@ -84,9 +85,9 @@ impl Resident {
         let tables = Tables {
             step_length,
             bins: table.bins() as u32,
+            below: table.below,
             // Shaders need not know infinity.
-            // The table counts in rows, the shader in the range.
-            visible: table.visible.map(|row| (row / table.bins() as f32).clamp(f32::MIN, f32::MAX)),
+            visible: field.scene().transfer.visible_hull().map(|u| u.clamp(f32::MIN, f32::MAX)),
             step_rows: upload("step rows", bytemuck::cast_slice(&table.step)),
             unit_rows: upload("unit rows", bytemuck::cast_slice(&table.unit)),
         };

@@ -40,9 +40,10 @@ impl View {
             right: step(right),
             bins: tables.bins,
             up: step(up),
-            near: (near / step_length) as f32,
+            below: tables.below,
             visible: tables.visible,
-            pad1: [0; 2],
+            near: (near / step_length) as f32,
+            pad0: 0,
         }
     }
 }

@@ -63,7 +63,11 @@ impl<'a> Prepared<'a> {
         });
         let rows = table.bins() as f64;
         let surface = |s: &crate::kernel::effects::Surface| {
-            ((s.at * rows) as f32, s.color.map(|c| c as f32), s.optical_depth.min(OPAQUE) as f32)
+            (
+                (s.at * rows + f64::from(table.below)) as f32,
+                s.color.map(|c| c as f32),
+                s.optical_depth.min(OPAQUE) as f32,
+            )
         };
         let (near, far) = cue_range(field.grid(), camera.position());
         let per_step = |strength: f64| (strength * step_length / (far - near)) as f32;
@@ -180,6 +184,7 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
         if !apart.any() {
             return;
         }
+        let (u, v) = (u - s(self.view.table.below as f32), v - s(self.view.table.below as f32));
         let last = s((sums.len() - 1) as f32);
         let (mut low, mut high) = (L::rows4(sums, u), L::rows4(sums, v));
         for (row, x) in [(&mut low, u), (&mut high, v)] {
@@ -226,8 +231,8 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
                 }
                 count::value();
                 share = self.crossing(packet, [from, length], [u, v], level);
-                for c in 0..3 {
-                    own[c] = L::F::select(falls, s(falling.1[c]), s(rising.1[c]));
+                for (own, (low, high)) in own.iter_mut().zip(rising.1.iter().zip(falling.1)) {
+                    *own = L::F::select(falls, s(high), s(*low));
                 }
                 surface = L::F::select(falls, s(falling.2), s(rising.2)).only(hit);
             }

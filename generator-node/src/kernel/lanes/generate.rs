@@ -7,7 +7,7 @@ use crate::kernel::Field;
 use crate::kernel::field::{Stored, for_stored};
 use crate::kernel::rows::{Band, Join, header, in_order};
 use crate::kernel::table::TransferTable;
-use lamina_lanes::{Floats, Ints, Job, Lanes, Level, Masks, Pair, WIDTH, opacity};
+use lamina_lanes::{Floats, Ints, Job, Lanes, Level, Masks, Pair, SMALL, WIDTH, opacity, small_opacity};
 use lamina_model::composite::optical_depth_from_opacity;
 use lamina_model::{GenerationParams, Invalid, Supersegment, Vdi, VdiHeader};
 
@@ -94,7 +94,10 @@ impl<L: Lanes> Seen<L> {
         if last.any() {
             length = L::F::select(last, L::F::from_array(packet.last_length), length);
             depth = depth * length;
-            ratio = L::F::select(last, opacity::<L>(depth).div(unit), ratio);
+            // What is faint by the series: beside it, all digits of the other are rounding.
+            let large = L::F::splat(SMALL).lt(depth);
+            let part = L::F::select(large, opacity::<L>(depth), small_opacity::<L>(depth));
+            ratio = L::F::select(last, part.div(unit), ratio);
         }
         Some(Self { shown, color: [r, g, b], unit, depth, ratio, length })
     }

@@ -7,7 +7,7 @@
 use crate::kernel::skip::BRICK;
 use crate::kernel::{Field, table::TransferTable};
 use glam::DVec3;
-use lamina_lanes::{Floats, Ints, Kind, Lanes, Masks, Pair, WIDTH};
+use lamina_lanes::{Floats, Ints, Lanes, Masks, Pair, WIDTH};
 use lamina_model::{Camera, vdi};
 
 /// An expression for each axis. Not a closure: a closure is a function of its own, which the compiler may fail to inline
@@ -91,7 +91,7 @@ impl<'a, V: Pair> View<'a, V> {
             row: dims[0],
             slice: dims[0] * dims[1],
             scale: (scale * table.bins() as f64) as f32,
-            offset: (offset * table.bins() as f64) as f32,
+            offset: (offset * table.bins() as f64 + f64::from(table.below)) as f32,
             bricks: field.skip().dims().map(|n| n as i32),
             distances: field.skip().distances(),
             table,
@@ -119,9 +119,7 @@ impl<'a, V: Pair> View<'a, V> {
         };
         let near = lerp::<L>(self.along_x::<L>(0, &index, w[0]), self.along_x::<L>(1, &index, w[0]), w[1]);
         let far = lerp::<L>(self.along_x::<L>(2, &index, w[0]), self.along_x::<L>(3, &index, w[0]), w[1]);
-        let at = lerp::<L>(near, far, w[2]) * L::F::splat(self.scale);
-        // Single precision is stored as the position in the range itself.
-        if V::KIND == Kind::F32 { at } else { at + L::F::splat(self.offset) }
+        lerp::<L>(near, far, w[2]) * L::F::splat(self.scale) + L::F::splat(self.offset)
     }
 
     /// Between the voxels at `index` of a corner and their right neighbours.
@@ -196,6 +194,8 @@ fn lerp<L: Lanes>(a: L::F, b: L::F, w: L::F) -> L::F {
 pub struct Lens {
     /// In units of sample points.
     pub eye: [f64; 3],
+    /// Per axis, whether the eye is between the box's faces or on one, told in the world as the oracle does.
+    beside: [bool; 3],
     last: [f64; 3],
     per_spacing: [f64; 3],
     per_step: f64,
@@ -211,7 +211,9 @@ impl Lens {
         let direction = |i: f64, j: f64| camera.direction(i + 0.5, j + 0.5, width, height);
         let corner = direction(0.0, 0.0);
         let (columns, rows) = (f64::from(width), f64::from(height));
+        let (eye, bounds) = (camera.position(), field.grid().bounds());
         Self {
+            beside: [0, 1, 2].map(|a| bounds.min[a] <= eye[a] && eye[a] <= bounds.max[a]),
             eye: field.index_from_world(camera.position()).to_array(),
             last: field.grid().dims().map(|n| (n - 1) as f64),
             per_spacing: field.grid().spacing().recip().to_array(),
@@ -276,15 +278,17 @@ impl<L: Lanes> Packet<L> {
         let (mut near, mut far, mut square) = ([0.0; WIDTH], [f64::MAX; WIDTH], [0.0; WIDTH]);
         let mut direction = [[0.0; WIDTH]; 3];
         for (a, direction) in direction.iter_mut().enumerate() {
+            // A ray that does not move along an axis is inside that slab for ever, or never.
+            let still = if lens.beside[a] { [f64::MIN, f64::MAX] } else { [f64::MAX, f64::MIN] };
             for l in 0..WIDTH {
                 let world = lens.corner[a] + i[l] * lens.right[a] + j[l] * lens.down[a];
                 let d = world * lens.per_spacing[a];
                 square[l] += world * world;
                 direction[l] = d;
-                // A ray that does not move along an axis is inside that slab for ever, or never.
-                let inverse = if d == 0.0 { 1e300 } else { 1.0 / d };
+                let inverse = 1.0 / d;
                 let (s, t) = ((0.0 - lens.eye[a]) * inverse, (lens.last[a] - lens.eye[a]) * inverse);
                 let (s, t) = if s < t { (s, t) } else { (t, s) };
+                let (s, t) = if d == 0.0 { (still[0], still[1]) } else { (s, t) };
                 near[l] = if s > near[l] { s } else { near[l] };
                 far[l] = if t < far[l] { t } else { far[l] };
             }

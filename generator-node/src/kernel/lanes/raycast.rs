@@ -158,7 +158,8 @@ fn cast_with<L: Lanes, V: Pair>(
 #[inline(always)]
 fn over<L: Lanes>(cast: &Cast, color: [L::F; 3], transmittance: L::F) -> [[f32; 3]; WIDTH] {
     let (color, transmittance) = (color.map(L::F::to_array), transmittance.to_array());
-    std::array::from_fn(|l| std::array::from_fn(|c| color[c][l] + transmittance[l] * cast.background[c]))
+    // Sums of what is white may round to a little more than white.
+    std::array::from_fn(|l| std::array::from_fn(|c| (color[c][l] + transmittance[l] * cast.background[c]).min(1.0)))
 }
 
 /// What eight rays have gathered.

@@ -82,14 +82,16 @@ impl<L: Lanes> Light<L> {
         self.alive = self.alive & L::F::splat(TRANSMITTANCE_FLOOR as f32).le(light.transmittance);
     }
 
-    /// The colours seen in front of `background`, when all is gathered.
+    /// The colours seen in front of `background`, when all is gathered. Sums of what is white may round to a little more
+    /// than white.
     #[inline(always)]
     pub fn over(&self, background: [f32; 3]) -> [[f32; WIDTH]; 3] {
         let ([r, g, b], t) = (self.seen.color, self.seen.transmittance);
+        let white = L::F::splat(1.0);
         [
-            (r + t * L::F::splat(background[0])).to_array(),
-            (g + t * L::F::splat(background[1])).to_array(),
-            (b + t * L::F::splat(background[2])).to_array(),
+            (r + t * L::F::splat(background[0])).min(white).to_array(),
+            (g + t * L::F::splat(background[1])).min(white).to_array(),
+            (b + t * L::F::splat(background[2])).min(white).to_array(),
         ]
     }
 }

@@ -61,6 +61,11 @@ impl<V: Deref<Target = Vdi>> PreparedVdi<V> {
         Self { vdi, index, level: Level::detect(), id: NEXT.fetch_add(1, Ordering::Relaxed) }
     }
 
+    /// The same, drawn at `level` instead of the best one: all give the same picture.
+    pub fn at_level(self, level: Level) -> Self {
+        Self { level, ..self }
+    }
+
     /// No other has it as long as the process lives: what a device holds is known by it.
     pub(super) fn id(&self) -> u64 {
         self.id

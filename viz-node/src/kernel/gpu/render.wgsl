@@ -42,5 +42,6 @@ fn color_at(i: u32, j: u32) -> vec3f {
         return view.background;
     }
     let light = walk(line);
-    return light.color + light.transmittance * view.background;
+    // Sums of what is white may round to a little more than white.
+    return min(light.color + light.transmittance * view.background, vec3f(1.0));
 }

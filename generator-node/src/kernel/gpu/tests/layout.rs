@@ -22,9 +22,10 @@ fn structs_equal_their_twins() {
             right,
             bins,
             up,
-            near,
+            below,
             visible,
-            pad1,
+            near,
+            pad0,
         }),
         layout_of!(Effects {
             light,

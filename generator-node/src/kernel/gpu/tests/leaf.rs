@@ -82,11 +82,13 @@ fn rows_lie_in_the_table() {
     let bins = 1024.0;
     let below = 1.0_f32.next_down();
     let positions = [-1e37, -1.0, -0.0, 0.0, 1e-6, 0.5, 0.5 - 1e-7, 1023.0 / 1024.0, below, 1.0, 1.5, 3e38];
-    let Some(outcomes) = probe(Leaf::Row, &positions.map(|u| [[u, bins, 0.0, 0.0]; 4])) else { return };
-    for (u, [a, _]) in positions.into_iter().zip(outcomes) {
-        let at = u.clamp(0.0, 1.0) * bins;
-        let row = (at as u32).min(1023) as f32;
-        assert_eq!([a[0], a[1]], [row, at - row], "{u}");
+    for beside in [0, 1] {
+        let Some(outcomes) = probe(Leaf::Row, &positions.map(|u| [[u, bins, beside as f32, 0.0]; 4])) else { return };
+        for (u, [a, _]) in positions.into_iter().zip(outcomes) {
+            let at = (u.clamp(-1.0, 1.0) * bins + beside as f32).max(0.0);
+            let row = (at as u32).min(1023 + beside) as f32;
+            assert_eq!([a[0], a[1]], [row, at - row], "{u}, {beside} rows below");
+        }
     }
 }
 

@@ -33,7 +33,7 @@ fn probe(@builtin(global_invocation_id) id: vec3u) {
             a.x = f32(steps(p.a.x));
         }
         case 2u: {
-            let row = row_at(p.a.x, u32(p.a.y));
+            let row = row_at(p.a.x, u32(p.a.y), u32(p.a.z));
             a = vec3f(f32(row.index), row.weight, 0.0);
         }
         case 3u: {

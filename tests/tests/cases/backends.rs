@@ -1,0 +1,138 @@
+//! What casts rays, and what draws: the oracles, all levels of lanes, the GPU where there is one.
+
+use lamina_device::testing;
+use lamina_generator_node::kernel::gpu::{GpuError as CastError, GpuKernels as CastKernels};
+use lamina_generator_node::kernel::lanes::{self, Level, Shot};
+use lamina_generator_node::kernel::{Field, scalar};
+use lamina_model::composite::TRANSMITTANCE_FLOOR;
+use lamina_model::{Camera, GenerationParams, Vdi};
+use lamina_viz_node::kernel::gpu::{GpuError as DrawError, GpuKernels as DrawKernels};
+use lamina_viz_node::kernel::{PreparedVdi, scalar as drawn};
+
+/// Colours of pixels, or why there are none.
+pub type Colors = Result<Vec<[f32; 3]>, String>;
+
+/// Pixels of a picture from a camera.
+pub struct Shown<'a> {
+    pub camera: &'a Camera,
+    pub size: [u32; 2],
+    pub pixels: &'a [(u32, u32)],
+}
+
+/// Casts rays through volumes.
+pub enum Caster {
+    Scalar,
+    Lanes(Level),
+    Gpu(Box<CastKernels>),
+}
+
+/// All that this machine has.
+pub fn casters() -> Vec<Caster> {
+    let gpu = testing::gpu().map(|gpu| Caster::Gpu(Box::new(CastKernels::new(gpu).unwrap())));
+    let lanes = Level::available().into_iter().map(Caster::Lanes);
+    [Caster::Scalar].into_iter().chain(lanes).chain(gpu).collect()
+}
+
+impl Caster {
+    pub fn name(&self) -> String {
+        match self {
+            Self::Scalar => "R scalar".to_owned(),
+            Self::Lanes(level) => format!("R lanes {level:?}"),
+            Self::Gpu(_) => "R gpu".to_owned(),
+        }
+    }
+
+    /// The colours of some pixels, by the path for whole pictures where all are asked for.
+    pub fn raycast(&self, field: &Field, shown: &Shown) -> Colors {
+        let Shown { camera, size: [w, h], pixels } = *shown;
+        let whole = pixels.len() == w as usize * h as usize;
+        match self {
+            Self::Scalar if whole => Ok(scalar::raycast(field, camera, w, h).unwrap().pixels().to_vec()),
+            Self::Scalar => Ok(scalar::raycast_pixels(field, camera, w, h, pixels)),
+            Self::Lanes(level) => {
+                fits(field)?;
+                let shot = Shot { camera, size: [w, h], floor: TRANSMITTANCE_FLOOR as f32 };
+                Ok(if whole {
+                    lanes::raycast(*level, field, &shot)
+                } else {
+                    lanes::raycast_pixels(*level, field, &shot, pixels)
+                })
+            }
+            Self::Gpu(gpu) if whole => {
+                gpu.raycast(field, camera, w, h).map(|image| image.pixels().to_vec()).map_err(too_large)
+            }
+            Self::Gpu(gpu) => gpu.raycast_pixels(field, camera, w, h, pixels).map_err(too_large),
+        }
+    }
+
+    pub fn generate(&self, field: &Field, params: &GenerationParams) -> Result<Vdi, String> {
+        match self {
+            Self::Scalar => Ok(scalar::generate(field, params).unwrap()),
+            Self::Lanes(level) => {
+                fits(field)?;
+                Ok(lanes::generate(*level, field, params).unwrap())
+            }
+            Self::Gpu(gpu) => gpu.generate(field, params).map(|(vdi, _)| vdi).map_err(too_large),
+        }
+    }
+}
+
+fn fits(field: &Field) -> Result<(), String> {
+    if lanes::fits(field) { Ok(()) } else { Err("lanes need two sample points on every axis".to_owned()) }
+}
+
+fn too_large(error: CastError) -> String {
+    assert!(matches!(error, CastError::TooLarge { .. }), "{error}");
+    error.to_string()
+}
+
+/// Draws VDIs.
+pub enum Drawer {
+    Scalar,
+    Lanes(Level),
+    Gpu(Box<DrawKernels>),
+}
+
+/// All that this machine has.
+pub fn drawers() -> Vec<Drawer> {
+    let gpu = testing::gpu().map(|gpu| Drawer::Gpu(Box::new(DrawKernels::new(gpu).unwrap())));
+    let lanes = Level::available().into_iter().map(Drawer::Lanes);
+    [Drawer::Scalar].into_iter().chain(lanes).chain(gpu).collect()
+}
+
+impl Drawer {
+    pub fn name(&self) -> String {
+        match self {
+            Self::Scalar => "I scalar".to_owned(),
+            Self::Lanes(level) => format!("I lanes {level:?}"),
+            Self::Gpu(_) => "I gpu".to_owned(),
+        }
+    }
+
+    /// The colours of some pixels, by the path for whole pictures where all are asked for.
+    pub fn render(&self, vdi: &Vdi, prepared: &PreparedVdi<&Vdi>, shown: &Shown) -> Colors {
+        let Shown { camera, size: [w, h], pixels } = *shown;
+        let whole = pixels.len() == w as usize * h as usize;
+        match self {
+            Self::Scalar if whole => Ok(drawn::render(vdi, camera, w, h).unwrap().pixels().to_vec()),
+            Self::Scalar => Ok(drawn::render_pixels(vdi, camera, w, h, pixels)),
+            Self::Lanes(_) if whole => Ok(prepared.render(camera, w, h).unwrap().pixels().to_vec()),
+            Self::Lanes(_) => Ok(prepared.render_pixels(camera, w, h, pixels)),
+            Self::Gpu(gpu) if whole => {
+                gpu.render(prepared, camera, w, h).map(|image| image.pixels().to_vec()).map_err(too_large_to_draw)
+            }
+            Self::Gpu(gpu) => gpu.render_pixels(prepared, camera, w, h, pixels).map_err(too_large_to_draw),
+        }
+    }
+
+    /// What drawing needs, prepared for this backend.
+    pub fn prepare<'a>(&self, vdi: &'a Vdi) -> PreparedVdi<&'a Vdi> {
+        let prepared = PreparedVdi::new(vdi);
+        if let Self::Lanes(level) = self { prepared.at_level(*level) } else { prepared }
+    }
+}
+
+fn too_large_to_draw(error: DrawError) -> String {
+    assert!(matches!(error, DrawError::TooLarge { .. }), "{error}");
+    error.to_string()
+}

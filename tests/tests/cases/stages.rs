@@ -1,0 +1,202 @@
+//! The stages of a case: how far each is from what is expected.
+//!
+//! - `raycast`: pictures of the volume; greatest difference of a channel.
+//! - `generate`: what comes through up to every start and end of a supersegment; greatest difference.
+//! - `color`: colours of supersegments, where there is one; greatest difference of a channel.
+//! - `composite`: a list's colour, composited by `model::composite`; greatest difference of a channel.
+//! - `encode`: supersegments that come back with other depths, or are not stored the same when encoded once more.
+//! - `decode`: as `composite`, after encoding and decoding.
+//! - `render`: pictures of the VDI against the exact light of that VDI; greatest difference of a channel.
+//! - `own view`: the picture from the scene's camera against the volume's; greatest difference of a channel.
+//! - `novel`: pictures from elsewhere against the volume's; root of the mean square.
+
+use crate::backends::{Caster, Drawer};
+use crate::case::{Case, Reference};
+use crate::expected::{Lights, View, of_vdi, of_volume, views};
+use crate::table::Table;
+use lamina_generator_node::kernel::Field;
+use lamina_model::composite::Accumulator;
+use lamina_model::{Supersegment, Vdi};
+use lamina_tests::reference::Light;
+use lamina_wire::codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode, encode};
+
+const CODECS: [(&str, Codec, Layout); 4] = [
+    ("columns bzip2", Codec::Bzip2, Layout::Columns),
+    ("columns zstd", Codec::Zstd, Layout::Columns),
+    ("plain bzip2", Codec::Bzip2, Layout::Plain),
+    ("plain zstd", Codec::Zstd, Layout::Plain),
+];
+
+/// Runs all stages of `case`.
+pub fn run(case: &Case, casters: &[Caster], drawers: &[Drawer], table: &mut Table) {
+    let volume = case.volume.volume().unwrap();
+    let field = Field::new(volume.clone(), &case.scene.clone().check().unwrap());
+    let views = views(case);
+    let seen: Vec<_> = views.iter().map(|view| of_volume(case, &volume, view)).collect();
+    let shows = seen[0].iter().any(|rays| rays[0].last() != Some(&Light::CLEAR));
+    assert_eq!(case.clear, !shows, "{} is said to show something or not, wrongly", case.name);
+    let mut oracle = None;
+    for caster in casters {
+        let report = &mut Report { case, backend: caster.name(), table };
+        cast(report, caster, &field, &views, &seen);
+        match caster.generate(&field, &case.params()) {
+            Ok(vdi) => {
+                lists(report, &vdi, &views[0], &seen[0]);
+                oracle.get_or_insert(vdi);
+            }
+            Err(reason) => report.pass_over("generate", &reason),
+        }
+    }
+    // The scalar backend is the first one and does everything.
+    let vdi = oracle.unwrap();
+    for (name, codec, layout) in CODECS {
+        let report = &mut Report { case, backend: name.to_owned(), table };
+        encoded(report, &vdi, &EncodeOptions { codec, layout }, &views[0], &seen[0]);
+    }
+    let exact: Vec<_> = views.iter().map(|view| of_vdi(case, &vdi, view)).collect();
+    for drawer in drawers {
+        let report = &mut Report { case, backend: drawer.name(), table };
+        drawn(report, drawer, &vdi, &views, &exact, &seen);
+    }
+}
+
+/// Rows of one backend.
+struct Report<'a> {
+    case: &'a Case,
+    backend: String,
+    table: &'a mut Table,
+}
+
+impl Report<'_> {
+    fn add(&mut self, stage: &str, error: f64) {
+        if let Some(tolerance) = self.case.tolerance(stage, &self.backend) {
+            self.table.add(&self.case.name, stage, &self.backend, error, tolerance);
+        }
+    }
+
+    fn pass_over(&self, stage: &str, reason: &str) {
+        self.table.pass_over(&self.case.name, stage, &self.backend, reason);
+    }
+}
+
+fn cast(report: &mut Report, caster: &Caster, field: &Field, views: &[View], seen: &[Vec<Vec<Lights>>]) {
+    let mut worst = 0.0;
+    for (view, seen) in views.iter().zip(seen) {
+        match caster.raycast(field, &view.shown()) {
+            Ok(colors) => worst = greater(worst, worst_channel(&colors, seen, field.scene().background)),
+            Err(reason) => return report.pass_over("raycast", &reason),
+        }
+    }
+    report.add("raycast", worst);
+}
+
+/// The stages `generate` and `composite`.
+fn lists(report: &mut Report, vdi: &Vdi, view: &View, seen: &[Vec<Lights>]) {
+    let (mut through, mut longest) = (0.0, 0);
+    for (&(i, j), lights) in view.pixels.iter().zip(seen) {
+        let list = vdi.list(i, j);
+        let errors = lights.iter().map(|lights| worst_passage(list, lights));
+        through = greater(through, errors.fold(f64::NAN, f64::min));
+        longest = longest.max(list.len());
+    }
+    report.add("generate", through);
+    if let Some(expected) = report.case.longest_list {
+        report.table.add(&report.case.name, "lists", &report.backend, longest.abs_diff(expected) as f64, 0.0);
+    }
+    if let Reference::Slab { color, .. } = report.case.reference {
+        let of = |s: &Supersegment| (0..3).map(|c| (f64::from(s.color[c]) - color[c]).abs()).fold(0.0, f64::max);
+        report.add("color", vdi.segments().iter().map(of).fold(0.0, f64::max));
+    }
+    report.add("composite", worst_channel(&composited(vdi, view), seen, vdi.header().background));
+}
+
+/// The greatest difference of what comes through up to the supersegments' ends.
+fn worst_passage(list: &[Supersegment], lights: &Lights) -> f64 {
+    let (mut depth, mut worst) = (0.0_f64, 0.0);
+    let expected = |step: u32| lights[lights.len().min(step as usize + 1) - 1].transmittance;
+    for s in list {
+        let before = (-depth).exp();
+        depth += f64::from(s.optical_depth);
+        worst = greater(worst, (before - expected(s.start)).abs());
+        worst = greater(worst, ((-depth).exp() - expected(s.end)).abs());
+    }
+    greater(worst, ((-depth).exp() - expected(u32::MAX - 1)).abs())
+}
+
+fn composited(vdi: &Vdi, view: &View) -> Vec<[f32; 3]> {
+    let color = |&(i, j): &(u32, u32)| {
+        let mut light = Accumulator::default();
+        vdi.list(i, j).iter().for_each(|s| light.add(s.color.map(f64::from), s.optical_depth.into()));
+        light.over(vdi.header().background)
+    };
+    view.pixels.iter().map(color).collect()
+}
+
+/// The stages `encode` and `decode`.
+fn encoded(report: &mut Report, vdi: &Vdi, options: &EncodeOptions, view: &View, seen: &[Vec<Lights>]) {
+    let bytes = match encode(vdi, options) {
+        Ok(bytes) => bytes,
+        Err(error) => return report.pass_over("encode", &error.to_string()),
+    };
+    let back = decode(&bytes, &DecodeLimits::default()).unwrap();
+    let ends = |v: &Vdi| v.segments().iter().map(|s| (s.start, s.end)).collect::<Vec<_>>();
+    let other = ends(vdi).iter().zip(ends(&back)).filter(|(a, b)| **a != *b).count();
+    let whole = back.header() == vdi.header() && back.offsets() == vdi.offsets();
+    let same = encode(&back, options).unwrap() == bytes;
+    report.add("encode", if whole && same { other as f64 } else { f64::INFINITY });
+    if options.layout == Layout::Columns {
+        report.add("decode", worst_channel(&composited(&back, view), seen, vdi.header().background));
+    }
+}
+
+/// The stages `render`, `own view` and `novel`.
+fn drawn(
+    report: &mut Report,
+    drawer: &Drawer,
+    vdi: &Vdi,
+    views: &[View],
+    exact: &[Vec<Vec<Lights>>],
+    seen: &[Vec<Vec<Lights>>],
+) {
+    let (prepared, background) = (drawer.prepare(vdi), vdi.header().background);
+    let (mut worst, mut own, mut squares) = (0.0, f64::NAN, Vec::new());
+    for (n, view) in views.iter().enumerate() {
+        let colors = match drawer.render(vdi, &prepared, &view.shown()) {
+            Ok(colors) => colors,
+            Err(reason) => return report.pass_over("render", &reason),
+        };
+        worst = greater(worst, worst_channel(&colors, &exact[n], background));
+        if n == 0 {
+            own = worst_channel(&colors, &seen[n], background);
+        } else {
+            squares.extend(errors(&colors, &seen[n], background).map(|e| e * e));
+        }
+    }
+    report.add("render", worst);
+    report.add("own view", own);
+    report.add("novel", (squares.iter().sum::<f64>() / squares.len() as f64).sqrt());
+}
+
+fn worst_channel(colors: &[[f32; 3]], lights: &[Vec<Lights>], background: [f32; 3]) -> f64 {
+    assert_eq!(colors.len(), lights.len());
+    errors(colors, lights, background).fold(0.0, greater)
+}
+
+/// Per pixel, the greatest difference of a channel from the likeliest of its rays; NaN if it is no colour.
+fn errors(colors: &[[f32; 3]], lights: &[Vec<Lights>], background: [f32; 3]) -> impl Iterator<Item = f64> {
+    colors.iter().zip(lights).map(move |(color, rays)| {
+        if !color.iter().all(|c| (0.0..=1.0).contains(c)) {
+            return f64::NAN;
+        }
+        let difference = |light: &Light| {
+            let expected = light.over(background);
+            (0..3).map(|c| (f64::from(color[c]) - expected[c]).abs()).fold(0.0, f64::max)
+        };
+        rays.iter().map(|lights| difference(&lights[lights.len() - 1])).fold(f64::NAN, f64::min)
+    })
+}
+
+/// The greater; NaN if either is, so that it is not lost.
+fn greater(a: f64, b: f64) -> f64 {
+    if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) }
+}
