@@ -1,0 +1,99 @@
+//! A VDI stored in fewer bits: what its codec's eight bits of colour and whole steps of depth are worth.
+
+use lamina_model::{Invalid, Supersegment, Vdi, VdiHeader};
+
+/// Colour and opacity rounded to `bits` each; opacity on the codec's scale, the square root of 1 - sqrt(T).
+///
+/// # Errors
+/// Never for bits of 1 to 24.
+pub fn with_color_bits(vdi: &Vdi, bits: u32) -> Result<Vdi, Invalid> {
+    let most = f64::from(2_u32.pow(bits) - 1);
+    let round = |x: f64| (most * x).round() / most;
+    let rounded = |s: &Supersegment| {
+        let color = s.color.map(|c| round(c.into()) as f32);
+        let share = (-(-0.5 * f64::from(s.optical_depth)).exp_m1()).sqrt();
+        // What is there stays there: the least opacity is one step, not none.
+        let share = round(share).max(1.0 / most);
+        Supersegment { color, optical_depth: (-2.0 * (-share * share).ln_1p()) as f32, ..*s }
+    };
+    Vdi::new(*vdi.header(), vdi.offsets().to_vec(), vdi.segments().iter().map(rounded).collect())
+}
+
+/// Bits that the depths of `header`'s longest ray take.
+pub fn depth_bits(header: &VdiHeader) -> u32 {
+    header.steps(header.bounds.size().length()).next_power_of_two().ilog2()
+}
+
+/// Depths counted in steps 2^n as long, so that they take `bits`.
+///
+/// A supersegment shorter than half a step keeps one whole, and pushes back those behind it where it has to. One that
+/// gets beyond the ray's end that way is lost.
+///
+/// # Errors
+/// If the steps are too long to be valid.
+pub fn with_depth_bits(vdi: &Vdi, bits: u32) -> Result<Vdi, Invalid> {
+    let every = 2_u32.pow(depth_bits(vdi.header()).saturating_sub(bits));
+    let header = VdiHeader { step_length: vdi.header().step_length * f64::from(every), ..*vdi.header() };
+    let rounded = |depth: u32| (depth + every / 2) / every;
+    let (mut offsets, mut segments) = (vec![0], Vec::with_capacity(vdi.segments().len()));
+    let r = vdi.resolution();
+    for (n, ends) in vdi.offsets().windows(2).enumerate() {
+        let length = header.ray_span(n as u32 % r, n as u32 / r).map_or(0.0, |(t_in, t_out)| t_out - t_in);
+        let (mut free, last) = (0, header.steps(length));
+        for s in &vdi.segments()[ends[0] as usize..ends[1] as usize] {
+            let start = rounded(s.start).max(free);
+            let end = rounded(s.end).min(last).max(start + 1);
+            if start < last {
+                segments.push(Supersegment { start, end, ..*s });
+                free = end;
+            }
+        }
+        offsets.push(segments.len() as u32);
+    }
+    Vdi::new(header, offsets, segments)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+    use lamina_model::{Aabb, Camera, GenerationParams};
+
+    fn vdi(segments: Vec<Supersegment>) -> Vdi {
+        let header = VdiHeader {
+            camera: Camera::new(DVec3::new(0.0, 0.0, 5.0), DVec3::ZERO, DVec3::Y, 30.0).unwrap(),
+            bounds: Aabb::new(-DVec3::ONE, DVec3::ONE).unwrap(),
+            step_length: 0.02,
+            params: GenerationParams::new(1, 0.0).unwrap(),
+            transfer_id: 0,
+            background: [0.0; 3],
+        };
+        Vdi::new(header, vec![0, segments.len() as u32], segments).unwrap()
+    }
+
+    fn segment(start: u32, end: u32) -> Supersegment {
+        Supersegment { start, end, color: [0.5, 0.1, 1.0], optical_depth: 0.3 }
+    }
+
+    #[test]
+    fn three_bits_are_sevenths_and_nothing_vanishes() {
+        let thin = Supersegment { optical_depth: 1e-9, ..segment(1, 2) };
+        let rounded = with_color_bits(&vdi(vec![segment(0, 1), thin]), 3).unwrap();
+        assert_eq!(rounded.segments()[0].color, [4.0 / 7.0, 1.0 / 7.0, 1.0]);
+        assert!(rounded.segments()[1].optical_depth > 0.0);
+        let fine = with_color_bits(&vdi(vec![segment(0, 1)]), 16).unwrap();
+        assert!((fine.segments()[0].optical_depth - 0.3).abs() < 1e-4);
+    }
+
+    #[test]
+    fn depths_in_longer_steps_keep_order_and_place() {
+        // 2 sqrt(3) / 0.02 is 174 steps: 8 bits. The ray itself runs through 100 of them, 25 in steps 4 as long.
+        let whole = vdi(vec![segment(0, 8), segment(9, 10), segment(10, 11), segment(97, 99), segment(99, 100)]);
+        assert_eq!(depth_bits(whole.header()), 8);
+        assert_eq!(with_depth_bits(&whole, 8).unwrap(), whole);
+        let coarse = with_depth_bits(&whole, 6).unwrap();
+        let ends: Vec<(u32, u32)> = coarse.segments().iter().map(|s| (s.start, s.end)).collect();
+        assert_eq!(ends, [(0, 2), (2, 3), (3, 4), (24, 25)]);
+        assert_eq!(coarse.header().step_length, 0.08);
+    }
+}
