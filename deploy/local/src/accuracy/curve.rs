@@ -3,8 +3,8 @@
 use super::error::Error;
 use lamina_model::GenerationParams;
 
-/// Between neighbours that change less than this order says, a curve is level.
-const LEVEL: f64 = 0.3;
+/// An error within this factor of a curve's least is level with it: 1 dB.
+const LEVEL: f64 = 1.122;
 /// The finest points that an order is fitted to, if they are not level.
 const FITTED: usize = 4;
 
@@ -103,7 +103,7 @@ pub struct Price {
 pub struct Convergence {
     /// Slope of ln(error) against ln(h) over the finest points that are not level; none of fewer than three.
     pub order: Option<f64>,
-    /// The coarsest value from which on the curve is level.
+    /// The coarsest value from which on the curve is level, to within 1 dB.
     pub level_from: Option<f64>,
 }
 
@@ -123,10 +123,12 @@ impl Curve {
         let mut all: Vec<(f64, (f64, f64))> =
             self.points.iter().map(|p| (p.value, of(p))).filter(|(_, (h, e))| *h > 0.0 && *e > 0.0).collect();
         all.reverse();
-        let slope = |fine: (f64, f64), coarse: (f64, f64)| (coarse.1 / fine.1).ln() / (coarse.0 / fine.0).ln();
-        let level = all.windows(2).take_while(|w| slope(w[0].1, w[1].1) < LEVEL).count();
-        let level_from = (level > 0).then(|| all[level].0);
-        let fitted: Vec<(f64, f64)> = all.iter().skip(level).take(FITTED).map(|(_, (h, e))| (h.ln(), e.ln())).collect();
+        let least = all.iter().map(|(_, (_, e))| *e).fold(f64::INFINITY, f64::min);
+        let level = all.iter().take_while(|(_, (_, e))| *e <= LEVEL * least).count();
+        let level_from = (level > 1).then(|| all[level - 1].0);
+        // The coarsest of the level ones still falls towards the others.
+        let fitted: Vec<(f64, f64)> =
+            all.iter().skip(level.saturating_sub(1)).take(FITTED).map(|(_, (h, e))| (h.ln(), e.ln())).collect();
         Convergence { order: (fitted.len() >= 3).then(|| least_squares(&fitted)), level_from }
     }
 
@@ -202,7 +204,7 @@ mod tests {
         assert!((found.order.unwrap() - 2.0).abs() < 1e-12 && found.level_from.is_none());
         // 2e-4 is the reference's own: reached between 1/2 and 1/4.
         let found = curve(&square).convergence(2.4e-4);
-        assert_eq!(found.level_from, Some(0.5));
+        assert_eq!(found.level_from, Some(0.5), "1/4 is as good");
         assert!(found.order.unwrap() > 1.8);
         assert_eq!(curve(&square[..2]).convergence(0.0).order, None);
     }

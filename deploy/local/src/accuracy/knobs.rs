@@ -27,6 +27,10 @@ fn one_less(value: f64) -> f64 {
 fn inverse(value: f64) -> f64 {
     1.0 / value
 }
+/// At a distance of one voxel the field is whole: no distance to converge with.
+fn thinned(spacing: f64) -> f64 {
+    if spacing > 1.0 { spacing } else { 0.0 }
+}
 fn halved_each(bits: f64) -> f64 {
     (-bits).exp2()
 }
@@ -48,9 +52,12 @@ pub const RESOLUTION: Knob =
 pub const COLOR: Knob =
     Knob { coarseness: halved_each, ..knob("color_bits", "Bits of colour and opacity", "bits a channel", Source::Vdi) };
 pub const DEPTH: Knob = Knob { coarseness: halved_each, ..knob("depth_bits", "Bits of depth", "bits", Source::Vdi) };
-pub const NEAREST: Knob = Knob { priced: false, ..knob("nearest", "Nearest", "voxels apart", Source::Plain) };
-pub const TRILINEAR: Knob = Knob { priced: false, ..knob("trilinear", "Trilinear", "voxels apart", Source::Plain) };
-pub const TRICUBIC: Knob = Knob { priced: false, ..knob("tricubic", "Tricubic", "voxels apart", Source::Plain) };
+pub const NEAREST: Knob =
+    Knob { priced: false, coarseness: thinned, ..knob("nearest", "Nearest", "voxels apart", Source::Plain) };
+pub const TRILINEAR: Knob =
+    Knob { priced: false, coarseness: thinned, ..knob("trilinear", "Trilinear", "voxels apart", Source::Plain) };
+pub const TRICUBIC: Knob =
+    Knob { priced: false, coarseness: thinned, ..knob("tricubic", "Tricubic", "voxels apart", Source::Plain) };
 pub const MIDPOINT: Knob = knob("midpoint_f64", "Midpoint, f64 sums", "voxels", Source::Plain);
 pub const MIDPOINT_SINGLE: Knob = knob("midpoint_f32", "Midpoint, f32 sums", "voxels", Source::Plain);
 pub const PREINTEGRATED: Knob = knob("preintegrated", "Pre-integrated", "voxels", Source::Plain);
@@ -62,18 +69,44 @@ pub const SAMPLE: Knob = Knob {
 /// How a value of a generation parameter is set.
 pub type Set = fn(GenerationParams, f64) -> Result<GenerationParams, Invalid>;
 
-/// The generation parameters that are turned around `base`, each with its values, coarsest first.
-pub fn of_generation(base: &GenerationParams) -> [(Knob, Vec<f64>, Set); 4] {
+/// A generation parameter and the values it takes.
+pub struct Turned {
+    /// What is turned.
+    pub knob: Knob,
+    /// Coarsest first.
+    pub values: Vec<f64>,
+    /// How a value is set.
+    pub set: Set,
+}
+
+/// The generation parameters that are turned around `base`.
+pub fn of_generation(base: &GenerationParams) -> [Turned; 4] {
     let most = f64::from(GenerationParams::MAX_RESOLUTION);
     let rays = RESOLUTIONS.map(|share| (share * f64::from(base.resolution())).round().clamp(1.0, most));
+    let turned = |knob: Knob, values: &[f64], at_base, set| Turned {
+        knob,
+        values: around(values, at_base, knob.coarseness),
+        set,
+    };
     [
-        (STEP, steps(base), |p, v| p.with_step_voxels(v)),
-        (CUTOFF, around(&CUTOFFS, base.opacity_cutoff(), CUTOFF.coarseness), |p, v| p.with_opacity_cutoff(v)),
-        (GAMMA, around(&GAMMAS, base.gamma(), GAMMA.coarseness), |p, v| p.with_gamma(v)),
-        (RESOLUTION, around(&rays, base.resolution().into(), RESOLUTION.coarseness), |p, v| {
-            p.with_resolution(v as u32)
-        }),
+        turned(STEP, &STEPS, base.step_voxels(), |p, v| p.with_step_voxels(v)),
+        turned(CUTOFF, &CUTOFFS, base.opacity_cutoff(), |p, v| p.with_opacity_cutoff(v)),
+        turned(GAMMA, &GAMMAS, base.gamma(), |p, v| p.with_gamma(v)),
+        turned(RESOLUTION, &rays, base.resolution().into(), |p, v| p.with_resolution(v as u32)),
     ]
+}
+
+/// Every setting of them, and every combination of some.
+///
+/// # Errors
+/// Never for a valid `base`.
+pub fn settings(base: &GenerationParams, turned: &[Turned]) -> Result<Vec<GenerationParams>, Invalid> {
+    let one = turned.iter().flat_map(|t| t.values.iter().map(|&v| (t.set)(*base, v)));
+    let mut all = one.collect::<Result<Vec<_>, _>>()?;
+    all.extend(combined(base)?);
+    all.sort_by_key(GenerationParams::key);
+    all.dedup();
+    Ok(all)
 }
 
 /// Sampling steps, the base's among them, longest first.
@@ -81,16 +114,13 @@ pub fn steps(base: &GenerationParams) -> Vec<f64> {
     around(&STEPS, base.step_voxels(), STEP.coarseness)
 }
 
-/// Several generation parameters turned at once: every combination of these.
-///
-/// # Errors
-/// Never for a valid `base`.
-pub fn combined(base: &GenerationParams) -> Result<Vec<GenerationParams>, Invalid> {
+/// Several generation parameters turned at once.
+fn combined(base: &GenerationParams) -> Result<Vec<GenerationParams>, Invalid> {
     let mut all = Vec::new();
-    for share in [0.5, 1.0, 2.0, 3.0] {
+    for share in [0.5, 1.0, 2.0] {
         let most = f64::from(GenerationParams::MAX_RESOLUTION);
         let r = (share * f64::from(base.resolution())).round().clamp(1.0, most) as u32;
-        for gamma in [0.08, 0.02, 0.005, 0.00125] {
+        for gamma in [0.08, 0.02, 0.005] {
             for steps in [4.0, 2.0, 1.0] {
                 let step_voxels = (steps * base.step_voxels()).min(64.0);
                 all.push(base.with_resolution(r)?.with_gamma(gamma)?.with_step_voxels(step_voxels)?);
@@ -116,11 +146,15 @@ mod tests {
     #[test]
     fn the_base_is_among_the_values_and_the_coarsest_comes_first() {
         let base = GenerationParams::new(100, 0.03).unwrap().with_step_voxels(0.7).unwrap();
-        for (knob, values, set) in of_generation(&base) {
+        let turned = of_generation(&base);
+        for Turned { knob, values, set } in &turned {
             let h: Vec<f64> = values.iter().map(|&v| (knob.coarseness)(v)).collect();
             assert!(h.windows(2).all(|w| w[0] > w[1]), "{} {h:?}", knob.key);
             assert!(values.iter().any(|&v| set(base, v).unwrap() == base), "{}", knob.key);
         }
-        assert_eq!(combined(&base).unwrap().len(), 48);
+        // The base is in each of the four, and once in the end.
+        let one_by_one: usize = turned.iter().map(|t| t.values.len()).sum();
+        let all = settings(&base, &turned).unwrap();
+        assert!(all.len() > one_by_one && all.iter().filter(|p| **p == base).count() == 1);
     }
 }

@@ -137,18 +137,20 @@ fn measure(
     let mut product = Product::new(field, backends, &views, &reference.colors);
     let mut curves = vec![sweep::raycast(&product, volume, &base)?];
     say("ray casting");
-    for turned in knobs::of_generation(&base) {
-        let (title, count) = (turned.0.title, turned.1.len());
-        curves.push(sweep::generation(&mut product, &base, turned)?);
-        say(&format!("{title}: {count} VDIs"));
+    let turned = knobs::of_generation(&base);
+    let settings = knobs::settings(&base, &turned)?;
+    for round in 1..=product::ROUNDS {
+        for params in &settings {
+            product.round(params)?;
+        }
+        say(&format!("{} VDIs, round {round} of {}", settings.len(), product::ROUNDS));
+    }
+    for turned in &turned {
+        curves.push(sweep::generation(&product, &base, turned)?);
     }
     curves.extend(sweep::bits(&product, &base)?);
     say("bits of colour and depth");
-    for params in knobs::combined(&base)? {
-        product.vdi(0.0, &params)?;
-    }
     let trials = product.trials();
-    say(&format!("several at once: {} VDIs in all", trials.len()));
     curves.push(sweep::sample(&product, &views, &base)?);
     let plain =
         Plain { integrator, scalars: &scalars, rays: &rays, reference: &reference.colors, pictures: views.pictures() };

@@ -9,22 +9,30 @@ use lamina_model::{Camera, GenerationParams, ParamsKey, Scene, Vdi, Volume};
 use lamina_viz_node::kernel::{self as viz, PreparedVdi};
 use lamina_wire::codec::{self, DecodeLimits, EncodeOptions};
 use std::collections::HashMap;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+/// How often everything is measured.
+pub const ROUNDS: usize = 3;
 /// What takes longer is measured once.
-const PATIENCE: Duration = Duration::from_secs(2);
+const PATIENCE: Duration = Duration::from_secs(3);
 
-/// The median of three measurements in milliseconds, or one that takes long by itself; and what came of the last.
+/// The median time of three measurements in milliseconds, or of one that takes long by itself; and what came of the last.
 pub fn median_ms<T>(mut work: impl FnMut() -> anyhow::Result<(T, Duration)>) -> anyhow::Result<(T, f64)> {
     let (mut made, first) = work()?;
     let mut times = vec![first];
-    while times.len() < 3 && first < PATIENCE {
+    while times.len() < ROUNDS && first < PATIENCE {
         let (again, time) = work()?;
         made = again;
         times.push(time);
     }
-    times.sort_unstable();
-    Ok((made, 1e3 * times[times.len() / 2].as_secs_f64()))
+    Ok((made, median(&times)))
+}
+
+fn median(times: &[Duration]) -> f64 {
+    let mut sorted = times.to_vec();
+    sorted.sort_unstable();
+    sorted.get(sorted.len() / 2).map_or(f64::NAN, |t| 1e3 * t.as_secs_f64())
 }
 
 /// `work` with the wall time it took.
@@ -37,13 +45,22 @@ pub fn timed<T>(work: impl FnOnce() -> anyhow::Result<T>) -> anyhow::Result<(T, 
 /// A point, and the colours it was measured by.
 pub type Shot = (Point, Vec<[f32; 3]>);
 
+/// A VDI's times, round by round, and what does not change with them.
+#[derive(Default)]
+struct Trial {
+    shot: Option<Shot>,
+    generation: Vec<Duration>,
+    encoding: Vec<Duration>,
+    drawing: Vec<Duration>,
+}
+
 /// Both nodes' kernels on one volume.
 pub struct Product<'a> {
     field: &'a Field,
     backends: (Backend, viz::Backend),
     views: &'a Views,
     reference: &'a [[f64; 3]],
-    known: HashMap<ParamsKey, Shot>,
+    trials: HashMap<ParamsKey, Trial>,
 }
 
 impl<'a> Product<'a> {
@@ -54,7 +71,7 @@ impl<'a> Product<'a> {
         views: &'a Views,
         reference: &'a [[f64; 3]],
     ) -> Self {
-        Self { field, backends, views, reference, known: HashMap::new() }
+        Self { field, backends, views, reference, trials: HashMap::new() }
     }
 
     /// Ray casting with another step. The step is the field's, which is made anew.
@@ -68,45 +85,69 @@ impl<'a> Product<'a> {
         Ok((Point { time_ms, ..self.point(step_voxels, &seen) }, seen))
     }
 
-    /// A VDI generated, encoded, decoded and drawn; measured once for each parameters.
-    pub fn vdi(&mut self, value: f64, params: &GenerationParams) -> anyhow::Result<Shot> {
-        if let Some((point, seen)) = self.known.get(&params.key()) {
-            return Ok((Point { value, ..point.clone() }, seen.clone()));
-        }
-        let (vdi, time_ms) = self.generate(params)?;
-        let (point, seen) = self.encoded(value, &vdi)?;
-        let shot = (Point { time_ms, ..point }, seen);
-        self.known.insert(params.key(), shot.clone());
-        Ok(shot)
+    /// A VDI generated, encoded, decoded and drawn once more. Rounds of all settings follow one another, so that whatever
+    /// else the machine does meets all alike.
+    pub fn round(&mut self, params: &GenerationParams) -> anyhow::Result<()> {
+        let trial = self.trials.remove(&params.key()).unwrap_or_default();
+        let first = [&trial.generation, &trial.encoding, &trial.drawing].into_iter().filter_map(|times| times.first());
+        let trial = if first.sum::<Duration>() < PATIENCE { self.again(trial, params)? } else { trial };
+        self.trials.insert(params.key(), trial);
+        Ok(())
     }
 
-    /// A VDI, and the median time of its generation.
-    pub fn generate(&self, params: &GenerationParams) -> anyhow::Result<(Vdi, f64)> {
-        median_ms(|| Ok(self.backends.0.generate(self.field, params)?))
+    fn again(&self, mut trial: Trial, params: &GenerationParams) -> anyhow::Result<Trial> {
+        let (vdi, time) = self.backends.0.generate(self.field, params)?;
+        trial.generation.push(time);
+        let (bytes, time) = timed(|| Ok(codec::encode(&vdi, &EncodeOptions::default())?))?;
+        trial.encoding.push(time);
+        drop(vdi);
+        let prepared = PreparedVdi::new(Arc::new(codec::decode(&bytes, &DecodeLimits::default())?));
+        let size = self.views.size();
+        let (_, time) = timed(|| Ok(self.backends.1.render(&prepared, self.views.middle(), size, size)?))?;
+        trial.drawing.push(time);
+        if trial.shot.is_none() {
+            let (point, seen) = self.seen(0.0, &prepared)?;
+            trial.shot = Some((Point { size_bytes: Some(bytes.len() as u64), params: Some(*params), ..point }, seen));
+        }
+        Ok(trial)
+    }
+
+    /// What the rounds gave for `params`, as the point of `value`.
+    pub fn vdi(&self, value: f64, params: &GenerationParams) -> Option<Shot> {
+        let trial = self.trials.get(&params.key())?;
+        let (point, seen) = trial.shot.as_ref()?;
+        let (encode_ms, draw_ms) = (Some(median(&trial.encoding)), Some(median(&trial.drawing)));
+        Some((Point { value, time_ms: median(&trial.generation), encode_ms, draw_ms, ..point.clone() }, seen.clone()))
+    }
+
+    /// The VDI of `params`.
+    pub fn generate(&self, params: &GenerationParams) -> anyhow::Result<Vdi> {
+        Ok(self.backends.0.generate(self.field, params)?.0)
     }
 
     /// `vdi` through the codec and drawn as it comes back.
     pub fn encoded(&self, value: f64, vdi: &Vdi) -> anyhow::Result<Shot> {
         let (bytes, encode_ms) = median_ms(|| timed(|| Ok(codec::encode(vdi, &EncodeOptions::default())?)))?;
-        let (point, seen) = self.drawn(value, codec::decode(&bytes, &DecodeLimits::default())?)?;
+        let decoded = PreparedVdi::new(Arc::new(codec::decode(&bytes, &DecodeLimits::default())?));
+        let (point, seen) = self.seen(value, &decoded)?;
         Ok((Point { encode_ms: Some(encode_ms), size_bytes: Some(bytes.len() as u64), ..point }, seen))
     }
 
-    /// `vdi` drawn as it is.
-    pub fn drawn(&self, value: f64, vdi: Vdi) -> anyhow::Result<Shot> {
-        let (params, size) = (vdi.header().params, self.views.size());
-        let prepared = PreparedVdi::new(std::sync::Arc::new(vdi));
-        let seen = self.views.gather(|camera, pixels| Ok(prepared.render_pixels(camera, size, size, pixels)))?;
-        let draw = || timed(|| Ok(self.backends.1.render(&prepared, self.views.middle(), size, size)?));
-        let (_, draw_ms) = median_ms(draw)?;
-        Ok((Point { params: Some(params), draw_ms: Some(draw_ms), ..self.point(value, &seen) }, seen))
+    fn seen(&self, value: f64, vdi: &PreparedVdi) -> anyhow::Result<Shot> {
+        let size = self.views.size();
+        let seen = self.views.gather(|camera, pixels| Ok(vdi.render_pixels(camera, size, size, pixels)))?;
+        Ok((self.point(value, &seen), seen))
     }
 
-    /// `params`, with colour and opacity rounded to `bits`.
+    /// `vdi`, its colour and opacity rounded to `bits`.
     pub fn with_color_bits(&self, vdi: &Vdi, bits: u32) -> anyhow::Result<Shot> {
         let rounded = stored::with_color_bits(vdi, bits)?;
         // The codec stores eight bits: what has more cannot be encoded, and is drawn as it is.
-        if bits > 8 { self.drawn(bits.into(), rounded) } else { self.encoded(bits.into(), &rounded) }
+        if bits > 8 {
+            self.seen(bits.into(), &PreparedVdi::new(Arc::new(rounded)))
+        } else {
+            self.encoded(bits.into(), &rounded)
+        }
     }
 
     fn point(&self, value: f64, seen: &[[f32; 3]]) -> Point {
@@ -115,7 +156,8 @@ impl<'a> Product<'a> {
 
     /// Everything generated so far.
     pub fn trials(&self) -> Vec<Point> {
-        self.known.values().map(|(point, _)| point.clone()).collect()
+        let all = self.trials.values().filter_map(|t| t.shot.as_ref()?.0.params);
+        all.filter_map(|params| Some(self.vdi(0.0, &params)?.0)).collect()
     }
 
     /// RMS error of whole pictures of side `size`, all views, as the product measures it; and the time that takes.

@@ -25,27 +25,23 @@ pub fn raycast(product: &Product, volume: &Volume, base: &GenerationParams) -> a
     Ok(curve(knobs::RAYCAST_STEP, shots.collect::<anyhow::Result<Vec<Shot>>>()?))
 }
 
-/// One generation parameter.
-pub fn generation(
-    product: &mut Product,
-    base: &GenerationParams,
-    (knob, values, set): (Knob, Vec<f64>, knobs::Set),
-) -> anyhow::Result<Curve> {
-    let shots = values.into_iter().map(|v| product.vdi(v, &set(*base, v)?));
-    Ok(curve(knob, shots.collect::<anyhow::Result<Vec<Shot>>>()?))
+/// One generation parameter, of which rounds have been measured.
+pub fn generation(product: &Product, base: &GenerationParams, turned: &knobs::Turned) -> anyhow::Result<Curve> {
+    let shot = |&v: &f64| Ok(product.vdi(v, &(turned.set)(*base, v)?));
+    let shots = turned.values.iter().map(shot).collect::<anyhow::Result<Vec<Option<Shot>>>>()?;
+    Ok(curve(turned.knob, shots.into_iter().flatten().collect()))
 }
 
-/// The base's VDI with fewer bits of colour, and with fewer of depth.
+/// The base's VDI with fewer bits of colour, and with fewer of depth; generation is the base's.
 pub fn bits(product: &Product, base: &GenerationParams) -> anyhow::Result<[Curve; 2]> {
-    let (vdi, time_ms) = product.generate(base)?;
-    let at = |(point, seen): Shot| (Point { time_ms, ..point }, seen);
-    let color = knobs::COLOR_BITS.iter().map(|&bits| Ok(at(product.with_color_bits(&vdi, bits)?)));
+    let vdi = product.generate(base)?;
+    let time_ms = product.vdi(0.0, base).map_or(f64::NAN, |(point, _)| point.time_ms);
+    let of_base = |(point, seen): Shot| (Point { time_ms, params: Some(*base), ..point }, seen);
+    let color = knobs::COLOR_BITS.iter().map(|&bits| Ok(of_base(product.with_color_bits(&vdi, bits)?)));
     let color = color.collect::<anyhow::Result<Vec<Shot>>>()?;
     let most = stored::depth_bits(vdi.header());
-    let depth = (knobs::FEWEST_DEPTH_BITS.min(most)..=most).map(|bits| {
-        let (point, seen) = product.encoded(bits.into(), &stored::with_depth_bits(&vdi, bits)?)?;
-        Ok(at((Point { params: Some(*base), ..point }, seen)))
-    });
+    let depth = (knobs::FEWEST_DEPTH_BITS.min(most)..=most)
+        .map(|bits| Ok(of_base(product.encoded(bits.into(), &stored::with_depth_bits(&vdi, bits)?)?)));
     Ok([curve(knobs::COLOR, color), curve(knobs::DEPTH, depth.collect::<anyhow::Result<Vec<Shot>>>()?)])
 }
 
@@ -115,7 +111,7 @@ impl Plain<'_> {
 
 /// Whole pictures of smaller sides: how far the RMS error that they tell is from that of pictures of the full side.
 pub fn sample(product: &Product, views: &Views, base: &GenerationParams) -> anyhow::Result<Curve> {
-    let (vdi, _) = product.generate(base)?;
+    let vdi = product.generate(base)?;
     let vdi = PreparedVdi::new(&vdi);
     let (whole, _) = product.whole_pictures(&vdi, views.size())?;
     let mut points = Vec::new();
