@@ -50,7 +50,6 @@ pub type Shot = (Point, Vec<[f32; 3]>);
 struct Trial {
     shot: Option<Shot>,
     generation: Vec<Duration>,
-    encoding: Vec<Duration>,
     drawing: Vec<Duration>,
 }
 
@@ -85,39 +84,43 @@ impl<'a> Product<'a> {
         Ok((Point { time_ms, ..self.point(step_voxels, &seen) }, seen))
     }
 
-    /// A VDI generated, encoded, decoded and drawn once more. Rounds of all settings follow one another, so that whatever
-    /// else the machine does meets all alike.
+    /// A VDI generated and drawn once more; encoded too the first time, which then is what is drawn and compared. Rounds of
+    /// all settings follow one another, so that whatever else the machine does meets all alike.
     pub fn round(&mut self, params: &GenerationParams) -> anyhow::Result<()> {
-        let trial = self.trials.remove(&params.key()).unwrap_or_default();
-        let first = [&trial.generation, &trial.encoding, &trial.drawing].into_iter().filter_map(|times| times.first());
-        let trial = if first.sum::<Duration>() < PATIENCE { self.again(trial, params)? } else { trial };
+        let mut trial = self.trials.remove(&params.key()).unwrap_or_default();
+        if trial.generation.first().is_none_or(|&first| first < PATIENCE) {
+            let (vdi, time) = self.backends.0.generate(self.field, params)?;
+            trial.generation.push(time);
+            let prepared = if trial.shot.is_some() {
+                PreparedVdi::new(Arc::new(vdi))
+            } else {
+                let (decoded, shot) = self.through_codec(0.0, &vdi)?;
+                trial.shot = Some(shot);
+                decoded
+            };
+            let size = self.views.size();
+            let draw = || Ok(self.backends.1.render(&prepared, self.views.middle(), size, size)?);
+            trial.drawing.push(timed(draw)?.1);
+        }
         self.trials.insert(params.key(), trial);
         Ok(())
     }
 
-    fn again(&self, mut trial: Trial, params: &GenerationParams) -> anyhow::Result<Trial> {
-        let (vdi, time) = self.backends.0.generate(self.field, params)?;
-        trial.generation.push(time);
-        let (bytes, time) = timed(|| Ok(codec::encode(&vdi, &EncodeOptions::default())?))?;
-        trial.encoding.push(time);
-        drop(vdi);
-        let prepared = PreparedVdi::new(Arc::new(codec::decode(&bytes, &DecodeLimits::default())?));
-        let size = self.views.size();
-        let (_, time) = timed(|| Ok(self.backends.1.render(&prepared, self.views.middle(), size, size)?))?;
-        trial.drawing.push(time);
-        if trial.shot.is_none() {
-            let (point, seen) = self.seen(0.0, &prepared)?;
-            trial.shot = Some((Point { size_bytes: Some(bytes.len() as u64), params: Some(*params), ..point }, seen));
-        }
-        Ok(trial)
+    /// `vdi` encoded, as it comes back, and what it then looks like.
+    fn through_codec(&self, value: f64, vdi: &Vdi) -> anyhow::Result<(PreparedVdi, Shot)> {
+        let (bytes, time) = timed(|| Ok(codec::encode(vdi, &EncodeOptions::default())?))?;
+        let decoded = PreparedVdi::new(Arc::new(codec::decode(&bytes, &DecodeLimits::default())?));
+        let (point, seen) = self.seen(value, &decoded)?;
+        let (encode_ms, size_bytes) = (Some(1e3 * time.as_secs_f64()), Some(bytes.len() as u64));
+        Ok((decoded, (Point { encode_ms, size_bytes, params: Some(vdi.header().params), ..point }, seen)))
     }
 
     /// What the rounds gave for `params`, as the point of `value`.
     pub fn vdi(&self, value: f64, params: &GenerationParams) -> Option<Shot> {
         let trial = self.trials.get(&params.key())?;
         let (point, seen) = trial.shot.as_ref()?;
-        let (encode_ms, draw_ms) = (Some(median(&trial.encoding)), Some(median(&trial.drawing)));
-        Some((Point { value, time_ms: median(&trial.generation), encode_ms, draw_ms, ..point.clone() }, seen.clone()))
+        let (time_ms, draw_ms) = (median(&trial.generation), Some(median(&trial.drawing)));
+        Some((Point { value, time_ms, draw_ms, ..point.clone() }, seen.clone()))
     }
 
     /// The VDI of `params`.
@@ -127,10 +130,7 @@ impl<'a> Product<'a> {
 
     /// `vdi` through the codec and drawn as it comes back.
     pub fn encoded(&self, value: f64, vdi: &Vdi) -> anyhow::Result<Shot> {
-        let (bytes, encode_ms) = median_ms(|| timed(|| Ok(codec::encode(vdi, &EncodeOptions::default())?)))?;
-        let decoded = PreparedVdi::new(Arc::new(codec::decode(&bytes, &DecodeLimits::default())?));
-        let (point, seen) = self.seen(value, &decoded)?;
-        Ok((Point { encode_ms: Some(encode_ms), size_bytes: Some(bytes.len() as u64), ..point }, seen))
+        Ok(self.through_codec(value, vdi)?.1)
     }
 
     fn seen(&self, value: f64, vdi: &PreparedVdi) -> anyhow::Result<Shot> {
@@ -141,12 +141,11 @@ impl<'a> Product<'a> {
 
     /// `vdi`, its colour and opacity rounded to `bits`.
     pub fn with_color_bits(&self, vdi: &Vdi, bits: u32) -> anyhow::Result<Shot> {
-        let rounded = stored::with_color_bits(vdi, bits)?;
-        // The codec stores eight bits: what has more cannot be encoded, and is drawn as it is.
-        if bits > 8 {
-            self.seen(bits.into(), &PreparedVdi::new(Arc::new(rounded)))
-        } else {
-            self.encoded(bits.into(), &rounded)
+        // The codec stores eight bits: it rounds to them itself, and what has more is drawn as it is.
+        match bits {
+            8 => self.encoded(8.0, vdi),
+            fewer if fewer < 8 => self.encoded(bits.into(), &stored::with_color_bits(vdi, fewer)?),
+            more => self.seen(bits.into(), &PreparedVdi::new(Arc::new(stored::with_color_bits(vdi, more)?))),
         }
     }
 
