@@ -4,12 +4,13 @@ use super::curve::{Curve, Point, front};
 use crate::report::html::escape;
 use crate::report::numbers::{finite_range, fixed, significant};
 use crate::report::svg::{self, Axis};
+use lamina_model::decibels;
 
 const WIDTH: f64 = 480.0;
 const HEIGHT: f64 = 300.0;
 const LEFT: f64 = 52.0;
 /// Room on the right for the names of curves.
-const RIGHT: f64 = WIDTH - 96.0;
+const RIGHT: f64 = WIDTH - 122.0;
 const TOP: f64 = 22.0;
 const BOTTOM: f64 = HEIGHT - 42.0;
 
@@ -44,17 +45,26 @@ impl Across {
 /// Looks of the curves of one drawing, in their order.
 const CLASSES: [&str; 6] = ["c0", "c1", "c2", "c3", "c4", "c5"];
 
-/// The curves as lines; one alone needs no name.
+/// The curves as lines.
 pub fn lines(curves: &[&Curve], across: Across) -> Vec<Line> {
     let line = |(n, curve): (usize, &&Curve)| {
         let point = |p: &Point| {
             let x = across.of(curve, p)?;
             Some((x, p.decibels(), words(curve, p)))
         };
-        let name = if curves.len() > 1 { curve.knob.title.to_lowercase() } else { String::new() };
+        let name = if curves.len() > 1 { curve.knob.title.to_lowercase() } else { "rms".to_owned() };
         Line { class: CLASSES[n % CLASSES.len()], name, points: curve.points.iter().filter_map(point).collect() }
     };
     curves.iter().enumerate().map(line).collect()
+}
+
+/// The greatest error anywhere, in decibels of its own.
+pub fn greatest(curve: &Curve, across: Across) -> Line {
+    let point = |p: &Point| {
+        let max = p.error.max;
+        Some((across.of(curve, p)?, decibels(max * max), format!("at most {max:.1e} anywhere")))
+    };
+    Line { class: "thin", name: "max-norm".into(), points: curve.points.iter().filter_map(point).collect() }
 }
 
 fn words(curve: &Curve, p: &Point) -> String {

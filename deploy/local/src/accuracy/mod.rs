@@ -5,6 +5,7 @@
 //! what is timed for everything the product can set; what it cannot (interpolation, pre-integration, sums in double
 //! precision) is measured with variants of the plain integrator, whose times compare with each other only.
 
+mod across;
 mod choice;
 mod closed_forms;
 mod csv;
@@ -92,7 +93,7 @@ pub fn accuracy(arguments: &cli::Accuracy) -> anyhow::Result<()> {
     csv::write(&arguments.out, &findings)?;
     let command: Vec<String> = std::env::args().skip(1).collect();
     page::write(&arguments.out, &findings, &volume, &format!("lamina {}", command.join(" ")))?;
-    for line in page::cheapest(&findings) {
+    for line in across::cheapest(&findings) {
         println!("{line}");
     }
     println!("report, table and picture: {}", arguments.out.join("report.html").display());

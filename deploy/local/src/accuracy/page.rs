@@ -1,7 +1,7 @@
 //! `report.html` and `accuracy.svg`.
 
-use super::choice::{best, cheapest as cheapest_of};
-use super::curve::{Curve, Point, front};
+use super::across::{across, optional, overview};
+use super::curve::Curve;
 use super::figures::{self, Across};
 use super::reference::{AGREEMENT_DB, Reference};
 use super::{Findings, knobs};
@@ -14,13 +14,17 @@ use std::path::Path;
 const STYLE: &str = concat!(include_str!("../report/report.css"), include_str!("accuracy.css"));
 
 /// Curves that belong together: heading, what is to be known of them, their keys.
-const GROUPS: [(&str, &str, &[&str]); 9] = [
+const GROUPS: [(&str, &str, &[&str]); 10] = [
     (
         "Sampling step: ray casting",
         "The product's ray caster; time is that of a whole picture. It ends rays at 100 dB.",
         &["raycast_step"],
     ),
-    ("Sampling step: VDI", "Time is that of generation; bytes are those of the encoded VDI.", &["step"]),
+    (
+        "Sampling step: VDI",
+        "Time is the median of three generations; bytes are those of the VDI, encoded once.",
+        &["step"],
+    ),
     (
         "Opacity cut-off",
         "Rays of the VDI end where they are this opaque; drawn from aside, what they left out is seen.",
@@ -29,11 +33,16 @@ const GROUPS: [(&str, &str, &[&str]); 9] = [
     ("Gamma", "The interrupt parameter: samples join a supersegment while they differ by less.", &["gamma"]),
     ("Resolution", "Rays of the VDI along each side. A novel view takes the nearest.", &["resolution"]),
     (
-        "Stored bits",
+        "Stored bits of colour and opacity",
         "The base's VDI rounded before it is encoded. The codec stores 8 bits a channel whatever is asked for, so that fewer \
-         save only what its compressor finds, and 10 and 12 bits are drawn without being encoded. Fewer bits of depth are longer \
-         steps to count in.",
-        &["color_bits", "depth_bits"],
+         save only what its compressor finds, and 10 and 12 are drawn without being encoded.",
+        &["color_bits"],
+    ),
+    (
+        "Stored bits of depth",
+        "The base's VDI with depths counted in longer steps, the most bits being those the data takes. What gets shorter \
+         than half a step joins what lies behind it.",
+        &["depth_bits"],
     ),
     (
         "Sums and pre-integration",
@@ -117,104 +126,18 @@ fn trust(findings: &Findings) -> String {
             "<li>{}: {}, at most {} off</li>",
             escape(m.name),
             decibels(m.error.decibels()),
-            significant(m.error.max, 2)
+            format_args!("{:.0e}", m.error.max)
         )
     };
     let forms: String = findings.closed_forms.iter().map(met).collect();
     let words = escape(&reference_words(&findings.reference));
-    let max = significant(findings.reference.agreement.max, 2);
+    let max = format!("{:.0e}", findings.reference.agreement.max);
     html::section(
         "The reference",
         &format!(
             "<p>Before it was used it met:</p><ul>{forms}</ul><p>On this data: {words}; the two differ by at most {max} anywhere.</p>"
         ),
     )
-}
-
-/// The knobs of a VDI, each through the base, with the front of everything tried.
-fn overview(findings: &Findings, across: Across) -> Vec<figures::Line> {
-    let keys = [knobs::STEP.key, knobs::CUTOFF.key, knobs::GAMMA.key, knobs::RESOLUTION.key];
-    let curves: Vec<&Curve> = keys.iter().filter_map(|key| findings.curve(key)).collect();
-    let [trials, front] = figures::front_lines(&findings.trials, across);
-    [trials].into_iter().chain(figures::lines(&curves, across)).chain([front]).collect()
-}
-
-/// The cheapest settings that reach the quality asked for, a line each.
-pub fn cheapest(findings: &Findings) -> Vec<String> {
-    let db = findings.psnr_db;
-    let (vdis, cast) = (&findings.trials, findings.curve(knobs::RAYCAST_STEP.key).map_or(&[][..], |c| &c.points));
-    let vdi = |what: &str, p: Option<&Point>| match (p, best(vdis)) {
-        (Some(p), _) => format!(
-            "{db} dB, least {what}: {}: {} dB, {} ms, {} kB",
-            figures::setting(p),
-            fixed(p.decibels(), 2),
-            fixed(p.time_ms, 1),
-            fixed(p.kilobytes().unwrap_or(f64::NAN), 1)
-        ),
-        (None, Some(best)) => {
-            format!(
-                "{db} dB: no VDI tried reaches it; the best is {}: {} dB",
-                figures::setting(best),
-                fixed(best.decibels(), 2)
-            )
-        }
-        (None, None) => format!("{db} dB: no VDI was made"),
-    };
-    let ray = cheapest_of(cast, db, |p| Some(p.time_ms)).map_or_else(
-        || format!("{db} dB: no step tried reaches it by ray casting"),
-        |p| {
-            format!(
-                "{db} dB, ray casting: step {} voxels: {} dB, {} ms a picture",
-                p.value,
-                fixed(p.decibels(), 2),
-                fixed(p.time_ms, 1)
-            )
-        },
-    );
-    let mut said = vec![
-        vdi("time", cheapest_of(vdis, db, |p| Some(p.time_ms))),
-        vdi("size", cheapest_of(vdis, db, Point::kilobytes)),
-        ray,
-    ];
-    said.dedup();
-    said
-}
-
-fn across(findings: &Findings) -> String {
-    let drawn = |title: &str, name: &str, across| {
-        figures::figure(title, "all VDIs tried", &figures::drawing(title, name, &overview(findings, across)))
-    };
-    let said: String = cheapest(findings).iter().map(|line| format!("<li>{}</li>", escape(line))).collect();
-    let costs: Vec<(f64, f64)> = findings.trials.iter().map(|p| (p.time_ms, p.error.rms)).collect();
-    let head = ["within ms", "best dB", "max-norm", "setting", "kB", "encode ms", "draw ms"].map(String::from);
-    let on_front: Vec<&Point> = front(&costs).into_iter().map(|n| &findings.trials[n]).collect();
-    let line = |p: &&Point| {
-        (
-            vec![
-                fixed(p.time_ms, 1),
-                fixed(p.decibels(), 2),
-                significant(p.error.max, 2),
-                figures::setting(p),
-                optional(p.kilobytes()),
-                optional(p.encode_ms),
-                optional(p.draw_ms),
-            ],
-            false,
-        )
-    };
-    let table = html::table("The best error within a time", &head, on_front.iter().map(line));
-    html::section(
-        "Across knobs",
-        &format!(
-            "<div class=\"plots\">{}{}</div><ul>{said}</ul>{table}",
-            drawn("Quality against time", "ms of generation", Across::Time),
-            drawn("Quality against size", "kB", Across::Size)
-        ),
-    )
-}
-
-fn optional(value: Option<f64>) -> String {
-    value.map_or_else(|| "–".to_owned(), |v| fixed(v, 1))
 }
 
 /// How a curve falls, in words.
@@ -236,10 +159,16 @@ fn group(findings: &Findings, title: &str, words: &str, curves: &[&Curve]) -> St
     let note = curves.iter().map(named).collect::<Vec<String>>().join("; ");
     let x_name = if knob.unit.is_empty() { knob.title.to_lowercase() } else { knob.unit.to_owned() };
     let plot = |what: &str, name: &str, across| {
-        let lines = figures::lines(curves, across);
+        let mut lines = figures::lines(curves, across);
+        if let (Across::Knob, [curve]) = (across, curves) {
+            lines.push(figures::greatest(curve, across));
+        }
         figures::figure(what, "", &figures::drawing(&format!("{title}: {what}"), name, &lines))
     };
-    let mut plots = plot("Quality by value", &x_name, Across::Knob) + &plot("Quality by time", "ms", Across::Time);
+    let mut plots = plot("Quality by value", &x_name, Across::Knob);
+    if first.points.windows(2).any(|w| w[0].time_ms != w[1].time_ms) {
+        plots += &plot("Quality by time", "ms", Across::Time);
+    }
     if first.points.iter().any(|p| p.size_bytes.is_some()) {
         plots += &plot("Quality by size", "kB", Across::Size);
     }

@@ -26,31 +26,62 @@ pub fn depth_bits(header: &VdiHeader) -> u32 {
 
 /// Depths counted in steps 2^n as long, so that they take `bits`.
 ///
-/// A supersegment shorter than half a step keeps one whole, and pushes back those behind it where it has to. One that
-/// gets beyond the ray's end that way is lost.
+/// What gets shorter than half a step joins what touches it behind; alone it keeps one step.
 ///
 /// # Errors
 /// If the steps are too long to be valid.
 pub fn with_depth_bits(vdi: &Vdi, bits: u32) -> Result<Vdi, Invalid> {
     let every = 2_u32.pow(depth_bits(vdi.header()).saturating_sub(bits));
     let header = VdiHeader { step_length: vdi.header().step_length * f64::from(every), ..*vdi.header() };
-    let rounded = |depth: u32| (depth + every / 2) / every;
     let (mut offsets, mut segments) = (vec![0], Vec::with_capacity(vdi.segments().len()));
     let r = vdi.resolution();
     for (n, ends) in vdi.offsets().windows(2).enumerate() {
         let length = header.ray_span(n as u32 % r, n as u32 / r).map_or(0.0, |(t_in, t_out)| t_out - t_in);
-        let (mut free, last) = (0, header.steps(length));
-        for s in &vdi.segments()[ends[0] as usize..ends[1] as usize] {
-            let start = rounded(s.start).max(free);
-            let end = rounded(s.end).min(last).max(start + 1);
-            if start < last {
-                segments.push(Supersegment { start, end, ..*s });
-                free = end;
-            }
-        }
+        shorten(&vdi.segments()[ends[0] as usize..ends[1] as usize], every, header.steps(length), &mut segments);
         offsets.push(segments.len() as u32);
     }
     Vdi::new(header, offsets, segments)
+}
+
+/// One ray's list in steps `every` as long, of which the ray has `last`.
+fn shorten(list: &[Supersegment], every: u32, last: u32, out: &mut Vec<Supersegment>) {
+    let first = out.len();
+    // Ends where it starts until something joins it.
+    let mut waiting: Option<Supersegment> = None;
+    for s in list {
+        let [start, end] = [s.start, s.end].map(|depth| ((depth + every / 2) / every).min(last));
+        let here = Supersegment { start, end, ..*s };
+        let here = match waiting.take() {
+            Some(w) if w.start == start => behind(&w, &here),
+            Some(w) => {
+                out.push(Supersegment { end: w.start + 1, ..w });
+                here
+            }
+            None => here,
+        };
+        if here.end > here.start {
+            out.push(here);
+        } else {
+            waiting = Some(here);
+        }
+    }
+    match (waiting, out[first..].last_mut()) {
+        (Some(w), _) if w.start < last => out.push(Supersegment { end: w.start + 1, ..w }),
+        // At the ray's end there is no step left.
+        (Some(w), Some(before)) => *before = Supersegment { end: before.end, ..behind(before, &w) },
+        (Some(w), None) if last > 0 => out.push(Supersegment { start: last - 1, end: last, ..w }),
+        (Some(_) | None, _) => {}
+    }
+}
+
+/// Two supersegments as one, `back` seen through `front`.
+fn behind(front: &Supersegment, back: &Supersegment) -> Supersegment {
+    let (a, through) = (front.opacity(), (-f64::from(front.optical_depth)).exp());
+    let (near, far) = (a, through * back.opacity());
+    let share = if near + far > 0.0 { near / (near + far) } else { 0.5 };
+    let mix = |c: usize| (share * f64::from(front.color[c]) + (1.0 - share) * f64::from(back.color[c])) as f32;
+    let optical_depth = front.optical_depth + back.optical_depth;
+    Supersegment { start: front.start, end: back.end, color: std::array::from_fn(mix), optical_depth }
 }
 
 #[cfg(test)]
@@ -86,14 +117,18 @@ mod tests {
     }
 
     #[test]
-    fn depths_in_longer_steps_keep_order_and_place() {
+    fn depths_in_longer_steps_keep_place_and_opacity() {
         // 2 sqrt(3) / 0.02 is 174 steps: 8 bits. The ray itself runs through 100 of them, 25 in steps 4 as long.
-        let whole = vdi(vec![segment(0, 8), segment(9, 10), segment(10, 11), segment(97, 99), segment(99, 100)]);
+        let whole =
+            vdi(vec![segment(0, 8), segment(8, 9), segment(9, 10), segment(10, 14), segment(40, 41), segment(99, 100)]);
         assert_eq!(depth_bits(whole.header()), 8);
         assert_eq!(with_depth_bits(&whole, 8).unwrap(), whole);
         let coarse = with_depth_bits(&whole, 6).unwrap();
         let ends: Vec<(u32, u32)> = coarse.segments().iter().map(|s| (s.start, s.end)).collect();
-        assert_eq!(ends, [(0, 2), (2, 3), (3, 4), (24, 25)]);
+        // 8 to 9 is less than half a step and joins 9 to 10; 99 to 100 has no step of its own left.
+        assert_eq!(ends, [(0, 2), (2, 3), (3, 4), (10, 11), (24, 25)]);
         assert_eq!(coarse.header().step_length, 0.08);
+        let sum = |vdi: &Vdi| vdi.segments().iter().map(|s| f64::from(s.optical_depth)).sum::<f64>();
+        assert!((sum(&coarse) - sum(&whole)).abs() < 1e-6);
     }
 }
