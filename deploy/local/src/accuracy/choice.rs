@@ -3,7 +3,7 @@
 use super::curve::Point;
 
 /// Of the points that reach `psnr_db`, the one of the least `cost`.
-pub fn cheapest<'a>(points: &'a [Point], psnr_db: f64, cost: impl Fn(&Point) -> Option<f64>) -> Option<&'a Point> {
+pub fn cheapest(points: &[Point], psnr_db: f64, cost: impl Fn(&Point) -> Option<f64>) -> Option<&Point> {
     let reaching = points.iter().filter(|p| p.decibels() >= psnr_db).filter_map(|p| Some((cost(p)?, p)));
     reaching.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, p)| p)
 }

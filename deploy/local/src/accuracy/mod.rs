@@ -30,7 +30,7 @@ use curve::{Convergence, Curve, Point};
 use error::Error;
 use integrator::Integrator;
 use lamina_generator_node::kernel::{Backend, Field};
-use lamina_model::{GenerationParams, Image, Scene, Volume, for_voxels};
+use lamina_model::{GenerationParams, Image, Scene, Volume};
 use lamina_viz_node::kernel as viz;
 use optics::Optics;
 use product::Product;
@@ -102,7 +102,8 @@ pub fn accuracy(arguments: &cli::Accuracy) -> anyhow::Result<()> {
 
 /// The field, if there is something in it to see.
 fn visible(volume: &Volume, scene: &Scene) -> anyhow::Result<Field> {
-    let finite = for_voxels!(volume.voxels(), v => v.iter().any(|&x| f64::from(x).is_finite()));
+    let voxels = volume.voxels();
+    let finite = (0..voxels.len()).any(|n| voxels.get(n).is_finite());
     ensure!(finite, "no voxel is a finite number: there is nothing to measure");
     let field = prepare(volume.clone(), scene);
     let empty = field.skip().distances().iter().all(|&d| d > 0);
