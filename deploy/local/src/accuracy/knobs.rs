@@ -58,8 +58,8 @@ pub const TRILINEAR: Knob =
     Knob { priced: false, coarseness: thinned, ..knob("trilinear", "Trilinear", "voxels apart", Source::Plain) };
 pub const TRICUBIC: Knob =
     Knob { priced: false, coarseness: thinned, ..knob("tricubic", "Tricubic", "voxels apart", Source::Plain) };
-pub const MIDPOINT: Knob = knob("midpoint_f64", "Midpoint, f64 sums", "voxels", Source::Plain);
-pub const MIDPOINT_SINGLE: Knob = knob("midpoint_f32", "Midpoint, f32 sums", "voxels", Source::Plain);
+pub const MIDPOINT: Knob = knob("midpoint_f64", "Midpoint, f64", "voxels", Source::Plain);
+pub const MIDPOINT_SINGLE: Knob = knob("midpoint_f32", "Midpoint, f32", "voxels", Source::Plain);
 pub const PREINTEGRATED: Knob = knob("preintegrated", "Pre-integrated", "voxels", Source::Plain);
 pub const SAMPLE: Knob = Knob {
     coarseness: inverse,

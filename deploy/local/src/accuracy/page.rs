@@ -174,7 +174,7 @@ fn group(findings: &Findings, title: &str, words: &str, curves: &[&Curve]) -> St
     }
     let extra = if knob.key == knobs::MIDPOINT.key {
         let apart = decibels(findings.single.decibels());
-        format!("<p>Sums in single precision differ from those in double by {apart} or better at every step.</p>")
+        format!("<p>Sums in single precision and in double agree to {apart} or better at every step.</p>")
     } else {
         String::new()
     };
