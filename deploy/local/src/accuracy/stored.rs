@@ -67,9 +67,9 @@ fn shorten(list: &[Supersegment], every: u32, last: u32, out: &mut Vec<Supersegm
     }
     match (waiting, out[first..].last_mut()) {
         (Some(w), _) if w.start < last => out.push(Supersegment { end: w.start + 1, ..w }),
-        // At the ray's end there is no step left.
-        (Some(w), Some(before)) => *before = Supersegment { end: before.end, ..behind(before, &w) },
-        (Some(w), None) if last > 0 => out.push(Supersegment { start: last - 1, end: last, ..w }),
+        // At the ray's end there is no step behind it: it takes the last, or joins what has that.
+        (Some(w), Some(before)) if before.end == last => *before = Supersegment { end: last, ..behind(before, &w) },
+        (Some(w), _) if last > 0 => out.push(Supersegment { start: last - 1, end: last, ..w }),
         (Some(_) | None, _) => {}
     }
 }
