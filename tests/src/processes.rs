@@ -64,6 +64,14 @@ impl Daemon {
         format!("http://{}", self.address)
     }
 
+    /// SIGSTOP: it stays, and answers nothing.
+    ///
+    /// # Panics
+    /// If there is no `kill`.
+    pub fn hang(&self) {
+        Command::new("kill").args(["-STOP", &self.child.id().to_string()]).status().expect("kill runs");
+    }
+
     /// SIGKILL.
     pub fn kill(mut self) {
         let _ = self.child.kill();

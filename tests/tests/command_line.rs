@@ -99,6 +99,54 @@ fn the_parts_agree_at_the_generation_view() {
     lamina(&["render", &vdi, "--view", "-40", "--size", "64", "--out", &file("c.png")]);
 }
 
+/// A scene file's effects reach pictures, VDIs and a whole run; unknown and contradictory ones are refused by name.
+#[test]
+fn effects_of_a_scene_are_seen_everywhere() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| text(&folder.path().join(name));
+    let scene = |name: &str, body: &str| {
+        let path = file(name);
+        std::fs::write(&path, body).unwrap();
+        path
+    };
+    let series = text(&recorded_series());
+    let lit = "[effects]\nlight = [0.5, 1.0, 1.0]\nshadows = 0.6\nshading = {}\ndepth_cue = { color = [0.0, 0.0, 0.0], strength = 0.5 }\n";
+    let (lit, plain) = (scene("lit.toml", lit), scene("plain.toml", ""));
+    let pictures = [&lit, &plain].map(|scene| {
+        let (vdi, a, b) = (file("x.vdi"), file(&format!("{}.pfm", scene.len())), file("drawn.pfm"));
+        let common = [&series, "--time-step", "5", "--scene", scene.as_str()];
+        lamina(&[&["raycast"], &common[..], &["--size", "128", "--out", &a]].concat());
+        lamina(&[&["generate"], &common[..], &["--resolution", "128", "--gamma", "0", "--out", &vdi]].concat());
+        lamina(&["render", &vdi, "--size", "128", "--out", &b]);
+        let compared = lamina(&["compare", &a, &b]);
+        assert!(figure(compared.lines().last().unwrap(), "psnr_db ") > 40.0, "{scene}: {compared}");
+        a
+    });
+    let changed = lamina(&["compare", &pictures[0], &pictures[1]]);
+    assert!(figure(changed.lines().last().unwrap(), "psnr_db ") < 35.0, "{changed}");
+
+    // Over gRPC: the reference pixels of the run have the same effects, or quality would be poor.
+    let out = folder.path().join("run");
+    let contract = ["--contract", "psnr >= 34dB", "--grid", "96:160:32,0.002:0.01:0.004"];
+    lamina(
+        &[&["replay", &series, "--headless", "--steps", "2", "--scene", &lit, "--out", &text(&out)], &contract[..]]
+            .concat(),
+    );
+    let csv = std::fs::read_to_string(out.join("steps.csv")).unwrap();
+    let quality = csv.lines().skip(1).map(|l| f64::from(StepRow::from_csv(l).unwrap().psnr_db.unwrap()));
+    assert!(quality.fold(f64::INFINITY, f64::min) > 25.0, "{csv}");
+
+    for (body, words) in [
+        ("[effects]\nfog = 1.0\n", &["effects", "fog"][..]),
+        ("[effects]\nshading = {}\n", &["effects.light"]),
+        ("[effects]\nlight = [0.0, 0.0, 1.0]\nshadows = 3.0\n", &["effects.shadows"]),
+        ("[effects]\ncolor_field = \"temperature\"\n", &["color_field"]),
+    ] {
+        let path = scene("bad.toml", body);
+        refused(&["raycast", &series, "--scene", &path, "--out", &file("x.png")], words);
+    }
+}
+
 #[test]
 fn wrong_arguments_and_files_are_refused_with_the_remedy() {
     let folder = tempfile::tempdir().unwrap();

@@ -109,6 +109,11 @@ fn the_page_shows_the_newest_step_and_the_mouse_turns_it() {
     browser.wait_js("Math.abs(Number(document.querySelector('#picture').dataset.azimuth)) > 5");
     assert!(browser.js(LIT).as_f64().unwrap() > 0.02, "the blast is seen from the side too");
 
+    // The shown step's point among all steps' quality and time.
+    browser.wait_js("document.querySelectorAll('#accuracy circle.here').length === 1");
+    let points = "document.querySelector('#accuracy path.dot').getAttribute('d').split('M').length - 1";
+    assert!(browser.js(points).as_u64() > Some(0), "steps are marked");
+
     // A step chosen on the time line stays.
     browser.drag("#timeline", 0, 0);
     let newest = "fetch('api/state').then(r => r.json()).then(s => s.steps[s.steps.length - 1].step)";

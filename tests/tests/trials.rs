@@ -205,6 +205,29 @@ fn a_viewer_killed_in_a_study_is_named_and_its_trials_are_measured_by_the_other(
     assert!(log.warnings(&other.address.to_string()).is_empty());
 }
 
+#[test]
+fn trials_of_a_viewer_that_hangs_are_measured_by_the_other() {
+    let log = Log::start();
+    let cluster = Cluster::start();
+    let (hung, other) = (cluster.viz(), cluster.viz());
+    let (url, address) = (hung.url(), hung.address.to_string());
+    let candidates = candidates(80);
+    run(async {
+        let mut remote = cluster.remote(2).await.unwrap();
+        let stopper = std::thread::spawn(move || {
+            assert!(wait_for(Duration::from_secs(20), || measured_by(&url) > 1));
+            hung.hang();
+            hung
+        });
+        let rows = remote.measure(&candidates, BATCHES).await.unwrap();
+        let hung = stopper.join().unwrap();
+        assert_eq!(rows.iter().filter(|r| r.is_ok()).count(), candidates.len());
+        hung.kill();
+    });
+    assert!(!log.warnings(&address).is_empty(), "the log names the hung one");
+    assert!(log.warnings(&other.address.to_string()).is_empty());
+}
+
 /// A viz-node that misbehaves: it subscribes like one, and measures nothing but NaN.
 struct Liar;
 

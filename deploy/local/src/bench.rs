@@ -4,6 +4,7 @@
 //! first round warms up and is not counted. A volume is taken through both nodes' kernels, a VDI through the viewer's.
 
 use crate::cli;
+use crate::effects_cost;
 use crate::parts::{open, prepare};
 use crate::process::{self, Used};
 use anyhow::{Context, ensure};
@@ -30,6 +31,10 @@ pub fn bench(arguments: &cli::Bench) -> anyhow::Result<()> {
     }
     let path = &arguments.input.input;
     let is_vdi = path.extension().is_some_and(|e| e == "vdi");
+    if arguments.effects {
+        ensure!(!is_vdi, "--effects needs a volume: a VDI holds them already");
+        return effects_cost::print(arguments);
+    }
     if arguments.memory {
         let memory = if is_vdi { viewer_memory(arguments)? } else { generator_memory(arguments)? };
         return memory.print(arguments.json);

@@ -40,6 +40,8 @@ pub enum Command {
     Tune(Tune),
     /// Measure every (gamma, resolution) of a grid, and report what is best under which limit
     Study(Study),
+    /// Measure what each step of accuracy costs for a volume: error, time and bytes
+    Accuracy(Accuracy),
     /// Say what this machine offers
     Doctor,
 }
@@ -309,7 +311,34 @@ pub struct Bench {
     /// The most memory in use at once, instead of times
     #[arg(long)]
     pub memory: bool,
+    /// What each effect costs and changes, alone and in pairs, instead: pictures of the first size, VDIs of --resolution
+    #[arg(long, conflicts_with_all = ["memory", "json", "gammas"])]
+    pub effects: bool,
     /// One JSON object a line
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Args)]
+pub struct Accuracy {
+    #[command(flatten)]
+    pub input: Input,
+    /// Folder for accuracy.csv, report.html and accuracy.svg
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Rays per side of the base setting, around which everything is turned
+    #[arg(long, default_value_t = 256, value_name = "R")]
+    pub resolution: u32,
+    /// Interrupt parameter of the base setting
+    #[arg(long, default_value_t = 0.02, value_name = "G", allow_negative_numbers = true)]
+    pub gamma: f64,
+    /// Side of the pictures that are timed and sampled, pixels
+    #[arg(long, default_value_t = 512, value_name = "PX")]
+    pub size: u32,
+    /// The quality whose cheapest settings are named
+    #[arg(long, default_value_t = 40.0, value_name = "DB", allow_negative_numbers = true)]
+    pub psnr: f64,
+    /// Measure tricubic interpolation (Catmull-Rom) too
+    #[arg(long)]
+    pub tricubic: bool,
 }

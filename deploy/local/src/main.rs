@@ -1,9 +1,11 @@
 //! The binary `lamina`: all nodes and an example simulation in one process, and the command-line tools.
 
+mod accuracy;
 mod bench;
 mod cli;
 mod dims;
 mod doctor;
+mod effects_cost;
 mod nodes;
 mod outputs;
 mod parts;
@@ -31,6 +33,7 @@ fn main() -> std::process::ExitCode {
         Command::Bench(arguments) => bench::bench(&arguments),
         Command::Tune(arguments) => study::contract(&arguments),
         Command::Study(arguments) => study::study(&arguments),
+        Command::Accuracy(arguments) => accuracy::accuracy(&arguments),
         Command::Doctor => doctor::doctor(),
     };
     lamina_wire::node::exit_code(outcome)

@@ -448,6 +448,35 @@ function captionPlot(plot, bound, broken) {
   detail.textContent = bound === null ? "" : `limit ${significant(bound, 4)} ${plot.unit}${broken ? `, broken ${broken}×` : ""}`;
 }
 
+/** Quality against time: a mark for each measured step, a line through those that no other beats, the shown one on it or below. */
+function drawAccuracy() {
+  const box = byId("accuracy").querySelector(".plot");
+  const [width, height] = [box.clientWidth, box.clientHeight];
+  const rows = store.steps.filter((row) => Number.isFinite(row.psnr_db)).sort((a, b) => a.generation_ms - b.generation_ms);
+  const [, slowest] = valueRange(rows.map((row) => row.generation_ms), null, false);
+  const [low, high] = valueRange(rows.map((row) => row.psnr_db), null, true);
+  const bottom = height - 17;
+  const x = (ms) => GUTTER + (ms / slowest) * (width - 8 - GUTTER);
+  const y = (db) => bottom - ((db - low) / (high - low)) * (bottom - 8);
+  const at = (row) => [x(row.generation_ms), y(row.psnr_db)];
+  let best = -Infinity;
+  const front = rows.filter((row) => row.psnr_db > best && ((best = row.psnr_db), true));
+  // One mark a pixel: a long run's steps lie on one another.
+  const marks = new Set(rows.map((row) => at(row).map(Math.round).join(" ")));
+  const row = shownRow();
+  const known = row && Number.isFinite(row.psnr_db);
+  box.firstElementChild.innerHTML = [
+    ...niceTicks(low, high, 3).map((tick) => gridLine(y(tick), width, String(tick))),
+    ...niceTicks(0, slowest, 4).map((tick) => `<text x="${x(tick).toFixed(1)}" y="${height - 3}" text-anchor="middle">${tick}</text>`),
+    `<path class="dot" d="${[...marks].map((mark) => `M${mark}m-1-1h2v2h-2z`).join("")}"/>`,
+    `<path class="curve" d="${pathOf(front.map(at))}"/>`,
+    known ? dot("here", ...at(row), 3.5) : "",
+  ].join("");
+  const [name, detail] = byId("accuracy").querySelectorAll("figcaption span");
+  name.innerHTML = `PSNR by time <b>${known ? decibelText(row.psnr_db) : "–"}</b> dB`;
+  detail.textContent = known ? `in ${fixed(row.generation_ms, 1)} ms` : "";
+}
+
 /** Steps as ticks, one a pixel column at most; a step that broke the limit is taller, coloured and pointed. */
 function drawTimeline() {
   const box = byId("timeline");
@@ -660,12 +689,17 @@ function draw() {
   drawTimeline();
   drawReadout();
   PLOTS.forEach(drawPlot);
+  drawAccuracy();
 }
 
 function buildFigures() {
-  for (const { id, label } of PLOTS) {
+  const build = (id, label) => {
     byId(id).innerHTML = `<figcaption><span></span><span></span></figcaption>
-      <div class="plot"><svg role="img" aria-label="${label} over steps"></svg></div>`;
+      <div class="plot"><svg role="img" aria-label="${label}"></svg></div>`;
+  };
+  build("accuracy", "PSNR over generation time, all steps");
+  for (const { id, label } of PLOTS) {
+    build(id, `${label} over steps`);
     listenToSteps(byId(id).querySelector(".plot"), GUTTER, 8);
   }
 }

@@ -1,0 +1,52 @@
+//! `accuracy.csv`: every point of every curve, and the trials in which several knobs were turned at once.
+
+use super::Findings;
+use super::curve::{Convergence, Knob, Point, Price};
+use anyhow::Context;
+use std::path::Path;
+
+const HEADER: &str = "knob,value,source,step_voxels,opacity_cutoff,gamma,resolution,psnr_db,rms_error,max_error,alone_db,\
+    time_ms,encode_ms,draw_ms,size_bytes,ms_per_db,kb_per_db,order,level_from\n";
+
+/// Writes it.
+pub fn write(folder: &Path, findings: &Findings) -> anyhow::Result<()> {
+    let mut text = HEADER.to_owned();
+    for curve in &findings.curves {
+        let convergence = findings.convergence(curve);
+        for (point, price) in curve.points.iter().zip(curve.prices()) {
+            text += &line(Some(&curve.knob), point, price, convergence);
+        }
+    }
+    for point in &findings.trials {
+        text += &line(None, point, Price::default(), Convergence::default());
+    }
+    let path = folder.join("accuracy.csv");
+    std::fs::write(&path, text).with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+fn line(knob: Option<&Knob>, p: &Point, price: Price, convergence: Convergence) -> String {
+    let number = |value: Option<f64>| value.filter(|v| v.is_finite()).map_or_else(String::new, |v| format!("{v:.6}"));
+    let of = |value: Option<f64>| value.map_or_else(String::new, |v| v.to_string());
+    let fields = [
+        knob.map_or("combined", |k| k.key).to_owned(),
+        knob.map_or_else(String::new, |_| p.value.to_string()),
+        knob.map_or("vdi", |k| k.source.name()).to_owned(),
+        of(p.params.map(|p| p.step_voxels())),
+        of(p.params.map(|p| p.opacity_cutoff())),
+        of(p.params.map(|p| p.gamma())),
+        p.params.map_or_else(String::new, |p| p.resolution().to_string()),
+        format!("{:.4}", p.decibels()),
+        format!("{:e}", p.error.rms),
+        format!("{:e}", p.error.max),
+        p.alone.map_or_else(String::new, |e| format!("{:.4}", e.decibels())),
+        number(Some(p.time_ms)),
+        number(p.encode_ms),
+        number(p.draw_ms),
+        p.size_bytes.map_or_else(String::new, |b| b.to_string()),
+        number(price.ms_per_db),
+        number(price.kb_per_db),
+        number(convergence.order),
+        of(convergence.level_from),
+    ];
+    fields.join(",") + "\n"
+}
