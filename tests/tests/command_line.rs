@@ -137,7 +137,7 @@ fn effects_of_a_scene_are_seen_everywhere() {
     assert!(quality.fold(f64::INFINITY, f64::min) > 25.0, "{csv}");
 
     for (body, words) in [
-        ("[effects]\nfog = 1.0\n", &["effects", "fog"][..]),
+        ("[effects]\nfog = 1.0\n", &["fog", "shading"][..]),
         ("[effects]\nshading = {}\n", &["effects.light"]),
         ("[effects]\nlight = [0.0, 0.0, 1.0]\nshadows = 3.0\n", &["effects.shadows"]),
         ("[effects]\ncolor_field = \"temperature\"\n", &["color_field"]),

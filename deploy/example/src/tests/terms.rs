@@ -65,7 +65,8 @@ fn a_tracer_goes_with_the_gas_and_stays_a_share() {
     };
     assert!(centre(&gas).abs() < 1e-6);
     run_until(&mut gas, 0.4);
-    assert!((centre(&gas) - 0.2).abs() < 1e-3, "{}", centre(&gas));
+    // Upwind differences of a harmonic of 32 cells lag by at most (2 pi / 32)^2 / 6 of the way.
+    assert!((centre(&gas) - 0.2).abs() < 0.2 * 0.0065, "{}", centre(&gas));
     assert!(gas.tracer().unwrap().values().iter().all(|v| (0.0..=1.0).contains(v)));
 }
 
