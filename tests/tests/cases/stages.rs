@@ -112,10 +112,10 @@ fn lists(report: &mut Report, vdi: &Vdi, view: &View, seen: &[Vec<Lights>]) {
 
 /// The greatest difference of what comes through up to the supersegments' ends.
 fn worst_passage(list: &[Supersegment], lights: &Lights) -> f64 {
-    let (mut depth, mut worst) = (0.0, 0.0);
+    let (mut depth, mut worst) = (0.0_f64, 0.0);
     let expected = |step: u32| lights[lights.len().min(step as usize + 1) - 1].transmittance;
     for s in list {
-        let before = (-depth as f64).exp();
+        let before = (-depth).exp();
         depth += f64::from(s.optical_depth);
         worst = greater(worst, (before - expected(s.start)).abs());
         worst = greater(worst, ((-depth).exp() - expected(s.end)).abs());
