@@ -31,20 +31,6 @@ fn all(scene: &Scene, volume: &Volume) -> Vec<(&'static str, Effects)> {
     ]
 }
 
-fn both(a: &Effects, b: &Effects) -> Effects {
-    Effects {
-        light: a.light.or(b.light),
-        shading: a.shading.or(b.shading),
-        shadows: a.shadows.or(b.shadows),
-        ambient_occlusion: a.ambient_occlusion.or(b.ambient_occlusion),
-        isosurfaces: [a.isosurfaces.clone(), b.isosurfaces.clone()].concat(),
-        clip_planes: [a.clip_planes.clone(), b.clip_planes.clone()].concat(),
-        clip_box: a.clip_box.or(b.clip_box),
-        pre_integrated: a.pre_integrated || b.pre_integrated,
-        depth_cue: a.depth_cue.or(b.depth_cue),
-    }
-}
-
 /// What one set takes.
 struct Cost {
     prepare: Duration,
@@ -102,7 +88,7 @@ pub fn print(arguments: &cli::Bench) -> anyhow::Result<()> {
     }
     for (n, (a, x)) in alone.iter().enumerate() {
         for (b, y) in &alone[n + 1..] {
-            line(&format!("{a}, {b}"), &cost(arguments, &backend, &volume, &with(both(x, y))?)?)?;
+            line(&format!("{a}, {b}"), &cost(arguments, &backend, &volume, &with(x.and(y))?)?)?;
         }
     }
     Ok(())

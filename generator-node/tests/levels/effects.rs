@@ -31,27 +31,12 @@ fn effects() -> Vec<(&'static str, Effects)> {
     ]
 }
 
-fn both(a: &Effects, b: &Effects) -> Effects {
-    let (a, b) = (a.clone(), b.clone());
-    Effects {
-        light: a.light.or(b.light),
-        shading: a.shading.or(b.shading),
-        shadows: a.shadows.or(b.shadows),
-        ambient_occlusion: a.ambient_occlusion.or(b.ambient_occlusion),
-        isosurfaces: [a.isosurfaces, b.isosurfaces].concat(),
-        clip_planes: [a.clip_planes, b.clip_planes].concat(),
-        clip_box: a.clip_box.or(b.clip_box),
-        pre_integrated: a.pre_integrated || b.pre_integrated,
-        depth_cue: a.depth_cue.or(b.depth_cue),
-    }
-}
-
 /// Alone, and with each other.
 fn sets() -> Vec<(String, Effects)> {
     let alone = effects();
     let mut sets: Vec<_> = alone.iter().map(|(name, e)| ((*name).to_owned(), e.clone())).collect();
     for (n, (a, x)) in alone.iter().enumerate() {
-        sets.extend(alone[n + 1..].iter().map(|(b, y)| (format!("{a} and {b}"), both(x, y))));
+        sets.extend(alone[n + 1..].iter().map(|(b, y)| (format!("{a} and {b}"), x.and(y))));
     }
     sets
 }
@@ -102,7 +87,7 @@ fn lanes_equal_the_oracle() {
 fn the_gpu_equals_the_oracle() {
     let Some(gpu) = testing::gpu().map(|gpu| GpuKernels::new(gpu).unwrap()) else { return };
     // Each set is a kernel of its own, and compiling one takes a software device long: alone, and all together.
-    let all = effects().iter().fold(Effects::default(), |sum, (_, e)| both(&sum, e));
+    let all = effects().iter().fold(Effects::default(), |sum, (_, e)| sum.and(e));
     for (name, effects) in effects().into_iter().chain([("all", all)]) {
         for field in fields(&effects) {
             let camera = &field.scene().camera;

@@ -118,7 +118,23 @@ impl Effects {
 
     /// True if the scene asks for nothing.
     pub fn is_none(&self) -> bool {
-        *self == Self::default() || *self == Self { light: self.light, ..Self::default() }
+        *self == Self { light: self.light, ..Self::default() }
+    }
+
+    /// These and those of `other`; where both have one, the first.
+    #[must_use]
+    pub fn and(&self, other: &Self) -> Self {
+        Self {
+            light: self.light.or(other.light),
+            shading: self.shading.or(other.shading),
+            shadows: self.shadows.or(other.shadows),
+            ambient_occlusion: self.ambient_occlusion.or(other.ambient_occlusion),
+            isosurfaces: [&self.isosurfaces[..], &other.isosurfaces].concat(),
+            clip_planes: [&self.clip_planes[..], &other.clip_planes].concat(),
+            clip_box: self.clip_box.or(other.clip_box),
+            pre_integrated: self.pre_integrated || other.pre_integrated,
+            depth_cue: self.depth_cue.or(other.depth_cue),
+        }
     }
 
     /// Passes effects that can be drawn.
