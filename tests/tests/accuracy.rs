@@ -128,4 +128,6 @@ fn what_cannot_be_measured_is_refused_before_work_starts() {
           points = [{ at = 0.0, color = [1.0, 1.0, 1.0], opacity = 0.0 }]\n",
     );
     refused(&series, &["--scene", &clear], "transparent");
+    let shaded = write("shaded.toml", b"[effects]\nambient_occlusion = 0.5\n");
+    refused(&series, &["--scene", &shaded], "effects");
 }

@@ -102,6 +102,7 @@ pub fn accuracy(arguments: &cli::Accuracy) -> anyhow::Result<()> {
 
 /// The field, if there is something in it to see.
 fn visible(volume: &Volume, scene: &Scene) -> anyhow::Result<Field> {
+    ensure!(scene.effects.is_none(), "the scene asks for effects: the reference knows emission and absorption only");
     let voxels = volume.voxels();
     let finite = (0..voxels.len()).any(|n| voxels.get(n).is_finite());
     ensure!(finite, "no voxel is a finite number: there is nothing to measure");
