@@ -73,7 +73,8 @@ impl Backend {
         Ok((vdi, start.elapsed()))
     }
 
-    /// The VDI for each of `gammas`, the other parameters being those of `params`: one march for all, on the processor.
+    /// The VDI for each of `gammas`, the other parameters being those of `params`: one march for all, on the processor; with
+    /// effects one for each.
     ///
     /// # Errors
     /// As [`Self::generate`], or if a gamma is negative or not finite.
@@ -82,8 +83,7 @@ impl Backend {
             return gammas.iter().map(|&gamma| scalar::generate(field, &params.with_gamma(gamma)?)).collect();
         }
         if field.effects().is_some() {
-            let one = |&gamma: &f64| lanes::generate(self.level(), field, &params.with_gamma(gamma)?);
-            return gammas.iter().map(one).collect();
+            return gammas.iter().map(|&gamma| Ok(self.generate(field, &params.with_gamma(gamma)?)?.0)).collect();
         }
         let mut order: Vec<usize> = (0..gammas.len()).collect();
         order.sort_by(|&a, &b| gammas[a].total_cmp(&gammas[b]));

@@ -48,13 +48,13 @@ pub struct Surface {
 }
 
 impl Effects {
-    /// The effects of `scene` on `grid`; `None` if it asks for nothing. `volume` makes the light volume where it is needed.
-    pub fn new(scene: &Scene, grid: &Grid, volume: impl FnOnce(DVec3) -> LightVolume) -> Option<Self> {
+    /// The effects of `scene` on `grid`; `None` if it asks for nothing. `extinction` is the field's at an index.
+    pub fn new(scene: &Scene, grid: &Grid, extinction: impl Fn(DVec3) -> f64 + Sync) -> Option<Self> {
         let asked = &scene.effects;
         if asked.is_none() {
             return None;
         }
-        let light = asked.light.map_or(DVec3::Z, DVec3::normalize);
+        let light = asked.light.map_or(DVec3::Z, unit);
         let (shadows, ambient_occlusion) = (asked.shadows.unwrap_or(0.0), asked.ambient_occlusion.unwrap_or(0.0));
         let surface = |s: &lamina_model::effects::Isosurface| Surface {
             at: f64::from(scene.transfer.range().unit_from_value(s.value)),
@@ -62,17 +62,28 @@ impl Effects {
             optical_depth: optical_depth_from_opacity(s.opacity),
         };
         let mut surfaces: Vec<Surface> = asked.isosurfaces.iter().map(surface).collect();
+        surfaces.retain(|s| s.optical_depth > 0.0);
         surfaces.sort_by(|a, b| a.at.total_cmp(&b.at));
-        let half_space =
-            |p: lamina_model::effects::ClipPlane| (p.normal * grid.spacing(), p.offset - p.normal.dot(grid.origin()));
+        let half_space = |p: lamina_model::effects::ClipPlane| {
+            let normal = p.normal * grid.spacing();
+            let scale = normal.abs().max_element();
+            (normal / scale, (p.offset - p.normal.dot(grid.origin())) / scale)
+        };
+        let half_spaces: Vec<(DVec3, f64)> = asked.half_spaces().into_iter().map(half_space).collect();
+        // What is cut away casts no shadow.
+        let left = |p: DVec3| half_spaces.iter().all(|(normal, offset)| normal.dot(p) <= *offset);
+        let volume = (shadows > 0.0 || ambient_occlusion > 0.0).then(|| {
+            let toward = (shadows > 0.0).then_some(light);
+            LightVolume::new(grid, toward, ambient_occlusion > 0.0, |p| if left(p) { extinction(p) } else { 0.0 })
+        });
         Some(Self {
             light,
             shading: asked.shading,
             shadows,
             ambient_occlusion,
-            volume: (shadows > 0.0 || ambient_occlusion > 0.0).then(|| volume(light)),
+            volume,
             surfaces,
-            half_spaces: asked.half_spaces().into_iter().map(half_space).collect(),
+            half_spaces,
             pre_integrated: asked.pre_integrated,
             cue: asked.depth_cue,
         })
@@ -100,8 +111,27 @@ impl Effects {
     }
 }
 
-/// Distances from `eye` to the nearest and the farthest corner of the box, world units: between them colours fade.
+/// A direction of any length at length 1.
+fn unit(direction: DVec3) -> DVec3 {
+    (direction / direction.abs().max_element()).normalize()
+}
+
+/// Distances from `eye` to the nearest point and to the farthest corner of the box, world units: between them colours fade.
 pub fn cue_range(grid: &Grid, eye: DVec3) -> (f64, f64) {
-    let distances = grid.bounds().corners().map(|c| (c - eye).length());
-    distances.into_iter().fold((f64::INFINITY, 0.0), |(near, far), d| (near.min(d), far.max(d)))
+    let bounds = grid.bounds();
+    let near = (eye.clamp(bounds.min, bounds.max) - eye).length();
+    let far = bounds.corners().map(|c| (c - eye).length()).into_iter().fold(0.0, f64::max);
+    (near, far)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colours_fade_from_the_eye_on_where_it_is_inside() {
+        let grid = Grid::new([3, 5, 5], DVec3::ONE, DVec3::ZERO).unwrap();
+        assert_eq!(cue_range(&grid, DVec3::new(1.0, 2.0, 2.0)), (0.0, 3.0), "from the middle all corners are as far");
+        assert_eq!(cue_range(&grid, DVec3::new(1.0, 2.0, 10.0)), (6.0, (1.0_f64 + 4.0 + 100.0).sqrt()));
+    }
 }

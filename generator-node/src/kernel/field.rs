@@ -8,7 +8,6 @@
 //! cell touches one is empty.
 
 use super::effects::Effects;
-use super::light::LightVolume;
 use super::skip::{self, SkipMap};
 use glam::DVec3;
 use half::f16;
@@ -74,16 +73,13 @@ impl Field {
         let unit = |x: f32| (scale * f64::from(x) + offset) as f32;
         let surfaces: Vec<f32> =
             scene.effects.isosurfaces.iter().map(|s| scene.transfer.range().unit_from_value(s.value)).collect();
-        // The ends of a step, or its middle once cut, may lie in the brick beside that of its middle.
-        let beside = scene.effects.pre_integrated || !surfaces.is_empty() || !scene.effects.half_spaces().is_empty();
-        let skip = for_stored!(&stored.0, v => SkipMap::new(&grid, v, beside, |lo, hi| {
+        let skip = for_stored!(&stored.0, v => SkipMap::new(&grid, v, scene.effects.look_beside(), |lo, hi| {
             let (lo, hi) = (unit(lo), unit(hi));
             !scene.transfer.is_transparent(lo, hi) || surfaces.iter().any(|s| (lo..=hi).contains(s))
         }));
         let (scene, stored) = (scene.clone(), stored.0);
         let mut field = Self { id, grid, scene, stored, scale, offset, empty_voxels, skip, effects: None };
-        field.effects =
-            Effects::new(&field.scene, &grid, |light| LightVolume::new(&grid, light, |p| field.extinction(p)));
+        field.effects = Effects::new(&field.scene, &grid, |p| field.extinction(p));
         field
     }
 

@@ -1,8 +1,9 @@
 //! How much light reaches each point: made once for a field, looked up by all kernels.
 //!
-//! Two values on a grid of half the field's resolution: the transmittance towards the light, swept slice by slice away from
+//! Two values on a grid of half the field's resolution, at most 129 points a side: the transmittance towards the light, swept slice by slice away from
 //! it (each point takes what the slice before lets through, by the trapezoidal rule), and openness: the mean transmittance
-//! of two cells in all 26 directions. Shadows are as soft as that grid is coarse. Isosurfaces cast none.
+//! of two cells in all 26 directions. Shadows are as soft as that grid is coarse. Isosurfaces cast none, and what clipping takes away casts
+//! none either.
 
 use glam::DVec3;
 use lamina_model::Grid;
@@ -10,6 +11,8 @@ use rayon::prelude::*;
 
 /// The most points per side.
 const MOST: usize = 129;
+/// Cells that a ray may lie beyond the box by rounding.
+const ROUNDING: f64 = 1e-6;
 /// Cells that openness looks ahead.
 const REACH: i64 = 2;
 
@@ -34,9 +37,9 @@ struct Coarse {
 }
 
 impl LightVolume {
-    /// The light of direction `light` (unit vector towards it) on `grid`, where `extinction` (at an index, per world length)
-    /// is the field's.
-    pub fn new(grid: &Grid, light: DVec3, extinction: impl Fn(DVec3) -> f64 + Sync) -> Self {
+    /// The light of direction `light` (unit vector towards it; none: nothing is shadowed), and openness if it is `occluded`, on
+    /// `grid`, where `extinction` (at an index, per world length) is the field's.
+    pub fn new(grid: &Grid, light: Option<DVec3>, occluded: bool, extinction: impl Fn(DVec3) -> f64 + Sync) -> Self {
         let dims = grid.dims().map(|n| ((n - 1).div_ceil(2) + 1).clamp(2, MOST));
         let scale: [f64; 3] = std::array::from_fn(|a| (dims[a] - 1) as f64 / (grid.dims()[a] - 1).max(1) as f64);
         let per_cell = DVec3::from_array(scale.map(f64::recip));
@@ -50,8 +53,10 @@ impl LightVolume {
         let count = dims.iter().product();
         let extinction = (0..count).into_par_iter().map(|n| mean(point(n)) as f32).collect();
         let coarse = Coarse { dims, spacing: grid.spacing() * per_cell, extinction };
-        let openness = (0..count).into_par_iter().map(|n| coarse.openness(coordinates(dims, n))).collect();
-        Self { dims, scale, transmittance: coarse.transmittance(light), openness }
+        let open = |n: usize| if occluded { coarse.openness(coordinates(dims, n)) } else { 1.0 };
+        let openness = (0..count).into_par_iter().map(open).collect();
+        let transmittance = light.map_or_else(|| vec![1.0; count], |light| coarse.transmittance(light));
+        Self { dims, scale, transmittance, openness }
     }
 
     /// Transmittance and openness at `index`, in units of the field's sample points.
@@ -121,7 +126,9 @@ impl Coarse {
             let through = move |(i, j): (i64, i64)| {
                 let (x, y) = (i as f64 + back[u], j as f64 + back[v]);
                 // Through a side of the box light comes in whole.
-                let outside = x < 0.0 || y < 0.0 || x > (columns - 1) as f64 || y > (rows - 1) as f64;
+                let (right, top) = ((columns - 1) as f64, (rows - 1) as f64);
+                let outside = x < -ROUNDING || y < -ROUNDING || x > right + ROUNDING || y > top + ROUNDING;
+                let (x, y) = (x.clamp(0.0, right), y.clamp(0.0, top));
                 let (mut light, mut depth) = (0.0, 0.0);
                 let (cx, cy) = (x.floor().min((columns - 2) as f64), y.floor().min((rows - 2) as f64));
                 let (wx, wy) = (x - cx, y - cy);
@@ -159,14 +166,14 @@ mod tests {
     #[test]
     fn a_homogeneous_box_has_closed_forms() {
         let grid = Grid::new([17, 9, 33], DVec3::new(0.5, 1.0, 0.25), DVec3::ZERO).unwrap();
-        let light = LightVolume::new(&grid, DVec3::Z, |_| 0.3);
+        let light = LightVolume::new(&grid, Some(DVec3::Z), true, |_| 0.3);
         for k in 0..=32 {
             let depth = 0.25 * f64::from(32 - k);
             let [t, _] = light.at(DVec3::new(8.0, 4.0, f64::from(k)));
             // Linear between points half a unit apart: off by (0.3 / 2)^2 / 8 of the value at most.
             assert!((t / (-0.3 * depth).exp() - 1.0).abs() < 2.9e-3, "{k}: {t}");
         }
-        let slanted = LightVolume::new(&grid, DVec3::new(3.0, 0.0, 4.0) / 5.0, |_| 0.3);
+        let slanted = LightVolume::new(&grid, Some(DVec3::new(3.0, 0.0, 4.0) / 5.0), false, |_| 0.3);
         let [t, _] = slanted.at(DVec3::new(0.0, 4.0, 28.0));
         assert!((t - (-0.3 * 1.0 / 0.8_f64).exp()).abs() < 5e-3, "{t}");
         let cell = DVec3::new(1.0, 2.0, 0.5);

@@ -12,6 +12,7 @@ use std::sync::{Mutex, PoisonError};
 /// If the step is so short that rays would have too many of them.
 pub fn header(field: &Field, params: &GenerationParams) -> Result<VdiHeader, Invalid> {
     let scene = field.scene();
+    scene.effects.check_step(params.step_voxels())?;
     VdiHeader {
         camera: scene.camera,
         bounds: field.grid().bounds(),

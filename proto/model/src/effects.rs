@@ -1,6 +1,6 @@
 //! What a scene may ask for beyond emission and absorption. What it does not ask for is not computed.
 
-use crate::{Invalid, ScalarRange};
+use crate::{Invalid, ScalarRange, Scale};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -100,7 +100,7 @@ pub struct ClipBox {
     pub max: DVec3,
 }
 
-/// From the box's nearest to its farthest corner, colours go over to another one.
+/// From the box's nearest point (the eye, if it is inside) to its farthest corner, colours go over to another one.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DepthCue {
@@ -148,7 +148,7 @@ impl Effects {
         };
         let lit = self.shading.is_some() || self.shadows.is_some();
         match self.light {
-            Some(l) if !(l.is_finite() && l.length_squared() > 0.0) => {
+            Some(l) if !(l.is_finite() && l.abs().max_element() > 0.0) => {
                 return Err(Invalid::new("effects.light", format!("{l} must be a direction: finite and not zero")));
             }
             None if lit => {
@@ -173,8 +173,11 @@ impl Effects {
         }
         for s in &self.isosurfaces {
             s.color.iter().chain([&s.opacity]).try_for_each(|x| share("effects.isosurfaces", *x))?;
-            if !range.unit_from_value(s.value).is_finite() {
-                return Err(Invalid::new("effects.isosurfaces", format!("value {} must be a finite number", s.value)));
+            // A logarithm that cannot be taken, or is cut off, is where all such values are.
+            let lost = range.scale() == Scale::Log10 && range.unit_from_value(s.value) <= -1.0;
+            if lost || !range.unit_from_value(s.value).is_finite() {
+                let value = s.value;
+                return Err(Invalid::new("effects.isosurfaces", format!("value {value} cannot lie in this range")));
             }
         }
         if self.clip_planes.len() > Self::MOST_PLANES {
@@ -182,7 +185,7 @@ impl Effects {
             return Err(Invalid::new("effects.clip_planes", format!("{n} given; at most {most}")));
         }
         for p in &self.clip_planes {
-            if !(p.normal.is_finite() && p.normal.length_squared() > 0.0 && p.offset.is_finite()) {
+            if !(p.normal.is_finite() && p.normal.abs().max_element() > 0.0 && p.offset.is_finite()) {
                 return Err(Invalid::new("effects.clip_planes", format!("{p:?} must be finite, the normal not zero")));
             }
         }
@@ -193,6 +196,23 @@ impl Effects {
         }
         if let Some(cue) = self.depth_cue {
             cue.color.iter().chain([&cue.strength]).try_for_each(|x| share("effects.depth_cue", *x))?;
+        }
+        Ok(())
+    }
+
+    /// True if samples are taken beside the middle of a step: at its ends, or in the middle of what clipping leaves.
+    pub fn look_beside(&self) -> bool {
+        self.pre_integrated || !self.isosurfaces.is_empty() || !self.half_spaces().is_empty()
+    }
+
+    /// Passes a sampling step that these effects can be drawn with, voxels.
+    ///
+    /// # Errors
+    /// If it is above 8 and they look beside the middle of a step.
+    pub fn check_step(&self, step_voxels: f64) -> Result<(), Invalid> {
+        if self.look_beside() && step_voxels > 8.0 {
+            let why = "isosurfaces, clipping and pre_integrated need 8 voxels or less";
+            return Err(Invalid::new("step_voxels", format!("{step_voxels}: {why}")));
         }
         Ok(())
     }
@@ -214,7 +234,6 @@ impl Effects {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Scale;
 
     fn refused(text: &str) -> String {
         let range = ScalarRange::new(1.0, 10.0, Scale::Log10).unwrap();
@@ -233,6 +252,7 @@ mod tests {
         assert!(refused(r#"{"light": [0, 0, 1], "shadows": 2}"#).contains("effects.shadows"));
         assert!(refused(r#"{"light": [0, 0, 1], "shading": {"shininess": 5}}"#).contains("shininess"));
         assert!(refused(r#"{"isosurfaces": [{"value": 3, "color": [0, 0, 2]}]}"#).contains("isosurfaces"));
+        assert!(refused(r#"{"isosurfaces": [{"value": -3, "color": [0, 0, 1]}]}"#).contains("value -3"));
         assert!(refused(r#"{"clip_box": {"min": [0, 0, 0], "max": [1, 0, 1]}}"#).contains("clip_box"));
         assert!(refused(r#"{"clip_planes": [{"normal": [0, 0, 0], "offset": 1}]}"#).contains("clip_planes"));
     }

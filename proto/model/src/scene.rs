@@ -39,6 +39,7 @@ impl Scene {
         }
         GenerationParams::new(1, 0.0)?.with_step_voxels(self.step_voxels)?;
         self.effects.check(self.transfer.range())?;
+        self.effects.check_step(self.step_voxels)?;
         Ok(self)
     }
 

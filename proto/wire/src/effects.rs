@@ -12,7 +12,7 @@ impl From<&Effects> for v1::Effects {
         };
         let surface = |s: &Isosurface| {
             let [red, green, blue] = s.color;
-            v1::Isosurface { value: s.value, red, green, blue, opacity: s.opacity }
+            v1::Isosurface { value: s.value, red, green, blue, opacity: Some(s.opacity) }
         };
         let plane = |p: &ClipPlane| v1::ClipPlane { normal: Some(p.normal.into()), offset: p.offset };
         let cue = |c: DepthCue| {
@@ -41,8 +41,11 @@ impl TryFrom<v1::Effects> for Effects {
             let v1::Shading { ambient, diffuse, specular, shininess } = s;
             Shading { ambient, diffuse, specular, shininess }
         };
-        let surface =
-            |s: &v1::Isosurface| Isosurface { value: s.value, color: [s.red, s.green, s.blue], opacity: s.opacity };
+        let surface = |s: &v1::Isosurface| Isosurface {
+            value: s.value,
+            color: [s.red, s.green, s.blue],
+            opacity: s.opacity.unwrap_or(1.0),
+        };
         let plane = |p: v1::ClipPlane| {
             Ok(ClipPlane { normal: required(p.normal, "effects.clip_planes.normal")?.into(), offset: p.offset })
         };

@@ -97,7 +97,7 @@ fn uniform(field: &Field, integral: Option<&Integral>, camera: &Camera, step_len
     let grid = field.grid();
     out.light = effects.light.as_vec3().to_array();
     (out.shadows, out.occlusion) = (effects.shadows as f32, effects.ambient_occlusion as f32);
-    out.spacing = grid.spacing().as_vec3().to_array();
+    out.spacing = (grid.spacing() / grid.voxel_length()).as_vec3().to_array();
     out.gradient = (0.5 * grid.voxel_length() / grid.spacing()).as_vec3().to_array();
     if let Some(s) = effects.shading {
         (out.ambient, out.diffuse, out.specular) = (s.ambient as f32, s.diffuse as f32, s.specular as f32);

@@ -98,12 +98,17 @@ fn look(span: Span, course: Course, s: Sample) -> Look {
     }
     if PRE_INTEGRATED {
         if whole && abs(high - low) * f32(view.bins) >= FEWEST_ROWS {
-            let sum = sum_at(high) - sum_at(low);
-            color = vec3f(0.0);
-            if sum.w != 0.0 {
-                color = clamp(sum.xyz / sum.w, vec3f(0.0), vec3f(1.0));
+            let a = sum_at(low);
+            let b = sum_at(high);
+            let sum = b - a;
+            // Behind an opaque part of the range single precision has no digits left for a faint one.
+            if abs(sum.w) >= 1e-4 * max(a.w, b.w) {
+                color = vec3f(0.0);
+                if sum.w != 0.0 {
+                    color = clamp(sum.xyz / sum.w, vec3f(0.0), vec3f(1.0));
+                }
+                depth = max(sum.w / ((high - low) * f32(view.bins)) * size, 0.0);
             }
-            depth = max(sum.w / ((high - low) * f32(view.bins)) * size, 0.0);
         }
     }
     if depth > 0.0 {
@@ -154,7 +159,8 @@ fn meet_surfaces(span: Span, course: Course, at: vec2f, ends: vec2f, medium: Loo
     let rest = opacity_from_optical_depth(medium.depth * (1.0 - place));
     sum += through * rest * medium.color;
     through -= through * rest;
-    return Look(sum / (1.0 - through), medium.depth + met, medium.length);
+    let all = opacity_from_optical_depth(medium.depth + met);
+    return Look(min(sum / all, vec3f(1.0)), medium.depth + met, medium.length);
 }
 
 // Where a step crosses `level`, as a share of it: the first secant, and one on its better side.

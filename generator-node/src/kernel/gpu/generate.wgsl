@@ -64,7 +64,7 @@ fn cluster_ray(span: Span, place: ptr<function, Place>) {
         walk.next = u32(max(course.kept.x, 0.0));
     }
     var s = next_sample(span, &walk);
-    while s.step < span.steps {
+    while s.step < span.steps && (!EFFECTS || f32(s.step) < course.kept.y) {
         var unit = vec4f(0.0);
         var tau = 0.0;
         var ratio = 0.0;

@@ -47,7 +47,7 @@ struct Effects {
     // Unit vector towards the light.
     light: vec3f,
     shadows: f32,
-    // World length between sample points.
+    // World length between sample points, in voxel lengths.
     spacing: vec3f,
     occlusion: f32,
     // From differences over two voxels to shares of the range per voxel length.

@@ -193,6 +193,8 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
                 row[c] = row[c] + before * s(outside[0][c]) + beyond * s(outside[1][c]);
             }
         }
+        // Behind an opaque part of the range single precision has no digits left for a faint one.
+        let apart = apart & ((high[3].max(low[3])) * s(1e-4)).le((high[3] - low[3]).abs());
         let whole = (high[3] - low[3]).div(v - u);
         let straight = s(1.0).div((high[3] - low[3]).abs().max(s(f32::MIN_POSITIVE)));
         let sign = L::F::select(u.lt(v), straight, s(0.0) - straight);
@@ -242,12 +244,12 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
                 continue;
             }
             // What of the medium lies before the surface, then the surface.
-            let before = opacity::<L>(*depth * (share - at).max(s(0.0))).only(hit);
+            let before = exact_opacity::<L>(*depth * (share - at).max(s(0.0))).only(hit);
             for c in 0..3 {
                 sum[c] = sum[c] + through * before * color[c];
             }
             through = through - through * before;
-            let hides = opacity::<L>(surface);
+            let hides = exact_opacity::<L>(surface);
             for c in 0..3 {
                 sum[c] = sum[c] + through * hides * own[c];
             }
@@ -257,10 +259,10 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
             crossed = crossed | hit;
         }
         if crossed.any() {
-            let rest = opacity::<L>(*depth * (s(1.0) - at));
-            let all = (s(1.0) - (through - through * rest)).max(s(f32::MIN_POSITIVE));
+            let rest = exact_opacity::<L>(*depth * (s(1.0) - at));
+            let all = exact_opacity::<L>(*depth + met).max(s(f32::MIN_POSITIVE));
             for c in 0..3 {
-                let straight = (sum[c] + through * rest * color[c]).div(all);
+                let straight = (sum[c] + through * rest * color[c]).div(all).min(s(1.0));
                 color[c] = L::F::select(crossed, straight, color[c]);
             }
             *depth = *depth + met;

@@ -157,9 +157,15 @@ fn cast_with<L: Lanes, V: Pair>(
 
 #[inline(always)]
 fn over<L: Lanes>(cast: &Cast, color: [L::F; 3], transmittance: L::F) -> [[f32; 3]; WIDTH] {
-    let (color, transmittance) = (color.map(L::F::to_array), transmittance.to_array());
-    // Sums of what is white may round to a little more than white.
-    std::array::from_fn(|l| std::array::from_fn(|c| (color[c][l] + transmittance[l] * cast.background[c]).min(1.0)))
+    let mut pixels = [[0.0; 3]; WIDTH];
+    for c in 0..3 {
+        let sum = color[c] + transmittance * L::F::splat(cast.background[c]);
+        // Sums of what is white may round to a little more than white.
+        for (pixel, x) in pixels.iter_mut().zip(sum.min(L::F::splat(1.0)).to_array()) {
+            pixel[c] = x;
+        }
+    }
+    pixels
 }
 
 /// What eight rays have gathered.

@@ -2,11 +2,11 @@
 
 use super::march::{March, Sample};
 use crate::kernel::effects::{Effects, FEWEST_ROWS, SHORTEST, WEAK_GRADIENT, cue_range};
-use crate::kernel::table::Integral;
+use crate::kernel::table::{Integral, OPAQUE};
 use crate::kernel::{Field, count};
 use glam::DVec3;
 use lamina_model::Ray;
-use lamina_model::composite::Accumulator;
+use lamina_model::composite::{Accumulator, opacity_from_optical_depth};
 use lamina_model::effects::DepthCue;
 use lamina_model::transfer::Classified;
 use lamina_model::vdi;
@@ -61,7 +61,7 @@ impl March<'_> {
             let extinction = course.light_and_surfaces(whole, [a, b], ends);
             let Some((color, optical_depth)) = extinction else { continue };
             let extinction = optical_depth / length;
-            let opacity = lamina_model::composite::opacity_from_optical_depth(extinction * unit_length);
+            let opacity = opacity_from_optical_depth(extinction * unit_length);
             let classified = Classified { color, opacity, extinction };
             if visit(Sample { step, length, classified }).is_break() {
                 return;
@@ -87,7 +87,8 @@ impl Course<'_> {
         [a, b]: [f64; 2],
         ends: Option<[f64; 2]>,
     ) -> Option<([f64; 3], f64)> {
-        let (depth, mut met) = (medium.extinction * (b - a), 0.0);
+        // Finite, as in the twins' tables: a share of it may be 0.
+        let (depth, mut met) = ((medium.extinction * (b - a)).min(OPAQUE), 0.0);
         let color = if depth > 0.0 { self.seen(medium.color, 0.5 * (a + b)) } else { [0.0; 3] };
         let (mut light, mut sum) = (Accumulator::default(), 0.0);
         let [u, v] = ends.unwrap_or_default();
@@ -106,8 +107,8 @@ impl Course<'_> {
             return (depth > 0.0).then_some((color, depth));
         }
         light.add(color, depth * (1.0 - met));
-        let opacity = 1.0 - light.transmittance;
-        Some((light.color.map(|c| c / opacity), depth + sum))
+        let opacity = opacity_from_optical_depth(depth + sum);
+        Some((light.color.map(|c| (c / opacity).min(1.0)), depth + sum))
     }
 
     /// Where between `a` and `b` the field crosses `level`, as a share: the first secant, and one on its better side.
