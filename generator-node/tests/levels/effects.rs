@@ -203,3 +203,33 @@ fn shadows_and_cues_have_closed_forms() {
     assert!((faded(8.0) - 0.4).abs() < 1e-12);
     near(center(&ramp(0.25, [0.05; 2], Effects { depth_cue: Some(cue), ..Effects::default() }))[0], exact, 1e-3);
 }
+
+#[test]
+fn opaque_media_and_faint_surfaces_stay_finite() {
+    // A block of ones in zeros, opaque from 0.5 on: steps end on the plateau that a surface of value 1 begins at.
+    let grid = Grid::new([9; 3], DVec3::ONE, DVec3::ZERO).unwrap();
+    let inside = |n: usize| [n % 9, n / 9 % 9, n / 81].iter().all(|c| (2..7).contains(c));
+    let voxels = || Voxels::F32((0..729).map(|n| f32::from(u8::from(inside(n)))).collect());
+    let range = ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap();
+    let point = |at, opacity| ControlPoint { at, color: [0.8; 3], opacity };
+    let points = vec![point(0.0, 0.0), point(0.5, 0.0), point(0.5, 1.0), point(1.0, 1.0)];
+    let transfer = TransferFunction::new(range, Some(1.0), points).unwrap();
+    let camera = Camera::new(DVec3::new(4.1, 3.9, 30.0), DVec3::new(4.1, 3.9, 4.0), DVec3::Y, 20.0).unwrap();
+    for (value, opacity, again) in
+        [(1.0, 1.0, 1.0), (1.0, 0.3, 1.0), (0.3, 0.0, 0.6), (0.3, 1e-9, 0.6), (0.3, 1e-17, 0.3)]
+    {
+        let surface = |value| Isosurface { value, color: [0.2, 0.9, 0.4], opacity };
+        let effects = Effects { isosurfaces: vec![surface(value), surface(again)], ..Effects::default() };
+        let scene = Scene { transfer: transfer.clone(), camera, background: [0.0; 3], step_voxels: 0.5, effects };
+        let field = Field::new(Volume::new(grid, voxels()).unwrap(), &scene.check().unwrap());
+        let oracle = scalar::raycast(&field, &camera, 24, 24).unwrap();
+        let pictures =
+            Level::available().into_iter().map(|l| Backend::Cpu(l).raycast(&field, &camera, 24, 24).unwrap());
+        for picture in pictures.chain([oracle]) {
+            let good = picture.pixels().as_flattened().iter().all(|c| (0.0..=1.0).contains(c));
+            assert!(good, "surfaces {value}, {again} of opacity {opacity}");
+        }
+        let vdi = scalar::generate(&field, &params()).unwrap();
+        assert!(vdi.segments().iter().all(|s| s.color.iter().all(|c| c.is_finite()) && !s.optical_depth.is_nan()));
+    }
+}
