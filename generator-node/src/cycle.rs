@@ -1,10 +1,12 @@
 //! The cycle: every complete step becomes a VDI, in order, one at a time.
 
 use crate::ingest::{CompleteStep, Ingest};
-use crate::kernel::{Backend, Field};
 use crate::publish::{Item, Publisher};
 use crate::schedule::{Schedule, Setting};
-use lamina_model::{GenerationParams, Invalid, ReferenceSamples, SamplePlan, Scene, Vdi, suggest::suggest};
+use lamina_cast::{Backend, Field};
+use lamina_model::{
+    GenerationParams, Intermediate, Invalid, ReferenceSamples, Representation, SamplePlan, Scene, suggest::suggest,
+};
 use lamina_wire::codec::{self, EncodeOptions};
 use lamina_wire::reference;
 use lamina_wire::v1::{self, delivery::Part};
@@ -27,17 +29,26 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// The step's VDI, encoded, and what it cost.
+    /// What stands for the step, encoded, and what it cost.
     pub fn measure(&self, params: &GenerationParams, options: &EncodeOptions) -> Result<(Vec<u8>, v1::Cost), Invalid> {
-        let (vdi, generation_time) = self.backend.generate(&self.field, params)?;
-        encode(&vdi, generation_time, options)
+        let (intermediate, generation_time) = self.backend.represent(&self.field, params)?;
+        encode(&intermediate, generation_time, options)
     }
 
-    /// The VDI for each of `gammas`, and the time that the march for all of them took.
-    pub fn generate_all(&self, params: &GenerationParams, gammas: &[f64]) -> Result<(Vec<Vdi>, Duration), Invalid> {
+    /// What stands for the step with each of `gammas`, and the time that making them all took.
+    pub fn represent_all(
+        &self,
+        params: &GenerationParams,
+        gammas: &[f64],
+    ) -> Result<(Vec<Intermediate>, Duration), Invalid> {
         let start = Instant::now();
-        let vdis = self.backend.generate_all(&self.field, params, gammas)?;
-        Ok((vdis, start.elapsed()))
+        let all = self.backend.represent_all(&self.field, params, gammas)?;
+        Ok((all, start.elapsed()))
+    }
+
+    /// The most sample points on a side of the step's volume.
+    pub fn longest_side(&self) -> u32 {
+        self.field.grid().longest_side()
     }
 
     /// The step's reference samples, cast once.
@@ -48,7 +59,7 @@ impl Prepared {
         Ok(Item::new(&self.run, Part::Reference(announcement), payload))
     }
 
-    /// Announces an encoded VDI of this step.
+    /// Announces what stands for this step.
     pub fn frame(&self, params: &GenerationParams, cost: v1::Cost, bytes: impl Into<Bytes>, purpose: Purpose) -> Item {
         let bytes = bytes.into();
         let (trial_id, dropped_steps, setting) = match purpose {
@@ -71,20 +82,34 @@ impl Prepared {
     }
 }
 
-/// An encoded VDI, and what it cost.
-pub fn encode(vdi: &Vdi, generation_time: Duration, options: &EncodeOptions) -> Result<(Vec<u8>, v1::Cost), Invalid> {
+/// The bytes of what stands for a step, and what they cost.
+pub fn encode(
+    intermediate: &Intermediate,
+    generation_time: Duration,
+    options: &EncodeOptions,
+) -> Result<(Vec<u8>, v1::Cost), Invalid> {
     let generated = Instant::now();
-    let bytes = codec::encode(vdi, options).map_err(|e| Invalid::new("vdi", e.to_string()))?;
+    let bytes = codec::encode_any(intermediate, options).map_err(|e| Invalid::new("vdi", e.to_string()))?;
+    let (generation_time, encode_time) = intermediate.representation().times(generation_time, generated.elapsed());
     let cost = v1::Cost {
         size_bytes: bytes.len() as u64,
         generation_ns: generation_time.as_nanos() as u64,
-        encode_ns: generated.elapsed().as_nanos() as u64,
-        supersegments: vdi.segments().len() as u64,
+        encode_ns: encode_time.as_nanos() as u64,
+        supersegments: intermediate.elements(),
     };
     Ok((bytes, cost))
 }
 
-/// What a VDI was made for.
+/// VDIs as the node starts with, then ever coarser ones.
+fn last_resort(start: &GenerationParams) -> impl Iterator<Item = GenerationParams> {
+    let start = start.with_representation(Representation::Vdi);
+    (0..12).filter_map(move |k| {
+        let resolution = (f64::from(start.resolution()) * 0.8_f64.powi(k)).round().max(1.0) as u32;
+        start.with_resolution(resolution).ok()?.with_gamma(start.gamma() * 1.25_f64.powi(k)).ok()
+    })
+}
+
+/// What it was made for.
 pub enum Purpose<'a> {
     /// The tuner's question.
     Trial(u64),
@@ -99,6 +124,8 @@ pub enum Purpose<'a> {
 
 /// What the cycle shares with the control service.
 pub struct Shared {
+    /// Parameters before any are set.
+    params: GenerationParams,
     /// How VDIs are encoded.
     pub options: EncodeOptions,
     /// What casts the rays.
@@ -131,7 +158,7 @@ impl Shared {
     ) -> Self {
         let state = State { schedule: Schedule::new(params), newest: None, last_report: None };
         let reports = broadcast::Sender::new(256);
-        Self { options, backend, plan, kernel: Semaphore::new(1), reports, publisher, state: Mutex::new(state) }
+        Self { params, options, backend, plan, kernel: Semaphore::new(1), reports, publisher, state: Mutex::new(state) }
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -248,7 +275,9 @@ impl Cycle {
         Ok(Prepared { run, step: number, time, backend, field, reference: OnceLock::new() })
     }
 
-    /// The VDI with the setting's parameters, or with the first fallback that keeps the size limit.
+    /// The step with the setting's parameters, or with the first fallback that keeps the size limit. Where none of them can be
+    /// used, as volumes cannot where voxels are missing, a VDI as the node starts with, or the first that keeps the limit of
+    /// ever coarser ones.
     fn generate_within(
         &self,
         prepared: &Prepared,
@@ -256,8 +285,26 @@ impl Cycle {
     ) -> Result<(GenerationParams, Vec<u8>, v1::Cost), Invalid> {
         let mut best: Option<(GenerationParams, Vec<u8>, v1::Cost)> = None;
         let (mut generation_ns, mut encode_ns) = (0, 0);
-        for params in std::iter::once(&setting.params).chain(&setting.fallbacks) {
-            let (bytes, cost) = prepared.measure(params, &self.shared.options)?;
+        let mut failure = None;
+        let mut usable = false;
+        let chosen = std::iter::once(setting.params).chain(setting.fallbacks.iter().copied());
+        let all = chosen.map(|p| (p, true)).chain(last_resort(&self.shared.params).map(|p| (p, false)));
+        for (params, is_chosen) in all {
+            if !is_chosen && usable {
+                break;
+            }
+            let params = &params;
+            let (bytes, cost) = match prepared.measure(params, &self.shared.options) {
+                Ok(measured) => {
+                    usable |= is_chosen;
+                    measured
+                }
+                Err(error) => {
+                    tracing::warn!(step = prepared.step, %error, "trying other parameters");
+                    failure = Some(error);
+                    continue;
+                }
+            };
             (generation_ns, encode_ns) = (generation_ns + cost.generation_ns, encode_ns + cost.encode_ns);
             let kept = setting.limits.size_bytes.is_none_or(|limit| cost.size_bytes <= limit);
             if best.as_ref().is_none_or(|(_, smallest, _)| bytes.len() < smallest.len()) {
@@ -274,6 +321,6 @@ impl Cycle {
         }
         // The step's cost is that of all attempts.
         let whole = |(params, bytes, cost)| (params, bytes, v1::Cost { generation_ns, encode_ns, ..cost });
-        best.map(whole).ok_or_else(|| Invalid::new("params", "none to generate with"))
+        best.map(whole).ok_or_else(|| failure.unwrap_or_else(|| Invalid::new("params", "none to generate with")))
     }
 }

@@ -1,13 +1,12 @@
 //! The generator-node: stands beside a simulation, takes its time steps in and gives Volumetric Depth Images out.
 //!
-//! Ingest -> cycle -> kernel -> publish, and control takes parameters in. No voxel leaves it but inside a VDI or as a
-//! sampled reference colour.
+//! Ingest -> cycle -> publish, and control takes parameters in. Nothing leaves it but VDIs, reduced
+//! volumes and sampled reference colours.
 
 pub mod config;
 mod control;
 mod cycle;
 pub mod ingest;
-pub mod kernel;
 mod publish;
 mod schedule;
 mod trials;
@@ -15,6 +14,7 @@ mod viewers;
 
 pub use config::Config;
 
+use lamina_cast::Backend;
 use lamina_wire::node::{NodeError, Shutdown, serve};
 use lamina_wire::{MAX_MESSAGE_BYTES, v1};
 use std::{sync::Arc, time::Duration};
@@ -24,12 +24,7 @@ use tokio::net::TcpListener;
 ///
 /// # Errors
 /// If the transport fails.
-pub async fn run(
-    config: Config,
-    backend: kernel::Backend,
-    listener: TcpListener,
-    shutdown: Shutdown,
-) -> Result<(), NodeError> {
+pub async fn run(config: Config, backend: Backend, listener: TcpListener, shutdown: Shutdown) -> Result<(), NodeError> {
     let ingest = Arc::new(ingest::Ingest::new(config.memory_bytes, Duration::from_secs_f64(config.idle_secs)));
     let publisher = Arc::new(publish::Publisher::new(config.history_bytes));
     let shared = Arc::new(cycle::Shared::new(

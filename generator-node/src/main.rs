@@ -1,8 +1,8 @@
 //! The generator-node as a daemon.
 
 use clap::Parser;
+use lamina_cast::Backend;
 use lamina_device::Choice;
-use lamina_generator_node::kernel::Backend;
 use lamina_generator_node::{Config, run};
 use lamina_wire::node::{exit_code, listen, load_config, log_to_stderr, stop_signal};
 use std::{net::SocketAddr, path::PathBuf};

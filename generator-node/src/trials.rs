@@ -63,6 +63,7 @@ impl Trials {
             run_id: self.held.run.run_id.clone(),
             step: self.held.step,
             batches: self.shared.plan.batches,
+            longest_side: self.held.longest_side(),
             ..Default::default()
         };
         if answers.send(Ok(greeting.clone())).await.is_err() {
@@ -136,15 +137,15 @@ impl Trials {
             params.with_gamma(gamma)?;
         }
         let (held, options, gammas) = (self.held.clone(), self.shared.options, gammas.to_vec());
-        let (vdis, march_time) = {
+        let (all, march_time) = {
             let _permit = permit(&self.shared).await?;
-            blocking(move || held.generate_all(&params, &gammas)).await?
+            blocking(move || held.represent_all(&params, &gammas)).await?
         };
         let mut costs = Vec::new();
-        for vdi in vdis {
+        for intermediate in all {
             // Live steps come in between: encoding dozens takes longer than a simulation should wait.
             let _permit = permit(&self.shared).await?;
-            costs.push(blocking(move || encode(&vdi, march_time, &options)).await?.1);
+            costs.push(blocking(move || encode(&intermediate, march_time, &options)).await?.1);
         }
         Ok(costs)
     }

@@ -2,8 +2,8 @@
 //! `kernels KERNEL LEVEL`; without arguments it lists them. Everything runs on one thread, inside [`measured`].
 
 use glam::DVec3;
-use lamina_generator_node::kernel::Field;
-use lamina_generator_node::kernel::lanes::{self, Level, Shot};
+use lamina_cast::Field;
+use lamina_cast::lanes::{self, Level, Shot};
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
 use lamina_model::{GenerationParams, Scene, Vdi, Volume};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};

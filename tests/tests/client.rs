@@ -5,9 +5,9 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
+use lamina_cast::Backend;
 use lamina_client::{Brick, Client, ClientError, FullPolicy, Receipt, RunOptions, Summary};
 use lamina_generator_node::Config;
-use lamina_generator_node::kernel::Backend;
 use lamina_model::{GenerationParams, Grid, VoxelType};
 use lamina_wire::v1::{self, control_client::ControlClient, ingest_client::IngestClient, push_part::Part};
 use std::future::{Future, pending};

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
-use lamina_generator_node::kernel::{Backend, Field};
+use lamina_cast::{Backend, Field};
 use lamina_model::{GenerationParams, Image, Scene, SquaredError};
 use lamina_tests::{front_scene, sampled_cube, transfer};
 use lamina_viz_node::kernel::render;

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-use lamina_generator_node::kernel::{Backend, Field};
+use lamina_cast::{Backend, Field};
 use lamina_model::{GenerationParams, Quality, SamplePlan, ViewError, decibels, suggest::suggest};
 use lamina_read::{Options, Series};
 use lamina_tests::processes::recorded_series;

@@ -3,10 +3,10 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
+use lamina_cast::gpu::GpuKernels as CastKernels;
+use lamina_cast::lanes::{self, Level, Shot};
+use lamina_cast::{Backend, Field, scalar};
 use lamina_device::testing;
-use lamina_generator_node::kernel::gpu::GpuKernels as CastKernels;
-use lamina_generator_node::kernel::lanes::{self, Level, Shot};
-use lamina_generator_node::kernel::{Backend, Field, scalar};
 use lamina_model::camera::CameraFields;
 use lamina_model::composite::{Accumulator, TRANSMITTANCE_FLOOR};
 use lamina_model::{

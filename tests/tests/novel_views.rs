@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
-use lamina_generator_node::kernel::{Backend, Field};
+use lamina_cast::{Backend, Field};
 use lamina_model::{Camera, GenerationParams, Image, SamplePlan, Scene, Vdi, psnr};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
 use lamina_viz_node::kernel::{quality, render};

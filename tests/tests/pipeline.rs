@@ -2,11 +2,11 @@
 
 #![allow(clippy::unwrap_used)]
 
-use lamina_generator_node::kernel::{Backend, Field};
-use lamina_model::{SamplePlan, Scene, suggest::suggest};
+use lamina_cast::{Backend, Field};
+use lamina_model::{Intermediate, Representation, SamplePlan, Scene, suggest::suggest};
 use lamina_read::{Options, Series};
 use lamina_tests::processes::{Daemon, free_port, recorded_series, run, wait_for};
-use lamina_viz_node::kernel::quality;
+use lamina_viz_node::kernel::{self as viz, Prepared};
 use lamina_viz_node::store::StepRow;
 use lamina_wire::codec;
 use lamina_wire::v1::{TunerStatusRequest, tuning_client::TuningClient};
@@ -120,18 +120,23 @@ fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
     let plan = SamplePlan { image_size: 256, tile: 4, batches: 1, angles_deg: vec![10.0, 30.0, 60.0] };
     for (n, row) in rows.iter().enumerate() {
         let bytes = std::fs::read(folder.join(format!("step_{n:06}.vdi"))).unwrap();
-        let vdi = codec::decode(&bytes, &codec::DecodeLimits::default()).unwrap();
+        let shown = codec::decode_any(&bytes, &codec::DecodeLimits::default()).unwrap();
         assert_eq!((row.step, row.time), (n as u64, series.time(n)));
         assert_eq!(row.size_bytes, bytes.len() as u64, "sigma is the file's size");
-        assert_eq!(row.supersegments, vdi.segments().len() as u64);
-        assert_eq!((row.resolution, row.gamma), (vdi.resolution(), vdi.header().params.gamma()), "echoed parameters");
-        assert_eq!(vdi.header().transfer_id, scene.transfer.id());
-        assert!(row.generation_ms > 0.0 && row.encode_ms > 0.0);
+        assert_eq!(row.supersegments, shown.elements());
+        let echoed = (row.representation, row.resolution, row.gamma);
+        let params = shown.params();
+        assert_eq!(echoed, (params.representation(), params.resolution(), params.gamma()), "echoed parameters");
+        match &shown {
+            Intermediate::Vdi(vdi) => assert_eq!(vdi.header().transfer_id, scene.transfer.id()),
+            Intermediate::Volume(volume) => assert_eq!(volume.scene().transfer.points(), scene.transfer.points()),
+        }
+        assert!(row.generation_ms > 0.0 && (row.representation == Representation::Volume || row.encode_ms > 0.0));
         assert_eq!((row.dropped_steps, row.empty_voxels), (0, 0));
-        // q again, from the recorded volume and the recorded VDI alone.
+        // q again, from the recorded volume and the recorded bytes alone.
         let field = Field::new(series.read(n).unwrap(), &scene);
         let reference = Backend::cpu().reference_samples(&field, &plan, row.step).unwrap();
-        let q = quality(&vdi, &reference).unwrap();
+        let q = viz::Backend::default().measure(&Prepared::new(shown), &reference, 0..1).unwrap();
         assert!((f64::from(row.psnr_db.unwrap()) - q.psnr_db()).abs() < 0.01, "step {n}: {row:?} but {q:?}");
         assert_eq!(row.views.len(), 3);
         assert_eq!(row.size_limit_bytes, Some(LIMIT_BYTES), "the tuner's limit reaches the frames");
@@ -223,7 +228,7 @@ fn killing_each_daemon_in_turn_stops_nobody_and_loses_nothing_recorded() {
     for row in cluster.rows() {
         let bytes = std::fs::read(folder.join(format!("step_{:06}.vdi", row.step))).unwrap();
         assert_eq!(bytes.len() as u64, row.size_bytes);
-        codec::decode(&bytes, &codec::DecodeLimits::default()).unwrap();
+        codec::decode_any(&bytes, &codec::DecodeLimits::default()).unwrap();
     }
 }
 

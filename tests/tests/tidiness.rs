@@ -23,12 +23,14 @@ fn crates_point_only_where_the_layout_says() {
         ("proto/model", &[][..]),
         ("proto/device", &[]),
         ("proto/lanes", &[]),
+        ("proto/coding", &[]),
+        ("proto/cast", &["model", "lanes", "device"]),
         ("deploy/example", &[]),
         ("deploy/read", &["model"]),
-        ("proto/wire", &["model"]),
+        ("proto/wire", &["model", "coding"]),
         ("proto/client", &["model", "wire"]),
-        ("generator-node", &["model", "lanes", "wire", "device"]),
-        ("viz-node", &["model", "lanes", "wire", "device"]),
+        ("generator-node", &["model", "cast", "wire", "device"]),
+        ("viz-node", &["model", "lanes", "cast", "wire", "device"]),
         ("tuner", &["model", "wire"]),
     ]);
     for (folder, allowed) in allowed {

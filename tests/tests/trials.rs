@@ -281,8 +281,7 @@ fn a_trial_is_answered_as_it_was_asked() {
         let mut control = cluster.control().await;
         let viewers = cluster.viewers(&control, 1).await;
         assert_eq!(viewers[0].address, viz.url(), "without a quality_address it is where the viz-node listens");
-        let params =
-            |gamma| Some(v1::GenerationParams { resolution: 32, gamma, opacity_cutoff: 1.0, step_voxels: 0.5 });
+        let params = |gamma| Some(v1::GenerationParams { gamma, ..(&GenerationParams::new(32, 0.1).unwrap()).into() });
         let ask = |trial_id, viewer: &str, gammas: Vec<f64>| v1::TrialRequest {
             trial_id,
             params: params(0.02),

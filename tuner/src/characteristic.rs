@@ -6,9 +6,9 @@
 
 use crate::Contract;
 use crate::search::{Price, Process, place};
-use crate::tune::Study;
+use crate::tune::{Row, Study};
 use crate::utility::Utility;
-use lamina_model::GenerationParams;
+use lamina_model::{GenerationParams, Representation};
 
 /// Tables kept.
 const MOST: usize = 8;
@@ -23,19 +23,25 @@ pub struct Kept {
     pub study: Study,
     /// The row in use.
     pub chosen: usize,
-    sizes: Process<Price>,
+    /// By representation.
+    sizes: Vec<(Representation, Process<Price>)>,
 }
 
 impl Kept {
     fn new(study: Study, chosen: usize) -> Self {
-        let places = study.rows.iter().map(|r| place(&r.params)).collect();
-        let sizes: Vec<f64> = study.rows.iter().map(|r| (r.measured.cost.size_bytes.max(1) as f64).ln()).collect();
-        Self { sizes: Price::of_sizes(places, &sizes), study, chosen }
+        let of = |representation: Representation| {
+            let size = |r: &Row| (place(&r.params), (r.measured.cost.size_bytes.max(1) as f64).ln());
+            let rows = study.rows.iter().filter(|r| r.params.representation() == representation);
+            let (places, sizes): (Vec<_>, Vec<f64>) = rows.map(size).unzip();
+            (!sizes.is_empty()).then(|| (representation, Price::of_sizes(representation, places, &sizes)))
+        };
+        Self { sizes: Representation::ALL.into_iter().filter_map(of).collect(), study, chosen }
     }
 
     /// How far a step of this size is from this one: the difference of the logarithms; `None` where the table does not tell.
     fn distance(&self, params: &GenerationParams, size_bytes: u64) -> Option<f64> {
-        let expected = self.sizes.predict(&place(params));
+        let (_, sizes) = self.sizes.iter().find(|(r, _)| *r == params.representation())?;
+        let expected = sizes.predict(&place(params));
         (expected.deviation < KNOWN).then(|| ((size_bytes.max(1) as f64).ln() - expected.mean).abs())
     }
 }
@@ -107,7 +113,6 @@ pub fn choose(study: &Study, contract: &Contract, in_use: Option<&GenerationPara
 mod tests {
     use super::*;
     use crate::trial::{Cost, Measured};
-    use crate::tune::Row;
     use lamina_model::{Quality, ViewError};
 
     fn params(r: u32, gamma: f64) -> GenerationParams {

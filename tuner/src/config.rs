@@ -2,7 +2,7 @@
 
 use crate::Contract;
 use crate::search::Grid;
-use lamina_model::{GenerationParams, Invalid};
+use lamina_model::{GenerationParams, Invalid, Representation};
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
 
@@ -16,7 +16,9 @@ pub struct Config {
     pub generator: String,
     /// What the user wants.
     pub contract: Contract,
-    /// Parameters tried.
+    /// What steps may be turned into.
+    pub representations: Vec<Representation>,
+    /// Parameters of VDIs tried; those of volumes follow from the data.
     pub grid: Grid,
     /// Opacity cut-off of every candidate; 1 is off.
     pub opacity_cutoff: f64,
@@ -34,6 +36,7 @@ impl Default for Config {
             listen: SocketAddr::from(([127, 0, 0, 1], 7103)),
             generator: "http://127.0.0.1:7101".to_owned(),
             contract: Contract::default(),
+            representations: Representation::ALL.to_vec(),
             grid: Grid::default(),
             opacity_cutoff: 1.0,
             step_voxels: GenerationParams::DEFAULT_STEP_VOXELS,
@@ -59,6 +62,9 @@ impl Config {
             let reason =
                 "a cone is a matter of where quality is measured; set samples.angles_deg at the generator-node";
             return Err(Invalid::new("contract", reason));
+        }
+        if self.representations.is_empty() {
+            return Err(Invalid::new("representations", "none; name vdi, volume or both"));
         }
         let base = GenerationParams::new(1, 0.0)?
             .with_opacity_cutoff(self.opacity_cutoff)?

@@ -171,7 +171,7 @@ impl Daemon {
     async fn measure(&mut self, control: &ControlClient<Channel>, report: &v1::StepReport) -> Result<(), TrialError> {
         let contract = self.config.contract.clone();
         let mut remote = Remote::open(control, &self.config.generator).await?;
-        let all = candidates(&mut remote, &self.config.grid, &self.base).await?;
+        let all = candidates(&mut remote, &self.config.representations, &self.config.grid, &self.base).await?;
         let in_use = self.setting.as_ref().and_then(|s| GenerationParams::try_from(s.params?).ok());
         let found = search(&mut remote, &contract, &all, in_use.as_ref(), |row| self.status.tried(row)).await?;
         let study = found.study;
@@ -190,6 +190,7 @@ impl Daemon {
         tracing::info!(
             step = study.step,
             trials = study.rows.len(),
+            representation = row.params.representation().name(),
             resolution = row.params.resolution(),
             gamma = row.params.gamma(),
             bytes = row.measured.cost.size_bytes,

@@ -97,6 +97,10 @@ impl Trial for Remote {
         self.generator.batches()
     }
 
+    fn longest_side(&self) -> u32 {
+        self.generator.longest_side()
+    }
+
     async fn sizes(&mut self, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {
         if gammas.is_empty() {
             return Ok(Vec::new());

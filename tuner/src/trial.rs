@@ -61,6 +61,9 @@ pub trait Trial: Send {
     /// Batches of sampled pixels that there are.
     fn batches(&self) -> u32;
 
+    /// The most sample points on a side of the step's volume.
+    fn longest_side(&self) -> u32;
+
     /// Costs for each of `gammas` from one march; the other parameters are those of `params`. Their generation time is the
     /// march's, not that of one gamma.
     fn sizes(

@@ -2,7 +2,7 @@
 
 use crate::Contract;
 use crate::trial::{Measured, Trial, TrialError};
-use lamina_model::GenerationParams;
+use lamina_model::{GenerationParams, Representation};
 
 /// One row of a study.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,12 +57,17 @@ pub async fn tune(
     Ok(study)
 }
 
-/// The most parameters of a ladder, those not measured among them, and by which factors r and gamma change from one to the
-/// next: along with each other, as the best parameters do when a limit gets tighter.
+/// The most parameters of a ladder, and those not measured among them.
 const LONGEST_LADDER: usize = 8;
 const STEEPER: usize = 6;
-const FEWER_RAYS: f64 = 0.92;
-const MORE_GAMMA: f64 = 1.12;
+/// By which factors r and gamma change from one to the next, as the best parameters do when a limit gets tighter: those of
+/// VDIs along with each other, those of volumes by the bound alone.
+fn steeper(representation: Representation) -> (f64, f64) {
+    match representation {
+        Representation::Vdi => (0.92, 1.12),
+        Representation::Volume => (1.0, 1.35),
+    }
+}
 /// A gamma of 0 would not grow.
 const LEAST_GAMMA: f64 = 1e-3;
 
@@ -76,13 +81,15 @@ impl Study {
         self.rows.push(row);
     }
 
-    /// Parameters for steps on which `from` would be too large, by falling size: first from there on with ever fewer rays and
-    /// larger gamma, then the best of each size measured, each at least 15 % smaller than the one before.
+    /// Parameters for steps on which `from` would be too large, by falling size: first from there on with larger and larger
+    /// gamma (VDIs with ever fewer rays as well), then the best of each size measured, each at least 15 % smaller than the one before.
     pub fn ladder(&self, from: usize) -> Vec<GenerationParams> {
         let start = self.rows[from].params;
+        let (fewer, coarser) = steeper(start.representation());
         let steeper = |k: usize| {
-            let resolution = (f64::from(start.resolution()) * FEWER_RAYS.powi(k as i32)).round().max(1.0) as u32;
-            let gamma = start.gamma().max(LEAST_GAMMA) * MORE_GAMMA.powi(k as i32);
+            let resolution = (f64::from(start.resolution()) * fewer.powi(k as i32)).round().max(1.0) as u32;
+            // Digits enough for a person to write down again.
+            let gamma = format!("{:.3e}", start.gamma().max(LEAST_GAMMA) * coarser.powi(k as i32)).parse().ok()?;
             start.with_resolution(resolution).ok()?.with_gamma(gamma).ok()
         };
         let mut ladder: Vec<GenerationParams> = (1..=STEEPER).filter_map(steeper).collect();
@@ -131,6 +138,9 @@ mod tests {
         }
         fn batches(&self) -> u32 {
             1
+        }
+        fn longest_side(&self) -> u32 {
+            64
         }
         async fn sizes(&mut self, _: &GenerationParams, _: &[f64]) -> Result<Vec<Cost>, TrialError> {
             Ok(Vec::new())

@@ -1,6 +1,7 @@
 //! The viz-node: takes VDIs in, renders them from any camera, and reports their PSNR against reference samples.
 //!
-//! Subscribe -> measure -> store -> view -> web, and trials measured for the tuner. It never sees a voxel.
+//! Subscribe -> measure -> store -> view -> web, and trials measured for the tuner. It sees no voxels but those of
+//! reduced volumes.
 
 pub mod config;
 pub mod kernel;

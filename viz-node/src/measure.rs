@@ -1,6 +1,6 @@
 //! What arrives: live steps, measured, into the store; trials to where they are measured when asked for.
 
-use crate::kernel::{Backend, PreparedVdi};
+use crate::kernel::{Backend, Prepared};
 use crate::store::{Run, StepRow, Store};
 use crate::trials::{Ready, Trials};
 use lamina_model::{Quality, ReferenceSamples};
@@ -93,13 +93,13 @@ impl Meter {
 
     fn record(&self, frame: &v1::Frame, payload: Vec<u8>) -> Result<(), String> {
         let step = frame.step;
-        let vdi = codec::decode(&payload, &self.limits).map_err(|e| format!("step {step}: {e}"))?;
-        let vdi = PreparedVdi::new(Arc::new(vdi));
-        let quality = self.reference_of(frame).map(|r| self.backend.quality(&vdi, &r, 0..r.plan.batches)).transpose();
+        let decoded = codec::decode_any(&payload, &self.limits).map_err(|e| format!("step {step}: {e}"))?;
+        let shown = Prepared::new(decoded);
+        let quality = self.reference_of(frame).map(|r| self.backend.measure(&shown, &r, 0..r.plan.batches)).transpose();
         let quality = quality.map_err(|e| format!("step {step}: {e}"))?;
         let row = StepRow::new(frame, quality.as_ref());
         let bytes = row.size_bytes;
-        self.store.record(row, payload, Arc::new(vdi)).map_err(|e| format!("step {step}: not recorded: {e}"))?;
+        self.store.record(row, payload, Arc::new(shown)).map_err(|e| format!("step {step}: not recorded: {e}"))?;
         self.counters.frames.fetch_add(1, Ordering::Relaxed);
         self.counters.frame_bytes.fetch_add(bytes, Ordering::Relaxed);
         tracing::info!(step, bytes, psnr_db = quality.as_ref().map_or(f64::NAN, Quality::psnr_db), "recorded");
@@ -111,7 +111,7 @@ impl Meter {
         let step = frame.step;
         let missing = || Status::failed_precondition(format!("no reference samples of step {step} have arrived"));
         let reference = self.reference_of(frame).ok_or_else(missing)?;
-        let vdi = codec::decode(payload, &self.limits).map_err(|e| Status::invalid_argument(e.to_string()))?;
-        Ok(Arc::new(Ready { vdi: PreparedVdi::new(Arc::new(vdi)), reference }))
+        let decoded = codec::decode_any(payload, &self.limits).map_err(|e| Status::invalid_argument(e.to_string()))?;
+        Ok(Arc::new(Ready { shown: Prepared::new(decoded), reference }))
     }
 }

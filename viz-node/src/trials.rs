@@ -1,6 +1,6 @@
 //! Trials that arrived, decoded and kept for as long as there is room: batches of each are measured when asked for.
 
-use crate::kernel::PreparedVdi;
+use crate::kernel::Prepared;
 use crate::measure::Meter;
 use lamina_model::ReferenceSamples;
 use lamina_wire::v1::{self, quality_server};
@@ -13,7 +13,7 @@ use tonic::{Request, Response, Status};
 
 /// Trials kept at once, the newest.
 const KEPT: usize = 8;
-/// Bytes of decoded VDIs kept at once; the newest one stays whatever it weighs.
+/// Bytes of what was decoded kept at once; the newest one stays whatever it weighs.
 const KEPT_BYTES: usize = 512 << 20;
 /// Trials remembered as gone.
 const GONE: usize = 1024;
@@ -23,7 +23,7 @@ const TRIAL_WAIT: Duration = Duration::from_secs(60);
 /// A trial that can be measured.
 pub struct Ready {
     /// What is measured.
-    pub vdi: PreparedVdi,
+    pub shown: Prepared,
     /// With what it is compared.
     pub reference: Arc<ReferenceSamples>,
 }
@@ -49,9 +49,7 @@ impl Held {
 
     fn bytes(&self) -> usize {
         let ready = self.kept.iter().filter_map(|(_, arrived)| arrived.as_ref().ok());
-        ready
-            .map(|r| size_of_val(r.vdi.vdi().offsets()) + size_of_val(r.vdi.vdi().segments()) + r.vdi.size_bytes())
-            .sum()
+        ready.map(|r| r.shown.size_bytes()).sum()
     }
 }
 
@@ -98,7 +96,7 @@ impl quality_server::Quality for QualityService {
         let ready = self.0.trials.find(trial_id).await?;
         let end = if batches == 0 { ready.reference.plan.batches } else { first_batch.saturating_add(batches) };
         let backend = self.0.backend.clone();
-        let work = move || backend.quality(&ready.vdi, &ready.reference, first_batch..end);
+        let work = move || backend.measure(&ready.shown, &ready.reference, first_batch..end);
         let quality = tokio::task::spawn_blocking(work).await.map_err(|e| Status::internal(e.to_string()))?;
         let quality = quality.map_err(|e| lamina_wire::invalid(&e))?;
         self.0.counters.trials.fetch_add(1, Ordering::Relaxed);

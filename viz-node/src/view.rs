@@ -50,10 +50,10 @@ pub fn picture(store: &Store, backend: &Backend, step: u64, orbit: Orbit) -> Res
     if orbit.size > MAX_SIZE {
         return Err(Invalid::new("size", format!("{} exceeds {MAX_SIZE} pixels", orbit.size)).into());
     }
-    let vdi = store.prepared(step)?;
-    let camera = vdi.vdi().header().camera.orbit(orbit.azimuth_deg, orbit.elevation_deg, orbit.zoom)?;
+    let shown = store.prepared(step)?;
+    let camera = shown.camera().orbit(orbit.azimuth_deg, orbit.elevation_deg, orbit.zoom)?;
     let start = Instant::now();
-    let image = backend.render(&vdi, &camera, orbit.size, orbit.size)?;
+    let image = backend.show(&shown, &camera, orbit.size, orbit.size)?;
     let render_time = start.elapsed();
     Ok(Picture { step, png: png(&image)?, render_time })
 }

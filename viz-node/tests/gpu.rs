@@ -282,7 +282,7 @@ fn what_does_not_fit_says_what_would_help_and_is_drawn_by_the_processor() {
     let refusal = kernels.render(&vdi, &outside(), 8, 8).unwrap_err();
     assert!(matches!(refusal, GpuError::TooLarge { limit: 62, .. }), "{refusal}");
     assert!(refusal.to_string().contains("raise gamma, or run on the processor"), "{refusal}");
-    let backend = Backend::Gpu(Arc::new(kernels));
+    let backend = Backend::on_gpu(kernels);
     let image = backend.render(&vdi, &outside(), 8, 8).unwrap();
     assert_eq!(image, vdi.render(&outside(), 8, 8).unwrap());
     assert!(backend.render(&vdi, &outside(), 0, 8).is_err());
@@ -300,8 +300,7 @@ fn quality_is_the_processors() {
         Scene { transfer, camera: outside(), background: [0.0; 3], step_voxels: 0.5, effects: Effects::default() };
     let colors = vec![vec![[0.3, 0.4, 0.5]; plan.samples_per_view()]; 2];
     let reference = ReferenceSamples { step: 0, plan, scene, colors };
-    let (on_gpu, on_cpu) = (Backend::Gpu(Arc::new(kernels)), Backend::open(Choice::Cpu).unwrap());
-    assert!(matches!(on_cpu, Backend::Cpu));
+    let (on_gpu, on_cpu) = (Backend::on_gpu(kernels), Backend::open(Choice::Cpu).unwrap());
     let [a, b] = [on_gpu, on_cpu].map(|backend| backend.quality(&vdi, &reference, 0..4).unwrap());
     assert!((a.psnr_db() - b.psnr_db()).abs() < 1e-3);
     for (a, b) in a.views.iter().zip(&b.views) {

@@ -3,7 +3,7 @@
 use crate::dims::Dims;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lamina_device::Choice;
-use lamina_model::VoxelType;
+use lamina_model::{Representation, VoxelType};
 use lamina_tuner::Contract;
 use lamina_tuner::search::Grid;
 use lamina_tuner::units::{Bytes, Millis};
@@ -28,9 +28,9 @@ pub enum Command {
     Replay(Replay),
     /// Ray-cast a volume to a picture
     Raycast(Raycast),
-    /// Make the Volumetric Depth Image of a volume
+    /// Make the Volumetric Depth Image of a volume, or a reduced volume
     Generate(Generate),
-    /// Render a Volumetric Depth Image from another angle
+    /// Render a Volumetric Depth Image, or a reduced volume, from another angle
     Render(Render),
     /// Compare two pictures; the last line is `psnr_db <number>`
     Compare(Compare),
@@ -42,6 +42,8 @@ pub enum Command {
     Study(Study),
     /// Measure what each step of accuracy costs for a volume: error, time and bytes
     Accuracy(Accuracy),
+    /// Measure decibels against bytes of every representation and coding for a volume
+    Rd(Rd),
     /// Say what this machine offers
     Doctor,
 }
@@ -115,10 +117,13 @@ pub struct Watch {
     /// Interrupt parameter, with --resolution: no tuning
     #[arg(long, value_name = "G", requires = "resolution", allow_negative_numbers = true)]
     pub gamma: Option<f64>,
+    /// What a step may be turned into: vdi, volume, or both, of which the tuner takes what is better; untuned: the first
+    #[arg(long, value_name = "NAME,..", value_delimiter = ',', default_values_t = Representation::ALL)]
+    pub representation: Vec<Representation>,
     /// Tune again every n-th step (0: only when a step is unlike those tuned for, or a limit is broken)
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub retune_every: u64,
-    /// Parameters the tuner chooses from: auto, coarse, paper, or R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
+    /// Parameters of VDIs that the tuner chooses from: auto, coarse, paper, or R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
     #[arg(long, default_value = "auto", value_name = "GRID")]
     pub grid: Grid,
     /// What casts rays and draws: auto (a GPU if there is a real one), cpu or gpu
@@ -170,7 +175,10 @@ pub struct Tune {
     /// What to keep and what is best, such as "size <= 300kB, psnr >= 35dB, minimise time"
     #[arg(long, value_name = "CONTRACT", default_value_t)]
     pub contract: Contract,
-    /// Parameters to choose from: auto, coarse, paper, or R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
+    /// What a step may be turned into: vdi, volume, or both, of which the tuner takes what is better
+    #[arg(long, value_name = "NAME,..", value_delimiter = ',', default_values_t = Representation::ALL)]
+    pub representation: Vec<Representation>,
+    /// Parameters of VDIs to choose from: auto, coarse, paper, or R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
     #[arg(long, default_value = "auto", value_name = "GRID")]
     pub grid: Grid,
 }
@@ -236,10 +244,13 @@ pub struct Raycast {
 pub struct Generate {
     #[command(flatten)]
     pub input: Input,
-    /// Rays per side
+    /// What the volume is turned into: vdi or volume
+    #[arg(long, value_name = "NAME", default_value_t)]
+    pub representation: Representation,
+    /// Rays per side; of a volume, the most sample points on a side
     #[arg(long, default_value_t = 256, value_name = "R")]
     pub resolution: u32,
-    /// Interrupt parameter: 0 keeps every sample
+    /// Interrupt parameter: 0 keeps every sample. Of a volume, the greatest error of a value, 1 being the range shown
     #[arg(long, default_value_t = 0.02, value_name = "G", allow_negative_numbers = true)]
     pub gamma: f64,
     /// End rays at this opacity; 1 never
@@ -251,8 +262,8 @@ pub struct Generate {
     /// Compressor
     #[arg(long, default_value = "bzip2")]
     pub codec: CodecName,
-    /// Where to write the VDI
-    #[arg(long, value_name = "FILE.vdi")]
+    /// Where to write it
+    #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
 }
 
@@ -270,8 +281,8 @@ pub enum CodecName {
 
 #[derive(Args)]
 pub struct Render {
-    /// A Volumetric Depth Image
-    #[arg(value_name = "FILE.vdi")]
+    /// A Volumetric Depth Image or reduced volume, as `generate` writes them
+    #[arg(value_name = "FILE")]
     pub input: PathBuf,
     /// What draws: auto (a GPU if there is a real one), cpu or gpu
     #[arg(long, default_value_t)]
@@ -341,4 +352,16 @@ pub struct Accuracy {
     /// Measure tricubic interpolation (Catmull-Rom) too
     #[arg(long)]
     pub tricubic: bool,
+}
+
+#[derive(Args)]
+pub struct Rd {
+    #[command(flatten)]
+    pub input: Input,
+    /// Folder for rd.csv, bd.csv and rd.svg
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Codings made elsewhere, to be measured beside: a table `coding,how,bytes,psnr_db,volume`, as tests/bench/beside.py writes
+    #[arg(long, value_name = "TABLE.csv")]
+    pub beside: Option<PathBuf>,
 }

@@ -2,7 +2,7 @@
 
 use crate::cli;
 use crate::parts::open;
-use lamina_generator_node::kernel::{Backend, Field};
+use lamina_cast::{Backend, Field};
 use lamina_model::effects::{ClipPlane, DepthCue, Effects, Isosurface, Shading};
 use lamina_model::{GenerationParams, Image, Scale, Scene, Volume, psnr};
 use std::time::{Duration, Instant};

@@ -11,6 +11,7 @@ mod outputs;
 mod parts;
 mod picture_file;
 mod process;
+mod rd;
 mod report;
 mod scene_file;
 mod source;
@@ -34,6 +35,7 @@ fn main() -> std::process::ExitCode {
         Command::Tune(arguments) => study::contract(&arguments),
         Command::Study(arguments) => study::study(&arguments),
         Command::Accuracy(arguments) => accuracy::accuracy(&arguments),
+        Command::Rd(arguments) => rd::rd(&arguments),
         Command::Doctor => doctor::doctor(),
     };
     lamina_wire::node::exit_code(outcome)

@@ -1,9 +1,9 @@
 //! All three nodes in this process, on loopback, as the binaries run them.
 
 use anyhow::{Context, bail};
+use lamina_cast::Backend;
 use lamina_device::Choice;
-use lamina_generator_node::kernel::Backend;
-use lamina_model::{GenerationParams, SamplePlan, Scene};
+use lamina_model::{GenerationParams, Representation, SamplePlan, Scene};
 use lamina_tuner::Contract;
 use lamina_tuner::search::Grid;
 use lamina_viz_node::Store;
@@ -40,7 +40,9 @@ pub struct Setup {
 pub struct Tuning {
     /// The user's limit.
     pub contract: Contract,
-    /// What it tries.
+    /// What steps may be turned into.
+    pub representations: Vec<Representation>,
+    /// Parameters of VDIs it tries.
     pub grid: Grid,
     /// Tune again every n-th step.
     pub retune_every: u64,
@@ -103,6 +105,7 @@ impl Nodes {
             let config = lamina_tuner::Config {
                 generator: generator.clone(),
                 contract: tuning.contract,
+                representations: tuning.representations,
                 grid: tuning.grid,
                 retune_every: tuning.retune_every,
                 budget: tuning.budget,

@@ -3,11 +3,12 @@
 use crate::report::{self, Limit, PicturePair, Report, TrialRow};
 use crate::source::Source;
 use anyhow::{Context, ensure};
-use lamina_generator_node::kernel::{Backend, Field};
+use lamina_cast::{Backend, Field};
 use lamina_model::{Scene, Volume, psnr};
 use lamina_tuner::units::show_bytes;
 use lamina_viz_node::store::{StepRow, Store};
 use lamina_viz_node::view::png;
+use lamina_wire::convert::representation;
 use lamina_wire::v1;
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
@@ -59,7 +60,7 @@ impl Outputs {
         Ok(())
     }
 
-    /// Keeps pictures of a few steps, spread over the run: the VDI's beside the ray-cast volume's.
+    /// Keeps pictures of a few steps, spread over the run: the viewer's beside the ray-cast volume's.
     pub fn pictures(&mut self, row: &StepRow, volume: &Volume, scene: &Scene, store: &Store) -> anyhow::Result<()> {
         let last = self.steps.map_or(0, |n| n.saturating_sub(1));
         let spread = (0..PICTURE_STEPS).any(|k| row.step == k * last / (PICTURE_STEPS - 1));
@@ -67,19 +68,19 @@ impl Outputs {
             return Ok(());
         }
         let field = Field::new(volume.clone(), scene);
-        let vdi = store.prepared(row.step)?;
+        let (shown, viewer) = (store.prepared(row.step)?, lamina_viz_node::kernel::Backend::default());
         for angle_deg in ANGLES_DEG {
             let camera = scene.camera.rotated_about_y(angle_deg)?;
             let reference = Backend::cpu().raycast(&field, &camera, PICTURE_SIZE, PICTURE_SIZE)?;
-            let rendered = vdi.render(&camera, PICTURE_SIZE, PICTURE_SIZE)?;
+            let rendered = viewer.show(&shown, &camera, PICTURE_SIZE, PICTURE_SIZE)?;
             let pair = PicturePair {
                 step: row.step,
                 angle_deg,
                 psnr_db: psnr(&rendered, &reference)?,
-                vdi_png: png(&rendered)?,
+                shown_png: png(&rendered)?,
                 reference_png: png(&reference)?,
             };
-            for (kind, bytes) in [("vdi", &pair.vdi_png), ("reference", &pair.reference_png)] {
+            for (kind, bytes) in [("shown", &pair.shown_png), ("reference", &pair.reference_png)] {
                 let path = self.dir.join(format!("pictures/step_{:06}_view_{angle_deg}_{kind}.png", row.step));
                 fs::write(&path, bytes).with_context(|| path.display().to_string())?;
             }
@@ -91,11 +92,20 @@ impl Outputs {
     /// Writes `trials.csv` and `report.html`, and says what there is.
     pub fn finish(self, rows: Vec<StepRow>, trials: &[v1::TrialRecord]) -> anyhow::Result<()> {
         let trials: Vec<TrialRow> = trials.iter().map(trial_row).collect();
-        let mut text = String::from("step,resolution,gamma,size_bytes,generation_ms,encode_ms,psnr_db,chosen\n");
+        let mut text =
+            String::from("step,resolution,gamma,size_bytes,generation_ms,encode_ms,psnr_db,chosen,representation\n");
         for t in &trials {
             text += &format!(
-                "{},{},{},{},{:.3},{:.3},{:.3},{}\n",
-                t.step, t.resolution, t.gamma, t.size_bytes, t.generation_ms, t.encode_ms, t.psnr_db, t.chosen
+                "{},{},{},{},{:.3},{:.3},{:.3},{},{}\n",
+                t.step,
+                t.resolution,
+                t.gamma,
+                t.size_bytes,
+                t.generation_ms,
+                t.encode_ms,
+                t.psnr_db,
+                t.chosen,
+                t.representation
             );
         }
         self.write("trials.csv", text.as_bytes())?;
@@ -139,6 +149,7 @@ fn report_row(row: &StepRow) -> report::StepRow {
         psnr_db: row.psnr_db.map(f64::from),
         views: row.views.iter().map(|v| (v.angle_deg, v.psnr_db.into())).collect(),
         limit_kept: row.limit_kept,
+        representation: row.representation.name(),
     }
 }
 
@@ -153,5 +164,6 @@ fn trial_row(record: &v1::TrialRecord) -> TrialRow {
         encode_ms: cost.encode_ns as f64 / 1e6,
         psnr_db: record.psnr_db,
         chosen: record.chosen,
+        representation: representation(&params).unwrap_or_default().name(),
     }
 }

@@ -5,10 +5,10 @@ use crate::picture_file;
 use crate::scene_file::scene_for;
 use crate::source::read_options;
 use anyhow::{Context, ensure};
-use lamina_generator_node::kernel::{Backend, Field};
-use lamina_model::{GenerationParams, Scene, Volume, psnr};
+use lamina_cast::{Backend, Field};
+use lamina_model::{GenerationParams, Representation, Scene, Volume, psnr};
 use lamina_read::Series;
-use lamina_viz_node::kernel::PreparedVdi;
+use lamina_viz_node::kernel::Prepared;
 use lamina_wire::codec::{self, Codec, DecodeLimits, EncodeOptions, Layout};
 use std::time::Instant;
 
@@ -58,9 +58,10 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
     let (volume, scene) = open(&arguments.input)?;
     let params = GenerationParams::new(arguments.resolution, arguments.gamma)?
         .with_opacity_cutoff(arguments.opacity_cutoff)?
-        .with_step_voxels(scene.step_voxels)?;
+        .with_step_voxels(scene.step_voxels)?
+        .with_representation(arguments.representation);
     let field = prepare(volume, &scene);
-    let (vdi, generation_time) = Backend::open(arguments.input.backend)?.generate(&field, &params)?;
+    let (intermediate, generation_time) = Backend::open(arguments.input.backend)?.represent(&field, &params)?;
     let generated = Instant::now();
     let layout = match arguments.layout {
         cli::LayoutName::Columns => Layout::Columns,
@@ -70,8 +71,12 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
         cli::CodecName::Bzip2 => Codec::Bzip2,
         cli::CodecName::Zstd => Codec::Zstd,
     };
-    let bytes = codec::encode(&vdi, &EncodeOptions { codec, layout })?;
-    println!("supersegments {}", vdi.segments().len());
+    let bytes = codec::encode_any(&intermediate, &EncodeOptions { codec, layout })?;
+    let elements = match params.representation() {
+        Representation::Vdi => "supersegments",
+        Representation::Volume => "sample_points",
+    };
+    println!("{elements} {}", intermediate.elements());
     println!("generation_ms {:.1}", generation_time.as_secs_f64() * 1e3);
     println!("encode_ms {:.1}", generated.elapsed().as_secs_f64() * 1e3);
     println!("size_bytes {}", bytes.len());
@@ -82,11 +87,11 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
 pub fn render(arguments: &cli::Render) -> anyhow::Result<()> {
     let name = arguments.input.display();
     let bytes = std::fs::read(&arguments.input).with_context(|| format!("{name}: cannot be read"))?;
-    let vdi = codec::decode(&bytes, &DecodeLimits::default()).with_context(|| name.to_string())?;
-    let (camera, size) = (vdi.header().camera.rotated_about_y(arguments.view.view)?, arguments.view.size);
+    let shown = Prepared::new(codec::decode_any(&bytes, &DecodeLimits::default()).with_context(|| name.to_string())?);
+    let (camera, size) = (shown.camera().rotated_about_y(arguments.view.view)?, arguments.view.size);
     let backend = lamina_viz_node::kernel::Backend::open(arguments.backend)?;
     let start = Instant::now();
-    let image = backend.render(&PreparedVdi::new(&vdi), &camera, size, size)?;
+    let image = backend.show(&shown, &camera, size, size)?;
     println!("render_ms {:.1}", start.elapsed().as_secs_f64() * 1e3);
     picture_file::write(&arguments.view.out, &image)
 }

@@ -97,6 +97,7 @@ fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume) -> anyhow::Result
     let contract = Contract { cone_deg: None, ..contract };
     let tuning = Tuning {
         contract,
+        representations: options.representation.clone(),
         grid: options.grid,
         retune_every: options.retune_every,
         // Without a viewer every step waits for its tuning.
@@ -110,7 +111,9 @@ fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume) -> anyhow::Result
         angles_deg,
         // Room for two waiting steps: more would only show the past.
         memory_bytes: 4 * volume.size_bytes() as u64 + 12 * voxels + (1 << 20),
-        params: GenerationParams::new(resolution, gamma)?.with_step_voxels(scene.step_voxels)?,
+        params: GenerationParams::new(resolution, gamma)?
+            .with_step_voxels(scene.step_voxels)?
+            .with_representation(options.representation.first().copied().unwrap_or_default()),
         tuning: fixed.is_none().then_some(tuning),
     })
 }
@@ -127,9 +130,10 @@ fn line(row: &StepRow) -> String {
     let psnr = row.psnr_db.map_or_else(|| "   -   ".to_owned(), |q| format!("{:.2} dB", f64::from(q)));
     let kept = if row.limit_kept { "" } else { "  above the limit" };
     format!(
-        "step {:4}  time {:.4}  r {}  gamma {}  {}  {:.0} ms  {psnr}{kept}",
+        "step {:4}  time {:.4}  {:6}  r {}  gamma {}  {}  {:.0} ms  {psnr}{kept}",
         row.step,
         row.time,
+        row.representation.name(),
         row.resolution,
         row.gamma,
         show_bytes(row.size_bytes),

@@ -2,12 +2,61 @@
 
 use crate::Invalid;
 use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// What a step is turned into.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Representation {
+    /// A Volumetric Depth Image: supersegments along rays.
+    #[default]
+    Vdi,
+    /// A reduced volume: fewer sample points, coarser values.
+    Volume,
+}
+
+impl Representation {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Vdi, Self::Volume];
+
+    /// Generation time and encoding time of what took `made` to make and `coded` to turn into bytes. What a volume loses it
+    /// loses while it is coded: that is part of making it.
+    pub fn times(self, made: Duration, coded: Duration) -> (Duration, Duration) {
+        match self {
+            Self::Vdi => (made, coded),
+            Self::Volume => (made + coded, Duration::ZERO),
+        }
+    }
+
+    /// Its name in files and on the page.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Vdi => "vdi",
+            Self::Volume => "volume",
+        }
+    }
+}
+
+impl std::str::FromStr for Representation {
+    type Err = Invalid;
+    fn from_str(s: &str) -> Result<Self, Invalid> {
+        let unknown = || Invalid::new("representation", format!("\"{s}\" is neither vdi nor volume"));
+        Self::ALL.into_iter().find(|r| r.name() == s).ok_or_else(unknown)
+    }
+}
+
+impl std::fmt::Display for Representation {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
 
 /// Generation parameters. The paper's P_M.
 #[doc(alias = "P_M")]
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "ParamsFields", into = "ParamsFields")]
 pub struct GenerationParams {
+    representation: Representation,
     resolution: u32,
     gamma: f64,
     opacity_cutoff: f64,
@@ -18,9 +67,12 @@ pub struct GenerationParams {
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ParamsFields {
-    /// Rays per side.
+    /// What a step is turned into.
+    #[serde(default)]
+    pub representation: Representation,
+    /// Rays per side; of a reduced volume, the most sample points on a side.
     pub resolution: u32,
-    /// Interrupt parameter.
+    /// Interrupt parameter; of a reduced volume, the greatest error of a value, 1 being the transfer function's range.
     pub gamma: f64,
     /// Opacity at which a ray ends; 1 never.
     #[serde(default = "one")]
@@ -40,18 +92,20 @@ fn half() -> f64 {
 impl TryFrom<ParamsFields> for GenerationParams {
     type Error = Invalid;
     fn try_from(f: ParamsFields) -> Result<Self, Invalid> {
-        Self::new(f.resolution, f.gamma)?.with_opacity_cutoff(f.opacity_cutoff)?.with_step_voxels(f.step_voxels)
+        let params = Self::new(f.resolution, f.gamma)?.with_opacity_cutoff(f.opacity_cutoff)?;
+        Ok(params.with_step_voxels(f.step_voxels)?.with_representation(f.representation))
     }
 }
 
 impl From<GenerationParams> for ParamsFields {
     fn from(p: GenerationParams) -> Self {
-        Self { resolution: p.resolution, gamma: p.gamma, opacity_cutoff: p.opacity_cutoff, step_voxels: p.step_voxels }
+        let GenerationParams { representation, resolution, gamma, opacity_cutoff, step_voxels } = p;
+        Self { representation, resolution, gamma, opacity_cutoff, step_voxels }
     }
 }
 
 /// Parameters as something to look up by.
-pub type ParamsKey = [u64; 4];
+pub type ParamsKey = (Representation, [u64; 4]);
 
 impl GenerationParams {
     /// The most rays per side.
@@ -59,7 +113,7 @@ impl GenerationParams {
     /// Sampling step where none is stated: two samples per voxel.
     pub const DEFAULT_STEP_VOXELS: f64 = 0.5;
 
-    /// `resolution` x `resolution` rays; a sample joins the open supersegment while their difference stays below `gamma`
+    /// A VDI of `resolution` x `resolution` rays; a sample joins the open supersegment while their difference stays below `gamma`
     /// (0: never joins). No opacity cut-off, half-voxel steps.
     ///
     /// # Errors
@@ -71,13 +125,14 @@ impl GenerationParams {
         if !(gamma.is_finite() && gamma >= 0.0) {
             return Err(Invalid::new("gamma", format!("{gamma} must be a finite number, 0 or more")));
         }
-        Ok(Self { resolution, gamma, opacity_cutoff: 1.0, step_voxels: Self::DEFAULT_STEP_VOXELS })
+        let (representation, step_voxels) = (Representation::Vdi, Self::DEFAULT_STEP_VOXELS);
+        Ok(Self { representation, resolution, gamma, opacity_cutoff: 1.0, step_voxels })
     }
 
     /// What tells these parameters from all others.
     pub fn key(&self) -> ParamsKey {
         let [gamma, cutoff, step] = [self.gamma, self.opacity_cutoff, self.step_voxels].map(f64::to_bits);
-        [u64::from(self.resolution), gamma, cutoff, step]
+        (self.representation, [u64::from(self.resolution), gamma, cutoff, step])
     }
 
     /// The same with another resolution.
@@ -85,8 +140,8 @@ impl GenerationParams {
     /// # Errors
     /// If it is outside 1..=8192.
     pub fn with_resolution(self, resolution: u32) -> Result<Self, Invalid> {
-        let Self { opacity_cutoff, step_voxels, .. } = self;
-        Ok(Self { opacity_cutoff, step_voxels, ..Self::new(resolution, self.gamma)? })
+        let Self { resolution, .. } = Self::new(resolution, self.gamma)?;
+        Ok(Self { resolution, ..self })
     }
 
     /// The same with another interrupt parameter.
@@ -94,8 +149,8 @@ impl GenerationParams {
     /// # Errors
     /// If it is negative or not finite.
     pub fn with_gamma(self, gamma: f64) -> Result<Self, Invalid> {
-        let Self { opacity_cutoff, step_voxels, .. } = self;
-        Ok(Self { opacity_cutoff, step_voxels, ..Self::new(self.resolution, gamma)? })
+        let Self { gamma, .. } = Self::new(self.resolution, gamma)?;
+        Ok(Self { gamma, ..self })
     }
 
     /// The same with rays ending at this accumulated opacity (1: never).
@@ -120,13 +175,23 @@ impl GenerationParams {
         Ok(Self { step_voxels, ..self })
     }
 
-    /// Rays per side, r.
+    /// The same for another representation.
+    pub fn with_representation(self, representation: Representation) -> Self {
+        Self { representation, ..self }
+    }
+
+    /// What a step is turned into.
+    pub fn representation(&self) -> Representation {
+        self.representation
+    }
+    /// Rays per side, r; of a reduced volume, the most sample points on a side.
     #[doc(alias = "r")]
     #[inline]
     pub fn resolution(&self) -> u32 {
         self.resolution
     }
-    /// Interrupt parameter: largest difference, per channel of the premultiplied RGBA of one unit length, 0..1.
+    /// Interrupt parameter: largest difference, per channel of the premultiplied RGBA of one unit length, 0..1. Of a reduced
+    /// volume, the greatest error of a value, 1 being the transfer function's range.
     pub fn gamma(&self) -> f64 {
         self.gamma
     }

@@ -225,6 +225,10 @@ impl TransferFunction {
     pub fn stated_unit_length(&self) -> Option<f64> {
         self.unit_length
     }
+    /// The same with opacities that refer to `unit_length`, which is positive.
+    pub fn with_unit_length(&self, unit_length: f64) -> Self {
+        Self { unit_length: Some(unit_length), ..self.clone() }
+    }
     /// The world length opacities refer to on `grid`.
     pub fn unit_length(&self, grid: &Grid) -> f64 {
         self.unit_length.unwrap_or_else(|| grid.voxel_length())
@@ -269,6 +273,33 @@ impl TransferFunction {
         let corner = self.shining[first] < self.shining[beyond];
         // Of two corners at one position `at` sees the later; just below, the earlier may still shine in.
         !corner && self.at(lo).1 <= 0.0 && self.at(hi).1 <= 0.0
+    }
+
+    /// The parts of the scale on which everything is transparent, ends included, in order; a first or last one may go on for
+    /// ever.
+    pub fn transparent_parts(&self) -> Vec<[f32; 2]> {
+        // Ends in single precision, rounded inwards.
+        let inwards = |x: f64, towards: fn(f32) -> f32, beyond: fn(&f64, &f64) -> bool| {
+            let rounded = x as f32;
+            if beyond(&f64::from(rounded), &x) { towards(rounded) } else { rounded }
+        };
+        let mut ends = vec![f64::NEG_INFINITY];
+        ends.extend(self.points.iter().map(|p| p.at));
+        ends.push(f64::INFINITY);
+        let mut parts: Vec<[f32; 2]> = Vec::new();
+        for pair in ends.windows(2) {
+            let (lo, hi) = (inwards(pair[0], f32::next_up, f64::lt), inwards(pair[1], f32::next_down, f64::gt));
+            // A jump at an end belongs to what shows.
+            let shorter = [(lo, hi), (lo, hi.next_down()), (lo.next_up(), hi), (lo.next_up(), hi.next_down())];
+            let Some((lo, hi)) = shorter.into_iter().find(|&(lo, hi)| lo <= hi && self.is_transparent(lo, hi)) else {
+                continue;
+            };
+            match parts.last_mut() {
+                Some(last) if self.is_transparent(last[0], hi) => last[1] = hi,
+                _ => parts.push([lo, hi]),
+            }
+        }
+        parts
     }
 
     /// The positions outside which everything is transparent, ends included; empty (`lo > hi`) if nothing shows.
@@ -318,6 +349,27 @@ mod tests {
         assert_eq!(ramp().at(0.5).1, 1.0);
         assert_eq!(ramp().at(7.0), ([1.0, 0.5, 1.0], 1.0));
         assert_eq!(ramp().at(f32::NAN).1, 0.0);
+    }
+
+    #[test]
+    fn transparent_parts_are_all_of_the_scale_that_shows_nothing() {
+        let p = |at, opacity| ControlPoint { at, color: [1.0; 3], opacity };
+        let parts = |points: Vec<ControlPoint>| {
+            let range = ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap();
+            TransferFunction::new(range, None, points).unwrap().transparent_parts()
+        };
+        let (least, most) = (f32::NEG_INFINITY, f32::INFINITY);
+        assert_eq!(
+            parts(vec![p(0.25, 0.0), p(0.375, 0.0), p(0.5, 0.3), p(0.625, 0.0), p(0.75, 0.0), p(1.0, 1.0)]),
+            [[least, 0.375], [0.625, 0.75]]
+        );
+        assert_eq!(parts(vec![p(0.0, 0.0), p(0.5, 0.0)]), [[least, most]]);
+        assert_eq!(parts(vec![p(0.0, 0.1), p(1.0, 0.1)]), [[0.0; 2]; 0]);
+        let jump = parts(vec![p(0.0, 0.0), p(0.5, 0.0), p(0.5, 0.8), p(0.75, 0.8), p(0.75, 0.0), p(1.0, 0.0)]);
+        assert_eq!(jump, [[least, 0.5_f32.next_down()], [0.75_f32.next_up(), most]]);
+        // Neither 0.1 nor 0.7 is a single-precision number.
+        let [[a, b]] = parts(vec![p(0.0, 0.1), p(0.1, 0.0), p(0.7, 0.0), p(0.8, 0.1)])[..] else { panic!() };
+        assert!(f64::from(a) >= 0.1 && f64::from(a) < 0.1 + 1e-7 && f64::from(b) <= 0.7 && f64::from(b) > 0.7 - 1e-6);
     }
 
     #[test]

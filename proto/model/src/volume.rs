@@ -126,6 +126,11 @@ impl Grid {
         self.dims.iter().product()
     }
 
+    /// The most sample points on an axis.
+    pub fn longest_side(&self) -> u32 {
+        self.dims.into_iter().max().map_or(0, |n| u32::try_from(n).unwrap_or(u32::MAX))
+    }
+
     /// The world length called "one voxel": the smallest spacing.
     pub fn voxel_length(&self) -> f64 {
         self.spacing.min_element()

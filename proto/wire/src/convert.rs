@@ -3,8 +3,8 @@
 use crate::{effects, required, v1};
 use glam::DVec3;
 use lamina_model::{
-    Camera, ControlPoint, GenerationParams, Grid, Invalid, Quality, ScalarRange, Scale, Scene, TransferFunction,
-    ViewError, VoxelType, camera::CameraFields,
+    Camera, ControlPoint, GenerationParams, Grid, Invalid, Quality, Representation, ScalarRange, Scale, Scene,
+    TransferFunction, ViewError, VoxelType, camera::CameraFields,
 };
 use std::time::Duration;
 
@@ -143,6 +143,15 @@ impl TryFrom<v1::Scene> for Scene {
     }
 }
 
+impl From<Representation> for v1::Representation {
+    fn from(r: Representation) -> Self {
+        match r {
+            Representation::Vdi => Self::Vdi,
+            Representation::Volume => Self::Volume,
+        }
+    }
+}
+
 impl From<&GenerationParams> for v1::GenerationParams {
     fn from(p: &GenerationParams) -> Self {
         Self {
@@ -150,14 +159,29 @@ impl From<&GenerationParams> for v1::GenerationParams {
             gamma: p.gamma(),
             opacity_cutoff: p.opacity_cutoff(),
             step_voxels: p.step_voxels(),
+            representation: v1::Representation::from(p.representation()).into(),
         }
+    }
+}
+
+/// What `params` turn a step into.
+///
+/// # Errors
+/// If this version does not know it.
+pub fn representation(params: &v1::GenerationParams) -> Result<Representation, Invalid> {
+    match v1::Representation::try_from(params.representation) {
+        Ok(v1::Representation::Vdi) => Ok(Representation::Vdi),
+        Ok(v1::Representation::Volume) => Ok(Representation::Volume),
+        Err(_) => Err(Invalid::new("representation", format!("{} is unknown to this version", params.representation))),
     }
 }
 
 impl TryFrom<v1::GenerationParams> for GenerationParams {
     type Error = Invalid;
     fn try_from(p: v1::GenerationParams) -> Result<Self, Invalid> {
-        Self::new(p.resolution, p.gamma)?.with_opacity_cutoff(p.opacity_cutoff)?.with_step_voxels(p.step_voxels)
+        let representation = representation(&p)?;
+        let params = Self::new(p.resolution, p.gamma)?.with_opacity_cutoff(p.opacity_cutoff)?;
+        Ok(params.with_step_voxels(p.step_voxels)?.with_representation(representation))
     }
 }
 

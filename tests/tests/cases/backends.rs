@@ -1,9 +1,9 @@
 //! What casts rays, and what draws: the oracles, all levels of lanes, the GPU where there is one.
 
+use lamina_cast::gpu::{GpuError as CastError, GpuKernels as CastKernels};
+use lamina_cast::lanes::{self, Level, Shot};
+use lamina_cast::{Field, scalar};
 use lamina_device::testing;
-use lamina_generator_node::kernel::gpu::{GpuError as CastError, GpuKernels as CastKernels};
-use lamina_generator_node::kernel::lanes::{self, Level, Shot};
-use lamina_generator_node::kernel::{Field, scalar};
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
 use lamina_model::{Camera, GenerationParams, Vdi};
 use lamina_viz_node::kernel::gpu::{GpuError as DrawError, GpuKernels as DrawKernels};

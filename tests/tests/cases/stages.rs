@@ -14,7 +14,7 @@ use crate::backends::{Caster, Drawer};
 use crate::case::{Case, Reference};
 use crate::expected::{Lights, View, of_vdi, of_volume, views};
 use crate::table::Table;
-use lamina_generator_node::kernel::Field;
+use lamina_cast::Field;
 use lamina_model::composite::Accumulator;
 use lamina_model::{Supersegment, Vdi};
 use lamina_tests::reference::Light;

@@ -27,6 +27,7 @@ pub struct Generator {
     asked: Option<(u64, Instant)>,
     step: u64,
     batches: u32,
+    longest_side: u32,
 }
 
 impl Generator {
@@ -41,9 +42,9 @@ impl Generator {
         let late = |_| node_error(NODE, address, &format!("named no step within {TRIAL_DEADLINE:?}"));
         let greeting = timeout(TRIAL_DEADLINE, replies.message()).await.map_err(late)?.map_err(failed)?;
         let greeting = greeting.filter(|g| g.trial_id == 0 && g.batches > 0);
-        let v1::TrialReply { step, batches, .. } =
+        let v1::TrialReply { step, batches, longest_side, .. } =
             greeting.ok_or_else(|| node_error(NODE, address, "named no step; are all nodes of one version?"))?;
-        Ok(Self { address: address.to_owned(), requests, replies, asked: None, step, batches })
+        Ok(Self { address: address.to_owned(), requests, replies, asked: None, step, batches, longest_side })
     }
 
     /// The step that all trials are of.
@@ -54,6 +55,11 @@ impl Generator {
     /// Batches of sampled pixels that its reference has.
     pub fn batches(&self) -> u32 {
         self.batches
+    }
+
+    /// The most sample points on a side of its volume.
+    pub fn longest_side(&self) -> u32 {
+        self.longest_side
     }
 
     /// True if no answer is due.

@@ -5,33 +5,36 @@
 //! one measurement at another resolution says much about all gammas there.
 
 use super::gauss::{Place, Prior, Process, backward, bending, factor, forward, smooth};
+use lamina_model::Representation;
 
 /// The logarithm of a size or time.
 pub struct Price {
     centre: Place,
     /// Value at `centre`, roughly.
     height: f64,
-    /// Power of r.
+    /// Power of r, and its standard deviation.
     power: f64,
+    doubt: f64,
     noise: f64,
 }
 
 impl Price {
-    /// Sizes: near r^1.8, because neighbouring rays compress well together.
-    pub fn of_sizes(places: Vec<Place>, ln_bytes: &[f64]) -> Process<Self> {
-        Self::through(places, ln_bytes, 1.8, 0.003)
+    /// Sizes: near r^1.8, because neighbouring rays, or points, compress well together; how well points do is less sure.
+    pub fn of_sizes(representation: Representation, places: Vec<Place>, ln_bytes: &[f64]) -> Process<Self> {
+        let doubt = if representation == Representation::Volume { 0.5 } else { PRICE[1] };
+        Self::through(places, ln_bytes, (1.8, doubt), 0.003)
     }
 
     /// Times: a share does not depend on r; clocks are noisy.
     pub fn of_times(places: Vec<Place>, ln_secs: &[f64]) -> Process<Self> {
-        Self::through(places, ln_secs, 1.5, 0.1)
+        Self::through(places, ln_secs, (1.5, PRICE[1]), 0.1)
     }
 
-    fn through(places: Vec<Place>, values: &[f64], power: f64, noise: f64) -> Process<Self> {
+    fn through(places: Vec<Place>, values: &[f64], (power, doubt): (f64, f64), noise: f64) -> Process<Self> {
         let n = places.len() as f64;
         let centre = [0, 1].map(|k| places.iter().map(|p| p[k]).sum::<f64>() / n);
         let height = values.iter().sum::<f64>() / n;
-        Process::new(Self { centre, height, power, noise }, places, values)
+        Process::new(Self { centre, height, power, doubt, noise }, places, values)
     }
 }
 
@@ -44,7 +47,10 @@ impl Prior for Price {
     }
 
     fn covariance(&self, a: &Place, b: &Place) -> f64 {
-        let slope = |k: usize| PRICE[k + 1].powi(2) * (a[k] - self.centre[k]) * (b[k] - self.centre[k]);
+        let slope = |k: usize| {
+            let doubt = if k == 0 { self.doubt } else { PRICE[k + 1] };
+            doubt.powi(2) * (a[k] - self.centre[k]) * (b[k] - self.centre[k])
+        };
         let curve = smooth((a[0] - b[0]) / 2.0) * bending((a[1] - b[1]) / 0.6);
         PRICE[0].powi(2) + slope(0) + slope(1) + PRICE[3].powi(2) * curve
     }
@@ -177,7 +183,7 @@ mod tests {
         let mut places: Vec<Place> = (0..12).map(|n| [160_f64.ln(), -5.5 + 0.4 * f64::from(n)]).collect();
         places.push(at(240.0, 0.01));
         let values: Vec<f64> = places.iter().map(ln_bytes).collect();
-        let model = Price::of_sizes(places, &values);
+        let model = Price::of_sizes(Representation::Vdi, places, &values);
         for p in [at(240.0, 0.1), at(400.0, 0.02)] {
             let found = model.predict(&p);
             let off = (found.mean - ln_bytes(&p)).abs();

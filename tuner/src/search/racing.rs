@@ -15,7 +15,7 @@ use crate::tune::{Row, Study};
 use crate::utility::Utility;
 use lamina_model::{GenerationParams, Invalid, decibels};
 
-/// The most trials of one search.
+/// The most trials of one representation.
 const MOST_TRIALS: usize = 24;
 /// Gammas of the march at the lowest resolution.
 const MARCH: usize = 12;
@@ -33,7 +33,9 @@ pub struct Found {
     pub hope: f64,
 }
 
-/// Searches `candidates`, which differ in resolution and gamma only; what is `in_use` is measured in any case.
+/// Searches `candidates`, one representation after the other in the order they come in: what the first ones gave is what the
+/// next have to beat. Within one they differ in resolution and gamma only. What is `in_use` is measured in any case, if its
+/// representation is among them.
 ///
 /// # Errors
 /// If a node stops answering, or nothing can be measured.
@@ -44,26 +46,24 @@ pub async fn search(
     in_use: Option<&GenerationParams>,
     mut progress: impl FnMut(&Row) + Send,
 ) -> Result<Found, TrialError> {
-    let mut race = Race::new(contract, candidates, trial.batches() as usize);
-    race.march(trial).await?;
-    if let Some(params) = in_use {
-        race.measure(trial, params, &mut progress).await?;
+    let mut study = Study { step: trial.step(), rows: Vec::new(), best: None };
+    let (mut hope, mut promised) = (0.0_f64, Vec::new());
+    let alike = |a: &GenerationParams, b: &GenerationParams| a.representation() == b.representation();
+    for some in candidates.chunk_by(alike) {
+        let mut race = Race::new(contract, some, trial.batches() as usize);
+        race.to_beat = study.best.map(|n| study.rows[n].cost);
+        let in_use = in_use.filter(|p| alike(p, &some[0]));
+        let (rows, next) = race.run(trial, in_use, &mut progress).await?;
+        rows.into_iter().for_each(|row| study.add(row));
+        hope = hope.max(next.feasible);
+        promised.extend(study.best.map(|n| study.rows[n].cost - next.improvement));
     }
-    for params in race.first_trials() {
-        race.measure(trial, &params, &mut progress).await?;
-    }
-    let mut best = Promise::default();
-    loop {
-        while race.tried.len() < MOST_TRIALS.min(candidates.len()) {
-            best = race.most_promising();
-            let Some(params) = best.params.filter(|_| best.worth_trying(&race)) else { break };
-            race.measure(trial, &params, &mut progress).await?;
-        }
-        // All pixels may tell other than a quarter of them did: then something else may have become worth trying.
-        if !race.settle(trial).await? {
-            return Ok(race.finish(trial.step(), &best));
-        }
-    }
+    // What is still promised, beside the best of all.
+    let left = study.best.map_or(f64::NAN, |n| {
+        let cost = study.rows[n].cost;
+        promised.iter().map(|promise| (cost - promise).max(0.0)).fold(0.0, f64::max)
+    });
+    Ok(Found { study, left, hope })
 }
 
 /// The candidate most worth trying.
@@ -97,6 +97,8 @@ struct Race<'a> {
     draws: Vec<[f64; 3]>,
     /// Batches that there are.
     batches: usize,
+    /// Cost of the best that other candidates gave.
+    to_beat: Option<f64>,
 }
 
 impl<'a> Race<'a> {
@@ -110,6 +112,36 @@ impl<'a> Race<'a> {
             refused: Vec::new(),
             draws: draws(),
             batches,
+            to_beat: None,
+        }
+    }
+
+    /// All trials, and what would have been tried next.
+    async fn run(
+        mut self,
+        trial: &mut impl Trial,
+        in_use: Option<&GenerationParams>,
+        progress: &mut (impl FnMut(&Row) + Send),
+    ) -> Result<(Vec<Row>, Promise), TrialError> {
+        self.march(trial).await?;
+        if let Some(params) = in_use {
+            self.measure(trial, params, progress).await?;
+        }
+        for params in self.first_trials() {
+            self.measure(trial, &params, progress).await?;
+        }
+        let mut next = Promise::default();
+        loop {
+            while self.tried.len() < MOST_TRIALS.min(self.candidates.len()) {
+                next = self.most_promising();
+                let Some(params) = next.params.filter(|_| next.worth_trying(&self)) else { break };
+                self.measure(trial, &params, progress).await?;
+            }
+            // All pixels may tell other than a quarter of them did: then something else may have become worth trying.
+            if !self.settle(trial).await? {
+                next.improvement = next.improvement.max(0.0);
+                return Ok((self.tried, next));
+            }
         }
     }
 
@@ -141,7 +173,12 @@ impl<'a> Race<'a> {
         let mut picked: Vec<GenerationParams> = wanted.filter_map(pick).collect();
         picked.dedup();
         let gammas: Vec<f64> = picked.iter().map(GenerationParams::gamma).collect();
-        let costs = trial.sizes(&first, &gammas).await?;
+        let costs = match trial.sizes(&first, &gammas).await {
+            Ok(costs) => costs,
+            // What the trials themselves will say, candidate by candidate.
+            Err(TrialError::Invalid(_)) => return Ok(()),
+            Err(error) => return Err(error),
+        };
         self.marched = picked.iter().zip(costs).map(|(p, c)| (place(p), (c.size_bytes.max(1) as f64).ln())).collect();
         Ok(())
     }
@@ -174,8 +211,14 @@ impl<'a> Race<'a> {
         let known = self.tried.iter().filter(|r| r.measured.quality.batches() > 0).count();
         if self.contract.excess(&measured.cost, f64::NAN) <= 0.0 || known < 6 {
             let first = self.first_batches() as u32;
-            if let Ok(more) = one(trial, params, first).await? {
-                measured = more;
+            match one(trial, params, first).await? {
+                Ok(more) => measured = more,
+                // No viewer can show it.
+                Err(reason) => {
+                    tracing::warn!(%reason, "candidate left out");
+                    self.refused.push(*params);
+                    return Ok(());
+                }
             }
         }
         let row = Row { params: *params, cost: self.contract.cost(&measured), measured };
@@ -185,7 +228,7 @@ impl<'a> Race<'a> {
     }
 
     fn least_cost(&self) -> Option<f64> {
-        let least = self.tried.iter().map(|r| r.cost).fold(f64::INFINITY, f64::min);
+        let least = self.tried.iter().map(|r| r.cost).chain(self.to_beat).fold(f64::INFINITY, f64::min);
         (least < f64::INFINITY).then_some(least)
     }
 
@@ -218,7 +261,11 @@ impl<'a> Race<'a> {
             Some((at(r), found.psnr_db() + if partly { off } else { 0.0 })).filter(|(_, q)| q.is_finite())
         };
         let (seen, decibels): (Vec<Place>, Vec<f64>) = self.tried.iter().filter_map(quality).unzip();
-        (Price::of_sizes(places, &sizes), times, (!seen.is_empty()).then(|| Quality::through(seen, &decibels)))
+        (
+            Price::of_sizes(self.candidates[0].representation(), places, &sizes),
+            times,
+            (!seen.is_empty()).then(|| Quality::through(seen, &decibels)),
+        )
     }
 
     /// By how many decibels the first batches are worse than all of them: the same pixels for every trial, so trials that
@@ -316,15 +363,6 @@ impl<'a> Race<'a> {
         });
         let quality = matches!(self.utility, Utility::Quality | Utility::Expression(_));
         limited || (quality && difference_db(&a.measured.quality, &b.measured.quality).1 > 0.0)
-    }
-
-    fn finish(self, step: u64, next: &Promise) -> Found {
-        let mut study = Study { step, rows: Vec::new(), best: None };
-        for row in self.tried {
-            study.add(row);
-        }
-        let left = if study.best.is_some() { next.improvement.max(0.0) } else { f64::NAN };
-        Found { study, left, hope: next.feasible }
     }
 }
 

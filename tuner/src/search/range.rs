@@ -2,7 +2,7 @@
 
 use super::Grid;
 use crate::trial::{Trial, TrialError};
-use lamina_model::GenerationParams;
+use lamina_model::{GenerationParams, Invalid, Representation};
 
 /// Gammas looked at, evenly on a logarithmic scale. Premultiplied colours and opacity differ by at most 2.
 const WIDEST: (f64, f64) = (1e-4, 2.0);
@@ -27,12 +27,53 @@ fn changing(gammas: &[f64], sizes: &[u64]) -> (f64, f64) {
     if low < high { (gammas[low], gammas[high]) } else { WIDEST }
 }
 
-/// The candidates of `grid` on this step: where it states no gammas, those between which sizes change, found with one march
-/// at the lowest resolution.
+/// Resolutions of volumes: from all sample points down to a quarter of those on a side, three to a factor of two.
+const VOLUME_RESOLUTIONS: i32 = 7;
+/// The most points on a side of a volume: more take longer to code, to decode and to draw than one would wait for.
+const MOST_POINTS: u32 = 512;
+/// Error bounds of volumes: finer ones are not seen, coarser ones leave nothing.
+const BOUNDS: (f64, f64) = (1e-3, 0.3);
+const VOLUME_BOUNDS: usize = 28;
+
+/// What may be tried on this step: volumes first, because they take less time to measure; what they cannot beat is soon known.
 ///
 /// # Errors
 /// If a node stops answering, or the grid is none.
 pub async fn candidates(
+    trial: &mut impl Trial,
+    representations: &[Representation],
+    grid: &Grid,
+    base: &GenerationParams,
+) -> Result<Vec<GenerationParams>, TrialError> {
+    let mut all = Vec::new();
+    if representations.contains(&Representation::Volume) {
+        all.extend(volumes(trial.longest_side(), base)?);
+    }
+    if representations.contains(&Representation::Vdi) {
+        all.extend(vdis(trial, grid, base).await?);
+    }
+    Ok(all)
+}
+
+/// Reduced volumes of a grid with so many points on its longest side.
+fn volumes(longest_side: u32, base: &GenerationParams) -> Result<Vec<GenerationParams>, Invalid> {
+    let most = f64::from(longest_side.clamp(2, MOST_POINTS));
+    let mut resolutions: Vec<u32> =
+        (0..VOLUME_RESOLUTIONS).map(|k| (most * 0.5_f64.powf(f64::from(k) / 3.0)).round().max(2.0) as u32).collect();
+    resolutions.dedup();
+    let base = base.with_representation(Representation::Volume);
+    let mut all = Vec::new();
+    for r in resolutions {
+        for bound in logarithmic(BOUNDS, VOLUME_BOUNDS) {
+            all.push(base.with_resolution(r)?.with_gamma(bound)?);
+        }
+    }
+    Ok(all)
+}
+
+/// The VDIs of `grid`: where it states no gammas, those between which sizes change, found with one march at the lowest
+/// resolution.
+async fn vdis(
     trial: &mut impl Trial,
     grid: &Grid,
     base: &GenerationParams,

@@ -5,13 +5,15 @@ use crate::Contract;
 use crate::trial::{Cost, Measured, Trial, TrialError};
 use crate::tune::{Study, tune};
 use crate::utility::Utility;
-use lamina_model::{GenerationParams, Invalid, Quality, ViewError};
+use lamina_model::{GenerationParams, Invalid, Quality, Representation, ViewError};
 use std::time::Duration;
 
 /// sigma = 2 r^1.75 (gamma + 0.01)^-0.45 with a ripple, tau = r^1.6 us, squared error (245 / r)^2.2 2e-4 + (gamma / 0.03)^1.1
 /// 1e-4, with batches that scatter by a fifth.
 #[derive(Default)]
 struct Response {
+    /// Bytes of volumes are more than those of VDIs by this power of two.
+    dearer: i32,
     measured: usize,
     marches: usize,
     batches: usize,
@@ -20,8 +22,9 @@ struct Response {
 impl Response {
     fn cost(&self, p: &GenerationParams) -> Cost {
         let (r, gamma) = (f64::from(p.resolution()), p.gamma());
+        let dearer = if p.representation() == Representation::Volume { 2_f64.powi(self.dearer) } else { 1.0 };
         let ripple = 1.0 + 0.02 * (r / 50.0).sin() * (60.0 * gamma).cos();
-        let size_bytes = (2.0 * r.powf(1.75) * (gamma + 0.01).powf(-0.45) * ripple) as u64;
+        let size_bytes = (2.0 * r.powf(1.75) * (gamma + 0.01).powf(-0.45) * ripple * dearer) as u64;
         let generation_time = Duration::from_nanos((1e3 * r.powf(1.6)) as u64);
         Cost { size_bytes, generation_time, encode_time: generation_time, supersegments: 1 }
     }
@@ -42,6 +45,9 @@ impl Trial for Response {
     }
     fn batches(&self) -> u32 {
         16
+    }
+    fn longest_side(&self) -> u32 {
+        512
     }
     async fn sizes(&mut self, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {
         self.marches += 1;
@@ -114,9 +120,36 @@ async fn parameters_in_use_are_measured_with_the_others() {
 }
 
 #[tokio::test]
+async fn the_representation_that_serves_better_wins_and_the_other_is_soon_known_to_lose() {
+    let base = GenerationParams::new(1, 0.0).unwrap();
+    let contract: Contract = "size <= 150kB".parse().unwrap();
+    let alone = {
+        let mut response = Response::default();
+        search(&mut response, &contract, &papers(), None, |_| {}).await.unwrap();
+        response.measured
+    };
+    for (dearer, winner) in [(-3, Representation::Volume), (3, Representation::Vdi)] {
+        let mut response = Response { dearer, ..Response::default() };
+        let grid = Grid::paper();
+        let all = candidates(&mut response, &Representation::ALL, &grid, &base).await.unwrap();
+        assert_eq!(all.len(), 1300 + 7 * 28);
+        let volumes: Vec<_> = all.iter().filter(|p| p.representation() == Representation::Volume).collect();
+        assert_eq!(volumes.iter().map(|p| p.resolution()).max(), Some(512), "no more points than there are");
+        let found = search(&mut response, &contract, &all, None, |_| {}).await.unwrap();
+        let best = &found.study.rows[found.study.best.unwrap()];
+        assert_eq!(best.params.representation(), winner);
+        let exhaustive = tune(&mut Response { dearer, ..Response::default() }, &contract, &all, |_| {}).await.unwrap();
+        let best_of_all = &exhaustive.rows[exhaustive.best.unwrap()];
+        assert!(best.cost - best_of_all.cost <= 0.1, "{best:?}, but {best_of_all:?}");
+        assert!(response.measured <= 2 * alone + 8, "{} trials, {alone} for VDIs alone", response.measured);
+    }
+}
+
+#[tokio::test]
 async fn gammas_come_from_the_data_where_none_are_stated() {
     let base = GenerationParams::new(1, 0.0).unwrap();
-    let all = candidates(&mut Response::default(), &Grid::default(), &base).await.unwrap();
+    let vdis = [Representation::Vdi];
+    let all = candidates(&mut Response::default(), &vdis, &Grid::default(), &base).await.unwrap();
     assert_eq!(all.len(), 22 * 40);
     let gammas: Vec<f64> = all[..40].iter().map(GenerationParams::gamma).collect();
     assert!(gammas.is_sorted() && gammas[0] < 0.001 && gammas[39] > 0.26, "{gammas:?}");

@@ -1,22 +1,37 @@
 //! Where I runs.
 
-use super::PreparedVdi;
 use super::gpu::{GpuError, GpuKernels};
 use super::quality::quality_of;
+use super::{Prepared, PreparedVdi};
 use lamina_device::{Choice, DeviceError, Gpu, Opened};
 use lamina_model::{Camera, Image, Invalid, Quality, ReferenceSamples, Vdi};
 use std::fmt::Display;
 use std::ops::{Deref, Range};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// What draws: chosen once, at start-up.
-#[derive(Debug, Clone, Default)]
-pub enum Backend {
+#[derive(Debug, Clone)]
+pub struct Backend {
+    vdis: Drawer,
+    choice: Choice,
+    /// What casts volumes; opened for the first one.
+    volumes: Arc<OnceLock<lamina_cast::Backend>>,
+}
+
+/// What draws VDIs.
+#[derive(Debug, Clone)]
+enum Drawer {
     /// All cores.
-    #[default]
     Cpu,
     /// A GPU; what it cannot do is left to the cores.
     Gpu(Arc<GpuKernels>),
+}
+
+impl Default for Backend {
+    /// The processor.
+    fn default() -> Self {
+        Self { vdis: Drawer::Cpu, choice: Choice::Cpu, volumes: Arc::default() }
+    }
 }
 
 impl Backend {
@@ -25,6 +40,97 @@ impl Backend {
     /// # Errors
     /// If a GPU is asked for by name and there is none that works.
     pub fn open(choice: Choice) -> Result<Self, DeviceError> {
+        Ok(Self { vdis: Drawer::open(choice)?, choice, volumes: Arc::default() })
+    }
+
+    /// VDIs are drawn by `kernels`.
+    pub fn on_gpu(kernels: GpuKernels) -> Self {
+        Self { vdis: Drawer::Gpu(Arc::new(kernels)), choice: Choice::Gpu, volumes: Arc::default() }
+    }
+
+    /// A picture of either representation from `camera`. The paper's I.
+    ///
+    /// # Errors
+    /// If the picture's size is out of bounds.
+    #[doc(alias = "I")]
+    pub fn show(&self, shown: &Prepared, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
+        match shown {
+            Prepared::Vdi(vdi) => self.render(vdi, camera, width, height),
+            Prepared::Volume(field) => self.volumes().raycast(field, camera, width, height),
+        }
+    }
+
+    /// Errors of some batches of the sampled pixels.
+    ///
+    /// # Errors
+    /// If the samples do not fit their plan, or hold fewer batches.
+    #[doc(alias = "q")]
+    pub fn measure(
+        &self,
+        shown: &Prepared,
+        reference: &ReferenceSamples,
+        batches: Range<u32>,
+    ) -> Result<Quality, Invalid> {
+        match shown {
+            Prepared::Vdi(vdi) => self.quality(vdi, reference, batches),
+            Prepared::Volume(field) => quality_of(reference, batches, |camera, size, pixels| {
+                self.volumes().raycast_pixels(field, camera, size, size, pixels)
+            }),
+        }
+    }
+
+    fn volumes(&self) -> &lamina_cast::Backend {
+        let open = || {
+            lamina_cast::Backend::open(self.choice).unwrap_or_else(|error| {
+                tracing::warn!(%error, "volumes are drawn by the processor");
+                lamina_cast::Backend::cpu()
+            })
+        };
+        self.volumes.get_or_init(open)
+    }
+
+    /// A picture of `vdi` from `camera`.
+    ///
+    /// # Errors
+    /// If the picture's size is out of bounds.
+    pub fn render<V: Deref<Target = Vdi>>(
+        &self,
+        vdi: &PreparedVdi<V>,
+        camera: &Camera,
+        width: u32,
+        height: u32,
+    ) -> Result<Image, Invalid> {
+        match &self.vdis {
+            Drawer::Cpu => vdi.render(camera, width, height),
+            Drawer::Gpu(kernels) => {
+                let drawn = kernels.render(vdi, camera, width, height);
+                or_cpu(kernels, drawn, || vdi.render(camera, width, height))
+            }
+        }
+    }
+
+    /// Errors of some batches of the sampled pixels of `vdi`.
+    ///
+    /// # Errors
+    /// As [`Self::measure`].
+    pub fn quality<V: Deref<Target = Vdi>>(
+        &self,
+        vdi: &PreparedVdi<V>,
+        reference: &ReferenceSamples,
+        batches: Range<u32>,
+    ) -> Result<Quality, Invalid> {
+        match &self.vdis {
+            Drawer::Cpu => vdi.quality(reference, batches),
+            Drawer::Gpu(kernels) => quality_of(reference, batches, |camera, size, pixels| {
+                let drawn = kernels.render_pixels(vdi, camera, size, size, pixels);
+                or_cpu(kernels, drawn, || Ok(vdi.render_pixels(camera, size, size, pixels)))
+            }),
+        }
+    }
+}
+
+impl Drawer {
+    fn open(choice: Choice) -> Result<Self, DeviceError> {
         let on_cpu = |reason: &dyn Display| {
             tracing::info!(backend = "cpu", "pictures are drawn by the processor: {reason}");
             Ok(Self::Cpu)
@@ -42,47 +148,6 @@ impl Backend {
             Err(reason) if choice == Choice::Auto => on_cpu(&reason),
             Err(GpuError::Device(e)) => Err(e),
             Err(e) => Err(DeviceError::Fault { doing: "compiling kernels".to_owned(), reason: e.to_string() }),
-        }
-    }
-
-    /// A picture of `vdi` from `camera`. The paper's I.
-    ///
-    /// # Errors
-    /// If the picture's size is out of bounds.
-    #[doc(alias = "I")]
-    pub fn render<V: Deref<Target = Vdi>>(
-        &self,
-        vdi: &PreparedVdi<V>,
-        camera: &Camera,
-        width: u32,
-        height: u32,
-    ) -> Result<Image, Invalid> {
-        match self {
-            Self::Cpu => vdi.render(camera, width, height),
-            Self::Gpu(kernels) => {
-                let drawn = kernels.render(vdi, camera, width, height);
-                or_cpu(kernels, drawn, || vdi.render(camera, width, height))
-            }
-        }
-    }
-
-    /// Errors of some batches of the sampled pixels.
-    ///
-    /// # Errors
-    /// If the samples do not fit their plan, or hold fewer batches.
-    #[doc(alias = "q")]
-    pub fn quality<V: Deref<Target = Vdi>>(
-        &self,
-        vdi: &PreparedVdi<V>,
-        reference: &ReferenceSamples,
-        batches: Range<u32>,
-    ) -> Result<Quality, Invalid> {
-        match self {
-            Self::Cpu => vdi.quality(reference, batches),
-            Self::Gpu(kernels) => quality_of(reference, batches, |camera, size, pixels| {
-                let drawn = kernels.render_pixels(vdi, camera, size, size, pixels);
-                or_cpu(kernels, drawn, || Ok(vdi.render_pixels(camera, size, size, pixels)))
-            }),
         }
     }
 }

@@ -1,15 +1,17 @@
-//! I: pure functions from a VDI and a camera to colours.
+//! I: pure functions from a VDI, or a reduced volume, and a camera to colours.
 //!
 //! One algorithm at three levels: [`scalar`] is the oracle, `cpu` what runs on the processor, `gpu` its twin in WGSL.
-//! [`Backend`] is what the rest of the node calls.
+//! A reduced volume is cast by the kernels of `lamina_cast`. [`Backend`] is what the rest of the node calls.
 
 mod backend;
 mod cpu;
 pub mod gpu;
+mod prepared;
 mod quality;
 pub mod scalar;
 
 pub use backend::Backend;
 pub use cpu::{PreparedVdi, render};
 pub use lamina_lanes::Level;
-pub use quality::quality;
+pub use prepared::Prepared;
+pub use quality::{quality, quality_of};

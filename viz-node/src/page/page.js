@@ -559,9 +559,10 @@ function readoutFields(row) {
     ["Step", String(row.step), overThen],
     ["Time", significant(row.time, 5)],
     ["PSNR", row.psnr_db === null ? "not yet" : `${decibelText(decibels(row.psnr_db))} dB`],
-    ["Resolution r", `${row.resolution} × ${row.resolution}`],
-    ["Gamma γ", significant(row.gamma, 3)],
-    ["Supersegments", row.supersegments.toLocaleString("en")],
+    ...(row.representation === "volume"
+      ? [["Volume, longest side", `${row.resolution} points`], ["Error bound", significant(row.gamma, 3)]]
+      : [["Resolution r", `${row.resolution} × ${row.resolution}`], ["Gamma γ", significant(row.gamma, 3)]]),
+    [row.representation === "volume" ? "Points" : "Supersegments", row.supersegments.toLocaleString("en")],
     ["Size", `${fixed(kilobytes(row.size_bytes), 1)} kB`, overSize],
     ["Generation", `${fixed(row.generation_ms, 1)} ms`, overTime],
     ["Encode", `${fixed(row.encode_ms, 1)} ms`],

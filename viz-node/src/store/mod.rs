@@ -7,9 +7,8 @@ mod row;
 
 pub use row::{Number, StepRow, View};
 
-use crate::kernel::PreparedVdi;
+use crate::kernel::Prepared;
 use folder::Folder;
-use lamina_model::Vdi;
 use lamina_wire::codec::{self, DecodeLimits};
 use lamina_wire::v1;
 use serde::{Deserialize, Serialize};
@@ -71,7 +70,7 @@ pub enum Event {
     Step(StepRow),
 }
 
-/// VDIs kept decoded and prepared for drawing.
+/// Steps kept decoded and prepared for drawing.
 const DECODED: usize = 3;
 
 #[derive(Default)]
@@ -80,7 +79,7 @@ struct State {
     rows: BTreeMap<u64, StepRow>,
     in_memory: BTreeMap<u64, Arc<Vec<u8>>>,
     folder: Option<Folder>,
-    decoded: VecDeque<(String, u64, Arc<PreparedVdi>)>,
+    decoded: VecDeque<(String, u64, Arc<Prepared>)>,
 }
 
 /// All steps of the current run.
@@ -149,7 +148,7 @@ impl Store {
     ///
     /// # Errors
     /// If the folder cannot be written.
-    pub fn record(&self, row: StepRow, bytes: Vec<u8>, vdi: Arc<PreparedVdi>) -> Result<(), StoreError> {
+    pub fn record(&self, row: StepRow, bytes: Vec<u8>, shown: Arc<Prepared>) -> Result<(), StoreError> {
         let mut state = self.state();
         if state.rows.contains_key(&row.step) {
             return Ok(());
@@ -164,7 +163,7 @@ impl Store {
             }
         }
         let run_id = state.run.as_ref().map(|r| r.id.clone()).unwrap_or_default();
-        state.decoded.push_back((run_id, row.step, vdi));
+        state.decoded.push_back((run_id, row.step, shown));
         while state.decoded.len() > DECODED {
             state.decoded.pop_front();
         }
@@ -194,7 +193,7 @@ impl Store {
         self.state().rows.keys().next_back().copied()
     }
 
-    /// The encoded VDI of `step`.
+    /// The bytes of `step`.
     ///
     /// # Errors
     /// If it is not held, or its file cannot be read.
@@ -209,34 +208,26 @@ impl Store {
         }
     }
 
-    /// The VDI of `step`, decoded.
+    /// What stands for `step`, decoded and prepared for drawing.
     ///
     /// # Errors
     /// If it is not held or damaged.
-    pub fn vdi(&self, step: u64) -> Result<Arc<Vdi>, StoreError> {
-        Ok(self.prepared(step)?.vdi().clone())
-    }
-
-    /// The VDI of `step`, decoded and prepared for drawing.
-    ///
-    /// # Errors
-    /// If it is not held or damaged.
-    pub fn prepared(&self, step: u64) -> Result<Arc<PreparedVdi>, StoreError> {
+    pub fn prepared(&self, step: u64) -> Result<Arc<Prepared>, StoreError> {
         let run_id = self.run().map(|r| r.id).unwrap_or_default();
-        let is_it = |(run, number, _): &&(String, u64, Arc<PreparedVdi>)| *run == run_id && *number == step;
-        if let Some((_, _, vdi)) = self.state().decoded.iter().find(is_it) {
-            return Ok(vdi.clone());
+        let is_it = |(run, number, _): &&(String, u64, Arc<Prepared>)| *run == run_id && *number == step;
+        if let Some((_, _, shown)) = self.state().decoded.iter().find(is_it) {
+            return Ok(shown.clone());
         }
         let bytes = self.encoded(step)?;
-        let vdi = codec::decode(&bytes, &self.limits).map_err(|reason| StoreError::Damaged { step, reason })?;
-        let vdi = Arc::new(PreparedVdi::new(Arc::new(vdi)));
+        let decoded = codec::decode_any(&bytes, &self.limits).map_err(|reason| StoreError::Damaged { step, reason })?;
+        let shown = Arc::new(Prepared::new(decoded));
         let mut state = self.state();
         if state.run.as_ref().is_none_or(|r| r.id != run_id) {
             // Another run began meanwhile; these bytes may be of either.
             return Err(StoreError::NoStep(step));
         }
-        state.decoded.push_front((run_id, step, vdi.clone()));
+        state.decoded.push_front((run_id, step, shown.clone()));
         state.decoded.truncate(DECODED + 1);
-        Ok(vdi)
+        Ok(shown)
     }
 }

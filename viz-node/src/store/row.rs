@@ -1,6 +1,7 @@
 //! The numbers of one step, as the page, `steps.csv` and the report show them.
 
-use lamina_model::{Quality, ViewError};
+use lamina_model::{Quality, Representation, ViewError};
+use lamina_wire::convert::representation;
 use lamina_wire::v1;
 use serde::{Deserialize, Serialize};
 
@@ -53,11 +54,11 @@ pub struct StepRow {
     pub step: u64,
     /// Simulation time.
     pub time: f64,
-    /// Rays per side.
+    /// Rays per side; of a volume, the most sample points on a side.
     pub resolution: u32,
-    /// Interrupt parameter.
+    /// Interrupt parameter; of a volume, the greatest error of a value.
     pub gamma: f64,
-    /// Bytes of the encoded VDI.
+    /// Bytes as encoded.
     pub size_bytes: u64,
     /// Milliseconds of generation.
     pub generation_ms: f64,
@@ -65,7 +66,7 @@ pub struct StepRow {
     pub psnr_db: Option<Number>,
     /// Milliseconds of encoding.
     pub encode_ms: f64,
-    /// Supersegments of the VDI.
+    /// Supersegments, or sample points.
     pub supersegments: u64,
     /// Steps the generator-node had dropped by then.
     pub dropped_steps: u64,
@@ -79,6 +80,8 @@ pub struct StepRow {
     pub limit_kept: bool,
     /// PSNR per view.
     pub views: Vec<View>,
+    /// What the step was turned into.
+    pub representation: Representation,
 }
 
 impl StepRow {
@@ -109,11 +112,12 @@ impl StepRow {
             time_limit_ms: limits.time_ns.map(|ns| ns as f64 / 1e6),
             limit_kept: size_kept && time_kept && psnr_kept,
             views: quality.map(|q| q.views.iter().map(view).collect()).unwrap_or_default(),
+            representation: representation(&params).unwrap_or_default(),
         }
     }
 
     /// First line of `steps.csv`.
-    pub const CSV_HEADER: &'static str = "step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,encode_ms,supersegments,dropped_steps,empty_voxels,size_limit_bytes,time_limit_ms,limit_kept,psnr_db_by_angle";
+    pub const CSV_HEADER: &'static str = "step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,encode_ms,supersegments,dropped_steps,empty_voxels,size_limit_bytes,time_limit_ms,limit_kept,psnr_db_by_angle,representation";
 
     /// This step's line. What was not measured or limited is empty; views are `angle:decibels` joined by semicolons.
     pub fn to_csv(&self) -> String {
@@ -124,7 +128,7 @@ impl StepRow {
         let option = |o: Option<String>| o.unwrap_or_default();
         let views: Vec<String> = self.views.iter().map(|v| format!("{}:{}", v.angle_deg, number(v.psnr_db))).collect();
         format!(
-            "{},{},{},{},{},{:.3},{},{:.3},{},{},{},{},{},{},{}",
+            "{},{},{},{},{},{:.3},{},{:.3},{},{},{},{},{},{},{},{}",
             self.step,
             self.time,
             self.resolution,
@@ -139,13 +143,18 @@ impl StepRow {
             option(self.size_limit_bytes.map(|b| b.to_string())),
             option(self.time_limit_ms.map(|t| t.to_string())),
             self.limit_kept,
-            views.join(";")
+            views.join(";"),
+            self.representation
         )
     }
 
     /// The step on a line of `steps.csv`; `None` if the line is not whole.
     pub fn from_csv(line: &str) -> Option<Self> {
-        let fields: Vec<&str> = line.trim_end().split(',').collect();
+        let mut fields: Vec<&str> = line.trim_end().split(',').collect();
+        // Before there were volumes.
+        if fields.len() == 15 {
+            fields.push(Representation::Vdi.name());
+        }
         let [
             step,
             time,
@@ -162,6 +171,7 @@ impl StepRow {
             time_limit,
             kept,
             views,
+            kind,
         ] = fields.try_into().ok()?;
         let number = |text: &str| text.parse::<f64>().ok().map(Number::from);
         let optional = |text: &str| if text.is_empty() { Some(None) } else { Some(Some(text.parse().ok()?)) };
@@ -185,6 +195,7 @@ impl StepRow {
             time_limit_ms: optional(time_limit)?,
             limit_kept: kept.parse().ok()?,
             views: views.split(';').filter(|v| !v.is_empty()).map(view).collect::<Option<_>>()?,
+            representation: kind.parse().ok()?,
         })
     }
 }
@@ -205,6 +216,8 @@ mod tests {
             assert_eq!(StepRow::from_csv(&row.to_csv()).unwrap(), row);
             assert_eq!(row.to_csv().split(',').count(), StepRow::CSV_HEADER.split(',').count());
             assert_eq!(StepRow::from_csv(&row.to_csv()[..9]), None);
+            let older = row.to_csv();
+            assert_eq!(StepRow::from_csv(older.rsplit_once(',').unwrap().0).unwrap(), row);
         }
         // 40 dB keep a limit of 20; 10 dB do not; encoding counts where it is to.
         let kept =

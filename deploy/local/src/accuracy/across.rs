@@ -6,9 +6,10 @@ use super::figures::{self, Across};
 use super::{Findings, knobs};
 use crate::report::html::{self, escape};
 use crate::report::numbers::{fixed, significant};
+use crate::report::panel::{Line, drawing};
 
 /// The knobs of a VDI, each through the base, with the front of everything tried.
-pub fn overview(findings: &Findings, across: Across) -> Vec<figures::Line> {
+pub fn overview(findings: &Findings, across: Across) -> Vec<Line> {
     let keys = [knobs::STEP.key, knobs::CUTOFF.key, knobs::GAMMA.key, knobs::RESOLUTION.key];
     let curves: Vec<&Curve> = keys.iter().filter_map(|key| findings.curve(key)).collect();
     let [trials, front] = figures::front_lines(&findings.trials, across);
@@ -59,7 +60,7 @@ pub fn cheapest(findings: &Findings) -> Vec<String> {
 /// What all knobs offer together.
 pub fn across(findings: &Findings) -> String {
     let drawn = |title: &str, name: &str, across| {
-        figures::figure(title, "all VDIs tried", &figures::drawing(title, name, &overview(findings, across)))
+        figures::figure(title, "all VDIs tried", &drawing(title, name, &overview(findings, across)))
     };
     let said: String = cheapest(findings).iter().map(|line| format!("<li>{}</li>", escape(line))).collect();
     let costs: Vec<(f64, f64)> = findings.trials.iter().map(|p| (p.time_ms, p.error.rms)).collect();

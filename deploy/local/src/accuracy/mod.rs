@@ -29,7 +29,7 @@ use anyhow::{Context, ensure};
 use curve::{Convergence, Curve, Point};
 use error::Error;
 use integrator::Integrator;
-use lamina_generator_node::kernel::{Backend, Field};
+use lamina_cast::{Backend, Field};
 use lamina_model::{GenerationParams, Image, Scene, Volume};
 use lamina_viz_node::kernel as viz;
 use optics::Optics;

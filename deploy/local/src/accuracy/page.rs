@@ -7,11 +7,10 @@ use super::reference::{AGREEMENT_DB, Reference};
 use super::{Findings, knobs};
 use crate::report::html::{self, escape};
 use crate::report::numbers::{decibels, fixed, significant};
+use crate::report::panel::{STYLE, drawing, file, panel};
 use anyhow::Context;
 use lamina_model::Volume;
 use std::path::Path;
-
-const STYLE: &str = concat!(include_str!("../report/report.css"), include_str!("accuracy.css"));
 
 /// Curves that belong together: heading, what is to be known of them, their keys.
 const GROUPS: [(&str, &str, &[&str]); 10] = [
@@ -79,10 +78,9 @@ pub fn write(folder: &Path, findings: &Findings, volume: &Volume, command: &str)
         std::fs::write(&path, text).with_context(|| format!("{}: cannot be written", path.display()))
     };
     save("report.html", page)?;
-    let style = concat!(include_str!("file.css"), include_str!("accuracy.css"));
-    let panels = [("ms of generation", Across::Time), ("kB", Across::Size)]
-        .map(|(name, a)| figures::panel(name, &overview(findings, a)));
-    save("accuracy.svg", figures::file("Quality of a VDI against time and size, by what is turned", style, &panels))
+    let panels =
+        [("ms of generation", Across::Time), ("kB", Across::Size)].map(|(name, a)| panel(name, &overview(findings, a)));
+    save("accuracy.svg", file("Quality of a VDI against time and size, by what is turned", &panels))
 }
 
 fn heading(findings: &Findings, volume: &Volume, command: &str) -> String {
@@ -163,7 +161,7 @@ fn group(findings: &Findings, title: &str, words: &str, curves: &[&Curve]) -> St
         if let (Across::Knob, [curve]) = (across, curves) {
             lines.push(figures::greatest(curve, across));
         }
-        figures::figure(what, "", &figures::drawing(&format!("{title}: {what}"), name, &lines))
+        figures::figure(what, "", &drawing(&format!("{title}: {what}"), name, &lines))
     };
     let mut plots = plot("Quality by value", &x_name, Across::Knob);
     if first.points.windows(2).any(|w| w[0].time_ms != w[1].time_ms) {

@@ -4,7 +4,7 @@ use super::curve::Point;
 use super::error::Error;
 use super::stored;
 use super::views::Views;
-use lamina_generator_node::kernel::{Backend, Field};
+use lamina_cast::{Backend, Field};
 use lamina_model::{Camera, GenerationParams, ParamsKey, Scene, Vdi, Volume};
 use lamina_viz_node::kernel::{self as viz, PreparedVdi};
 use lamina_wire::codec::{self, DecodeLimits, EncodeOptions};

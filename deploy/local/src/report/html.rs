@@ -142,7 +142,7 @@ fn pair(pair: &PicturePair) -> String {
     };
     let same = if pair.psnr_db == f64::INFINITY { ", identical" } else { "" };
     let caption = format!("<b>Step {}, {angle}°</b> {}{same}", pair.step, decibels(pair.psnr_db));
-    let images = image(&pair.vdi_png, "VDI") + &image(&pair.reference_png, "ray cast");
+    let images = image(&pair.shown_png, "as shown") + &image(&pair.reference_png, "ray cast");
     format!("<figure class=\"pair\">{images}<figcaption>{caption}</figcaption></figure>")
 }
 
@@ -152,8 +152,18 @@ pub(crate) fn step_table(steps: &[StepRow]) -> String {
         return String::new();
     }
     let angles = angles(steps);
-    let fixed_head =
-        ["step", "time", "r", "gamma", "size kB", "generation ms", "encode ms", "supersegments", "PSNR dB"];
+    let fixed_head = [
+        "step",
+        "time",
+        "as",
+        "r",
+        "gamma",
+        "size kB",
+        "generation ms",
+        "encode ms",
+        "supersegments or points",
+        "PSNR dB",
+    ];
     let mut head: Vec<String> = fixed_head.map(String::from).to_vec();
     head.extend(angles.iter().map(|angle| format!("{}°", significant(*angle, 3))));
     head.push("limit".into());
@@ -165,6 +175,7 @@ fn step_cells(row: &StepRow, angles: &[f64]) -> Vec<String> {
     let mut cells = vec![
         row.step.to_string(),
         significant(row.time, 6),
+        row.representation.to_string(),
         row.resolution.to_string(),
         significant(row.gamma, 4),
         fixed(kilobytes(row.size_bytes), 1),
@@ -224,6 +235,6 @@ mod tests {
         let with = |views: &[(f64, f64)]| StepRow { views: views.to_vec(), ..StepRow::default() };
         let steps = [with(&[(10.0, 30.0)]), with(&[]), with(&[(10.0, 31.0), (20.0, 29.0)])];
         assert_eq!(angles(&steps), [10.0, 20.0]);
-        assert_eq!(step_cells(&steps[1], &[10.0, 20.0])[9..11], ["–", "–"]);
+        assert_eq!(step_cells(&steps[1], &[10.0, 20.0])[10..12], ["–", "–"]);
     }
 }

@@ -5,6 +5,7 @@
 
 pub(crate) mod html;
 pub(crate) mod numbers;
+pub(crate) mod panel;
 mod plots;
 pub(crate) mod svg;
 pub(crate) mod trials;
@@ -55,6 +56,8 @@ pub struct StepRow {
     pub views: Vec<(f64, f64)>,
     /// Whether size and time stayed within the limit.
     pub limit_kept: bool,
+    /// What the step was turned into.
+    pub representation: &'static str,
 }
 
 /// One measurement of generation parameters by the tuner.
@@ -76,6 +79,8 @@ pub struct TrialRow {
     pub psnr_db: f64,
     /// Whether the tuner took it.
     pub chosen: bool,
+    /// What the step was turned into.
+    pub representation: &'static str,
 }
 
 /// The same view of a step, from the VDI and ray cast.
@@ -87,8 +92,8 @@ pub struct PicturePair {
     pub angle_deg: f64,
     /// PSNR between the two; may be infinite.
     pub psnr_db: f64,
-    /// The picture rendered from the VDI, PNG.
-    pub vdi_png: Vec<u8>,
+    /// The picture the viewer shows, PNG.
+    pub shown_png: Vec<u8>,
     /// The reference image, PNG.
     pub reference_png: Vec<u8>,
 }
@@ -199,7 +204,7 @@ mod tests {
 
     #[test]
     fn pictures_are_inside_the_page() {
-        let pair = PicturePair { vdi_png: b"vdi".to_vec(), reference_png: b"ref".to_vec(), ..PicturePair::default() };
+        let pair = PicturePair { shown_png: b"vdi".to_vec(), reference_png: b"ref".to_vec(), ..PicturePair::default() };
         let page = render(&Report { pictures: vec![pair], ..Report::default() });
         assert!(page.contains("data:image/png;base64,dmRp") && page.contains("data:image/png;base64,cmVm"));
     }

@@ -69,7 +69,13 @@ fn figure(rows: &[&TrialRow], scales: &Scales, limit: &Limit) -> String {
     let step = rows[0].step;
     let count = counted(rows.len(), "trial");
     let note = rows.iter().find(|t| t.chosen).map_or("none chosen".into(), |t| {
-        format!("chosen: r {}, gamma {}, {}", t.resolution, significant(t.gamma, 3), decibels(t.psnr_db))
+        format!(
+            "chosen: {} r {}, gamma {}, {}",
+            t.representation,
+            t.resolution,
+            significant(t.gamma, 3),
+            decibels(t.psnr_db)
+        )
     });
     let head = format!("<b>Step {step}</b> <span>{count}</span><span class=\"note\">{note}</span>");
     format!("<figure><figcaption>{head}</figcaption>{}</figure>", drawing(rows, scales, limit))
@@ -98,7 +104,7 @@ fn drawing(rows: &[&TrialRow], scales: &Scales, limit: &Limit) -> String {
 
 fn words(t: &TrialRow) -> String {
     let (gamma, size, time) = (significant(t.gamma, 3), bytes(t.size_bytes as f64), fixed(t.generation_ms, 1));
-    format!("r {}, gamma {gamma}: {size}, {}, {time} ms", t.resolution, decibels(t.psnr_db))
+    format!("{} r {}, gamma {gamma}: {size}, {}, {time} ms", t.representation, t.resolution, decibels(t.psnr_db))
 }
 
 /// The key to circles, as a drawing of its own.
@@ -129,7 +135,7 @@ fn legend(scales: &Scales, limit: &Limit) -> String {
 }
 
 fn table(sorted: &[&TrialRow], limit: &Limit) -> String {
-    let head = ["step", "r", "gamma", "size kB", "generation ms", "encode ms", "PSNR dB", ""];
+    let head = ["step", "as", "r", "gamma", "size kB", "generation ms", "encode ms", "PSNR dB", ""];
     let row = |t: &&TrialRow| {
         let mark = match (t.chosen, limit.holds(t.size_bytes, t.generation_ms)) {
             (true, true) => "chosen",
@@ -139,6 +145,7 @@ fn table(sorted: &[&TrialRow], limit: &Limit) -> String {
         };
         let cells = vec![
             t.step.to_string(),
+            t.representation.to_string(),
             t.resolution.to_string(),
             significant(t.gamma, 4),
             fixed(kilobytes(t.size_bytes), 1),

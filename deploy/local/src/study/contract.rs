@@ -6,7 +6,7 @@ use crate::cli;
 use crate::parts::{read_step, with_step};
 use crate::process::Used;
 use crate::source::{read_options, scene_of};
-use lamina_generator_node::kernel::Backend;
+use lamina_cast::Backend;
 use lamina_model::{GenerationParams, SamplePlan};
 use lamina_read::Series;
 use lamina_tuner::Contract;
@@ -29,7 +29,7 @@ pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
     let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
     let before = Used::now();
     let runtime = tokio::runtime::Builder::new_current_thread().build()?;
-    let all = runtime.block_on(candidates(&mut trial, &arguments.grid, &base))?;
+    let all = runtime.block_on(candidates(&mut trial, &arguments.representation, &arguments.grid, &base))?;
     let found =
         runtime.block_on(search(&mut trial, contract, &all, None, |row| println!("  {}", line(contract, row))))?;
     println!("contract   {contract}");
@@ -44,7 +44,11 @@ fn line(contract: &Contract, row: &Row) -> String {
     let doubt = if width.is_finite() { format!(" +- {width:.2}") } else { String::new() };
     let kept = if row.cost < f64::INFINITY { "" } else { "  not kept" };
     let (r, gamma) = (row.params.resolution(), row.params.gamma());
-    format!("r {r:4}  gamma {gamma:<8}  {}{doubt}{kept}", contract.describe(&row.measured))
+    format!(
+        "{:6}  r {r:4}  gamma {gamma:<8}  {}{doubt}{kept}",
+        row.params.representation().name(),
+        contract.describe(&row.measured)
+    )
 }
 
 /// What was found, how sure that is, and what more would buy.
@@ -66,10 +70,11 @@ fn verdict(contract: &Contract, found: &Found) -> anyhow::Result<()> {
         if let Some(o) = o {
             let p = &rows[o.row].params;
             println!(
-                "more       {:+.1} kB and {:+.1} ms for {:+.2} dB: r {}, gamma {}",
+                "more       {:+.1} kB and {:+.1} ms for {:+.2} dB: {} r {}, gamma {}",
                 o.extra_kilobytes,
                 o.extra_ms,
                 o.gain_db,
+                p.representation(),
                 p.resolution(),
                 p.gamma()
             );

@@ -3,12 +3,11 @@
 use super::cache::{Cache, Spent, Trial as Recorded};
 use crate::parts::prepare;
 use crate::process;
-use lamina_generator_node::kernel::{Backend, Field};
-use lamina_model::{GenerationParams, Invalid, Quality, ReferenceSamples, SamplePlan, Scene, Vdi, Volume};
+use lamina_cast::{Backend, Field};
+use lamina_model::{GenerationParams, Intermediate, Invalid, Quality, ReferenceSamples, SamplePlan, Scene, Volume};
 use lamina_tuner::trial::{Cost, Measured, Trial, TrialError};
-use lamina_viz_node::kernel::{self as viz, PreparedVdi};
+use lamina_viz_node::kernel::{self as viz, Prepared};
 use lamina_wire::codec::{self, DecodeLimits, EncodeOptions};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Measures on one field; what the cache holds is not measured again.
@@ -19,8 +18,8 @@ pub struct Local {
     viewer: viz::Backend,
     reference: ReferenceSamples,
     cache: Cache,
-    /// The VDI measured last, for further batches.
-    held: Option<(GenerationParams, PreparedVdi<Arc<Vdi>>)>,
+    /// What was measured last, for further batches.
+    held: Option<(GenerationParams, Prepared)>,
 }
 
 impl Local {
@@ -54,13 +53,13 @@ impl Local {
     /// Generates and encodes; what was encoded is what will be looked at.
     fn generate(&mut self, params: &GenerationParams) -> Result<(Cost, Spent), Invalid> {
         let start = clock();
-        let (vdi, generation_time) = self.backend.generate(&self.field, params)?;
+        let (intermediate, generation_time) = self.backend.represent(&self.field, params)?;
         let generated = clock();
-        let (bytes, cost) = encode(vdi, generation_time)?;
+        let (bytes, cost) = encode(&intermediate, generation_time)?;
         let encoded = clock();
         let decoded =
-            codec::decode(&bytes, &DecodeLimits::default()).map_err(|e| Invalid::new("vdi", e.to_string()))?;
-        self.held = Some((*params, PreparedVdi::new(Arc::new(decoded))));
+            codec::decode_any(&bytes, &DecodeLimits::default()).map_err(|e| Invalid::new("vdi", e.to_string()))?;
+        self.held = Some((*params, Prepared::new(decoded)));
         let ns = |from: Duration, to: Duration| to.saturating_sub(from).as_nanos() as u64;
         let spent = Spent {
             generate_ns: ns(start, generated),
@@ -86,9 +85,9 @@ impl Local {
                 trial.spent.add(&again);
             }
             let start = clock();
-            if let Some((_, vdi)) = &self.held {
+            if let Some((_, shown)) = &self.held {
                 let more = trial.quality.batches() as u32..batches;
-                let quality = self.viewer.quality(vdi, &self.reference, more)?;
+                let quality = self.viewer.measure(shown, &self.reference, more)?;
                 trial.quality.extend(&quality)?;
             }
             trial.spent.quality_ns += clock().saturating_sub(start).as_nanos() as u64;
@@ -100,11 +99,13 @@ impl Local {
 }
 
 /// Its bytes, with what they cost.
-fn encode(vdi: Vdi, generation_time: Duration) -> Result<(Vec<u8>, Cost), Invalid> {
+fn encode(intermediate: &Intermediate, generation_time: Duration) -> Result<(Vec<u8>, Cost), Invalid> {
     let start = Instant::now();
-    let bytes = codec::encode(&vdi, &EncodeOptions::default()).map_err(|e| Invalid::new("vdi", e.to_string()))?;
-    let (size_bytes, supersegments) = (bytes.len() as u64, vdi.segments().len() as u64);
-    Ok((bytes, Cost { size_bytes, generation_time, encode_time: start.elapsed(), supersegments }))
+    let encoded = codec::encode_any(intermediate, &EncodeOptions::default());
+    let bytes = encoded.map_err(|e| Invalid::new("vdi", e.to_string()))?;
+    let (size_bytes, supersegments) = (bytes.len() as u64, intermediate.elements());
+    let (generation_time, encode_time) = intermediate.representation().times(generation_time, start.elapsed());
+    Ok((bytes, Cost { size_bytes, generation_time, encode_time, supersegments }))
 }
 
 fn measured(trial: &Recorded) -> Measured {
@@ -126,11 +127,15 @@ impl Trial for Local {
         self.reference.plan.batches
     }
 
+    fn longest_side(&self) -> u32 {
+        self.field.grid().longest_side()
+    }
+
     async fn sizes(&mut self, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {
         let start = Instant::now();
-        let vdis = self.backend.generate_all(&self.field, params, gammas)?;
+        let all = self.backend.represent_all(&self.field, params, gammas)?;
         let generation_time = start.elapsed();
-        vdis.into_iter().map(|vdi| Ok(encode(vdi, generation_time)?.1)).collect()
+        all.iter().map(|one| Ok(encode(one, generation_time)?.1)).collect()
     }
 
     async fn measure(

@@ -21,8 +21,8 @@ use anyhow::{Context, ensure};
 use cache::Cache;
 use choices::Limits;
 use indicatif::{ProgressBar, ProgressStyle};
-use lamina_generator_node::kernel::Backend;
-use lamina_model::{GenerationParams, SamplePlan, Scene, Volume};
+use lamina_cast::Backend;
+use lamina_model::{GenerationParams, Representation, SamplePlan, Scene, Volume};
 use lamina_read::Series;
 use lamina_tuner::Contract;
 use lamina_tuner::search::Grid;
@@ -104,7 +104,8 @@ fn open(
 fn measure(name: String, step: u64, scene: &Scene, mut trial: Local, grid: &Grid) -> anyhow::Result<Measured> {
     let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
     let runtime = tokio::runtime::Builder::new_current_thread().build()?;
-    let candidates = runtime.block_on(lamina_tuner::search::candidates(&mut trial, grid, &base))?;
+    let candidates =
+        runtime.block_on(lamina_tuner::search::candidates(&mut trial, &[Representation::Vdi], grid, &base))?;
     let known = candidates.iter().filter(|p| trial.cache().get(p).is_some()).count();
     let bar = bar(&format!("{name} {step}"), &candidates);
     if known > 0 {

@@ -8,7 +8,7 @@ use crate::report::numbers::{bytes, decibels, fixed, kilobytes, significant};
 use anyhow::Context;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-use lamina_generator_node::kernel::Backend;
+use lamina_cast::Backend;
 use lamina_model::psnr;
 use lamina_tuner::Contract;
 use lamina_tuner::pareto::{front, offers};

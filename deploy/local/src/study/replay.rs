@@ -63,6 +63,10 @@ impl Trial for Replay<'_> {
         self.study.batches()
     }
 
+    fn longest_side(&self) -> u32 {
+        self.study.longest_side()
+    }
+
     async fn sizes(&mut self, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {
         // No exhaustive study has a figure for it: it is made once.
         if self.march_secs.is_none() {

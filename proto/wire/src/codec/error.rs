@@ -6,7 +6,9 @@ use lamina_model::Invalid;
 #[derive(Debug, thiserror::Error)]
 pub enum CodecError {
     /// Something else was handed in.
-    #[error("not a VDI: it does not begin with the bytes \"LVDI\"; check that this is the right file")]
+    #[error(
+        "not a VDI, nor a reduced volume: it begins neither with \"LVDI\" nor \"LVOL\"; check that this is the right file"
+    )]
     NotAVdi,
     /// Written by a later program.
     #[error("VDI format version {found} is newer than {newest}, the last one known here; update Lamina to read it")]
@@ -17,10 +19,10 @@ pub enum CodecError {
         newest: u16,
     },
     /// Cut short or changed on its way.
-    #[error("damaged VDI: {0}; fetch it again")]
+    #[error("damaged: {0}; fetch it again")]
     Damaged(String),
     /// Larger than the reader allows.
-    #[error("VDI of {needed_bytes} bytes decoded, limit {limit_bytes}; raise max_decoded_bytes to accept it")]
+    #[error("{needed_bytes} bytes decoded, limit {limit_bytes}; raise max_decoded_bytes to accept it")]
     TooLarge {
         /// What its lists would occupy.
         needed_bytes: u64,

@@ -11,11 +11,15 @@ mod columns;
 mod compress;
 mod error;
 mod header;
+mod hidden;
+mod intermediate;
 mod plain;
 mod quantize;
 mod sections;
+pub mod volume;
 
 pub use error::CodecError;
+pub use intermediate::{decode_any, encode_any};
 pub use quantize::quantize;
 
 use header::Contents;
@@ -140,14 +144,8 @@ pub fn encode(vdi: &Vdi, options: &EncodeOptions) -> Result<Vec<u8>, CodecError>
 /// # Errors
 /// If it is no VDI, a newer one, damaged, larger than `limits`, or contradicts itself.
 pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<Vdi, CodecError> {
-    check_version(bytes)?;
-    let cut = bytes.len().checked_sub(CRC_BYTES).filter(|&n| n >= PREAMBLE_BYTES).ok_or_else(too_short)?;
-    let (body, crc) = bytes.split_at(cut);
-    let (found, stated) = (crc32fast::hash(body), u32::from_le_bytes([crc[0], crc[1], crc[2], crc[3]]));
-    if found != stated {
-        return Err(CodecError::Damaged(format!("its checksum is {found:08x} and should be {stated:08x}")));
-    }
-    let (contents, rest) = read_contents(body)?;
+    take_version(bytes, MAGIC, VERSION)?;
+    let (contents, rest) = read_contents(checked_body(bytes, PREAMBLE_BYTES + CRC_BYTES)?)?;
     check_size(&contents, limits)?;
     let codec = contents.header.codec;
     match contents.header.layout {
@@ -161,22 +159,36 @@ pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<Vdi, CodecError> {
 /// # Errors
 /// If it is no VDI, a newer one, cut short, or its header contradicts itself.
 pub fn peek(bytes: &[u8]) -> Result<EncodedHeader, CodecError> {
-    check_version(bytes)?;
+    take_version(bytes, MAGIC, VERSION)?;
     Ok(read_contents(bytes)?.0.header)
 }
 
-fn check_version(bytes: &[u8]) -> Result<(), CodecError> {
-    let Some(rest) = bytes.strip_prefix(&MAGIC) else {
+/// Passes bytes that begin with `magic` and state a version up to `newest`.
+fn take_version(bytes: &[u8], magic: [u8; 4], newest: u16) -> Result<(), CodecError> {
+    let Some(rest) = bytes.strip_prefix(&magic) else {
         return Err(CodecError::NotAVdi);
     };
     match rest {
         [low, high, ..] => match u16::from_le_bytes([*low, *high]) {
-            VERSION => Ok(()),
             0 => Err(error::invalid("it states format version 0; versions start at 1")),
-            found => Err(CodecError::NewerVersion { found, newest: VERSION }),
+            found if found > newest => Err(CodecError::NewerVersion { found, newest }),
+            _ => Ok(()),
         },
         _ => Err(too_short()),
     }
+}
+
+/// `bytes`, of which there must be `least`, without the checksum that ends them.
+fn checked_body(bytes: &[u8], least: usize) -> Result<&[u8], CodecError> {
+    let (body, crc) = match bytes.split_last_chunk::<CRC_BYTES>() {
+        Some(split) if bytes.len() >= least => split,
+        _ => return Err(too_short()),
+    };
+    let (found, stated) = (crc32fast::hash(body), u32::from_le_bytes(*crc));
+    if found != stated {
+        return Err(CodecError::Damaged(format!("its checksum is {found:08x} and should be {stated:08x}")));
+    }
+    Ok(body)
 }
 
 /// The header and what follows it.

@@ -1,0 +1,58 @@
+//! What users would ship instead, measured by the same eyes: a table of codings made elsewhere.
+
+use super::curve::{Curve, Sample};
+use anyhow::{Context, ensure};
+use lamina_cast::{Backend, Field};
+use lamina_model::{Grid, Quality, ReferenceSamples, Scene, Volume, Voxels};
+use lamina_viz_node::kernel::quality_of;
+use std::path::Path;
+
+/// First line of such a table. One of the last two is empty: a coding of pictures states its PSNR, one of volumes names the
+/// decoded volume, 32-bit floats in a file beside the table.
+const HEADER: &str = "coding,how,bytes,psnr_db,volume";
+
+/// The curves in `table`, volumes under `scene` on `grid` being cast and compared with `reference`.
+///
+/// # Errors
+/// If the table or a volume cannot be read or used.
+pub fn curves(
+    table: &Path,
+    grid: &Grid,
+    scene: &Scene,
+    backend: &Backend,
+    reference: &ReferenceSamples,
+) -> anyhow::Result<Vec<Curve>> {
+    let name = table.display();
+    let text = std::fs::read_to_string(table).with_context(|| format!("{name}: cannot be read"))?;
+    let mut lines = text.lines();
+    ensure!(lines.next() == Some(HEADER), "{name}: the first line must be {HEADER}");
+    let mut curves: Vec<Curve> = Vec::new();
+    for line in lines {
+        let fields: Vec<&str> = line.split(',').collect();
+        let &[coding, how, bytes, psnr_db, volume] = fields.as_slice() else {
+            anyhow::bail!("{name}: \"{line}\" has not the fields {HEADER}");
+        };
+        let psnr_db = if volume.is_empty() {
+            psnr_db.parse().with_context(|| format!("{name}: PSNR of \"{line}\""))?
+        } else {
+            let path = table.with_file_name(volume);
+            let bytes = std::fs::read(&path).with_context(|| format!("{}: cannot be read", path.display()))?;
+            let voxels = Voxels::from_le_bytes(lamina_model::VoxelType::F32, &bytes);
+            let volume = Volume::new(*grid, voxels).with_context(|| path.display().to_string())?;
+            quality(&Field::new(volume, scene), backend, reference)?.psnr_db()
+        };
+        let bytes = bytes.parse().with_context(|| format!("{name}: bytes of \"{line}\""))?;
+        let sample = Sample { bytes, psnr_db, how: how.to_owned(), times_ms: [f64::NAN; 3] };
+        match curves.iter_mut().find(|c| c.coding == coding) {
+            Some(curve) => curve.samples.push(sample),
+            None => curves.push(Curve::new(coding, vec![sample])),
+        }
+    }
+    Ok(curves.into_iter().map(|c| Curve::new(c.coding, c.samples)).collect())
+}
+
+fn quality(field: &Field, backend: &Backend, reference: &ReferenceSamples) -> anyhow::Result<Quality> {
+    Ok(quality_of(reference, 0..reference.plan.batches, |camera, size, pixels| {
+        backend.raycast_pixels(field, camera, size, size, pixels)
+    })?)
+}

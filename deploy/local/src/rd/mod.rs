@@ -1,0 +1,190 @@
+//! `lamina rd`: decibels against bytes of every representation and coding, and of what users would ship instead.
+//!
+//! PSNR is pooled over the novel views of the study's sample plan (10 to 60 degrees, 768 x 768, one pixel in 16). Curves are
+//! fronts over all parameters measured; the anchor is the paper's plain layout.
+
+mod beside;
+mod curve;
+
+use crate::cli;
+use crate::parts::{open, prepare};
+use crate::report::numbers::significant;
+use crate::report::panel::{CLASSES, Line, file, panel};
+use crate::study::sample_plan;
+use anyhow::Context;
+use curve::{Curve, Sample, difference};
+use lamina_cast::{Backend, Field};
+use lamina_model::{GenerationParams, Intermediate, ReferenceSamples, Representation};
+use lamina_tuner::units::show_bytes;
+use lamina_viz_node::kernel::{self as viz, Prepared};
+use lamina_wire::codec::{self, Codec, DecodeLimits, EncodeOptions, Layout};
+use std::fmt::Write;
+use std::time::Instant;
+
+/// Rays a side and interrupt parameters of VDIs.
+const RAYS: [u32; 6] = [96, 128, 192, 256, 384, 512];
+const GAMMAS: [f64; 6] = [0.1, 0.05, 0.02, 0.01, 0.005, 0.002];
+/// Shares of the sample points on a side, and error bounds, of reduced volumes.
+const SHARES: [f64; 5] = [1.0, 0.75, 0.5, 0.375, 0.25];
+const BOUNDS: [f64; 12] = [0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025, 0.017, 0.012, 0.008, 0.005, 0.003];
+/// Decibels at which bytes are quoted.
+const QUOTED_DB: [f64; 3] = [36.0, 40.0, 44.0];
+
+/// The anchor of all comparisons, and the codings of VDIs beside it.
+const PLAIN: &str = "VDI, plain";
+const VDI_CODINGS: [(&str, EncodeOptions); 2] = [
+    (PLAIN, EncodeOptions { codec: Codec::Bzip2, layout: Layout::Plain }),
+    ("VDI, columns", EncodeOptions { codec: Codec::Bzip2, layout: Layout::Columns }),
+];
+
+/// What is measured on.
+struct Bench {
+    field: Field,
+    backend: Backend,
+    viewer: viz::Backend,
+    reference: ReferenceSamples,
+}
+
+impl Bench {
+    /// One representation in one coding, as the viewer shows it.
+    fn sample(
+        &self,
+        intermediate: &Intermediate,
+        params: &GenerationParams,
+        generation_ms: f64,
+        options: &EncodeOptions,
+    ) -> anyhow::Result<Sample> {
+        let start = Instant::now();
+        let bytes = codec::encode_any(intermediate, options)?;
+        let encoded = Instant::now();
+        let decoded = codec::decode_any(&bytes, &DecodeLimits::default())?;
+        let decode_ms = encoded.elapsed().as_secs_f64() * 1e3;
+        let quality = self.viewer.measure(&Prepared::new(decoded), &self.reference, 0..self.reference.plan.batches)?;
+        Ok(Sample {
+            bytes: bytes.len() as u64,
+            psnr_db: quality.psnr_db(),
+            how: format!("r {} gamma {}", params.resolution(), params.gamma()),
+            times_ms: [generation_ms, (encoded - start).as_secs_f64() * 1e3, decode_ms],
+        })
+    }
+
+    fn vdis(&self, base: &GenerationParams) -> anyhow::Result<Vec<Curve>> {
+        let mut samples: Vec<Vec<Sample>> = VDI_CODINGS.map(|_| Vec::new()).into();
+        for r in RAYS {
+            for gamma in GAMMAS {
+                let params = base.with_resolution(r)?.with_gamma(gamma)?;
+                let (vdi, time) = self.backend.represent(&self.field, &params)?;
+                for ((_, options), samples) in VDI_CODINGS.iter().zip(&mut samples) {
+                    samples.push(self.sample(&vdi, &params, time.as_secs_f64() * 1e3, options)?);
+                }
+            }
+        }
+        Ok(VDI_CODINGS.iter().zip(samples).map(|((name, _), s)| Curve::new(*name, s)).collect())
+    }
+
+    /// Those of all sample points, to be compared with codecs of volumes, and those of fewer too.
+    fn volumes(&self, base: &GenerationParams) -> anyhow::Result<[Curve; 2]> {
+        let side = f64::from(self.field.grid().longest_side());
+        let base = base.with_representation(Representation::Volume);
+        let mut samples = Vec::new();
+        for share in SHARES {
+            for bound in BOUNDS {
+                let params = base.with_resolution((side * share).round().max(2.0) as u32)?.with_gamma(bound)?;
+                let (volume, time) = self.backend.represent(&self.field, &params)?;
+                samples.push(self.sample(&volume, &params, time.as_secs_f64() * 1e3, &EncodeOptions::default())?);
+            }
+        }
+        let whole = samples[..BOUNDS.len()].to_vec();
+        Ok([Curve::new("volume, all points", whole), Curve::new("volume", samples)])
+    }
+}
+
+/// `lamina rd`.
+pub fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
+    let (volume, scene) = open(&arguments.input)?;
+    let (backend, viewer) = (Backend::open(arguments.input.backend)?, viz::Backend::open(arguments.input.backend)?);
+    let field = prepare(volume, &scene);
+    let reference = backend.reference_samples(&field, &sample_plan(), arguments.input.time_step as u64)?;
+    let bench = Bench { field, backend, viewer, reference };
+    let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
+    let mut curves = bench.vdis(&base)?;
+    curves.extend(bench.volumes(&base)?);
+    if let Some(table) = &arguments.beside {
+        curves.extend(beside::curves(table, bench.field.grid(), &scene, &bench.backend, &bench.reference)?);
+    }
+    std::fs::create_dir_all(&arguments.out)
+        .with_context(|| format!("{}: cannot be created", arguments.out.display()))?;
+    for (name, text) in [("rd.csv", samples_csv(&curves)), ("bd.csv", bd_csv(&curves)), ("rd.svg", drawing(&curves))] {
+        let path = arguments.out.join(name);
+        std::fs::write(&path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
+    }
+    print!("{}", table(&curves));
+    Ok(())
+}
+
+fn samples_csv(curves: &[Curve]) -> String {
+    let mut text = String::from("coding,how,bytes,psnr_db,generation_ms,encode_ms,decode_ms,front\n");
+    for curve in curves {
+        let front = curve.front();
+        for s in &curve.samples {
+            let on_front = front.iter().any(|f| std::ptr::eq(*f, s));
+            let [generation, encode, decode] =
+                s.times_ms.map(|t| if t.is_nan() { String::new() } else { format!("{t:.2}") });
+            let _ = writeln!(
+                text,
+                "\"{}\",{},{},{:.3},{generation},{encode},{decode},{on_front}",
+                curve.coding, s.how, s.bytes, s.psnr_db
+            );
+        }
+    }
+    text
+}
+
+fn bd_csv(curves: &[Curve]) -> String {
+    let mut text = String::from("coding,bd_rate_percent,bd_psnr_db,from_db,to_db\n");
+    for curve in curves {
+        if let Some(d) = difference(curve, &curves[0]) {
+            let _ = writeln!(
+                text,
+                "\"{}\",{:.2},{:.3},{:.2},{:.2}",
+                curve.coding, d.rate_percent, d.psnr_db, d.range_db.0, d.range_db.1
+            );
+        }
+    }
+    text
+}
+
+fn table(curves: &[Curve]) -> String {
+    let mut text = format!("{:24}", "coding");
+    QUOTED_DB.iter().for_each(|db| text += &format!("{:>14}", format!("{db} dB")));
+    text += &format!("{:>12}{:>12}\n", "BD-rate", "BD-PSNR");
+    for curve in curves {
+        text += &format!("{:24}", curve.coding);
+        for db in QUOTED_DB {
+            let bytes = curve.bytes_at(db).map_or_else(|| "-".to_owned(), |b| show_bytes(b as u64));
+            text += &format!("{bytes:>14}");
+        }
+        match difference(curve, &curves[0]) {
+            Some(d) => text += &format!("{:>10.1} %{:>9.2} dB\n", d.rate_percent, d.psnr_db),
+            None => text += &format!("{:>12}{:>12}\n", "-", "-"),
+        }
+    }
+    text
+}
+
+fn drawing(curves: &[Curve]) -> String {
+    let line = |(n, curve): (usize, &Curve)| {
+        let point = |s: &&Sample| {
+            let words =
+                format!("{}, {}: {}, {} dB", curve.coding, s.how, show_bytes(s.bytes), significant(s.psnr_db, 4));
+            (s.bytes as f64 / 1e3, s.psnr_db, words)
+        };
+        Line {
+            class: CLASSES[n % CLASSES.len()],
+            name: curve.coding.clone(),
+            points: curve.front().iter().map(point).collect(),
+        }
+    };
+    let lines: Vec<Line> = curves.iter().enumerate().map(line).collect();
+    file("Decibels against bytes", &[panel("size, kB", &lines)])
+}

@@ -1,0 +1,87 @@
+//! What kernels look up, counted in the crate's own tests; nothing elsewhere.
+
+#[cfg(test)]
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
+/// Values, gradients, light.
+#[cfg(test)]
+static COUNTS: [AtomicU64; 3] = [const { AtomicU64::new(0) }; 3];
+
+macro_rules! counter {
+    ($(#[$doc:meta])* $name:ident, $n:literal) => {
+        $(#[$doc])*
+        #[inline(always)]
+        pub fn $name() {
+            #[cfg(test)]
+            COUNTS[$n].fetch_add(1, Relaxed);
+        }
+    };
+}
+
+counter!(
+    /// The field interpolated for an effect: at a step's end, a surface.
+    value,
+    0
+);
+counter!(
+    /// A gradient taken.
+    gradient,
+    1
+);
+counter!(
+    /// The light volume looked up.
+    light,
+    2
+);
+
+/// Counts since the last call.
+#[cfg(test)]
+pub fn take() -> [u64; 3] {
+    [0, 1, 2].map(|n| COUNTS[n].swap(0, Relaxed))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Backend, Field};
+    use glam::DVec3;
+    use lamina_model::effects::{Isosurface, Shading};
+    use lamina_model::{Camera, ControlPoint, Effects, GenerationParams, Grid, ScalarRange, Scale, Scene};
+    use lamina_model::{TransferFunction, Volume, Voxels};
+
+    fn counts(effects: Effects) -> [u64; 3] {
+        let grid = Grid::new([8; 3], DVec3::ONE, DVec3::ZERO).unwrap();
+        let voxels = Voxels::F32((0..512).map(|n| (n % 8) as f32 / 7.0).collect());
+        let point = |at, opacity| ControlPoint { at, color: [0.5; 3], opacity };
+        let range = ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap();
+        let transfer = TransferFunction::new(range, None, vec![point(0.0, 0.1), point(1.0, 0.2)]).unwrap();
+        let camera = Camera::new(DVec3::new(3.5, 4.0, 30.0), DVec3::splat(3.5), DVec3::Y, 30.0).unwrap();
+        let scene = Scene { transfer, camera, background: [0.0; 3], step_voxels: 0.5, effects };
+        let field = Field::new(Volume::new(grid, voxels).unwrap(), &scene);
+        take();
+        let lanes = Backend::cpu();
+        lanes.raycast(&field, &camera, 16, 16).unwrap();
+        lanes.generate(&field, &GenerationParams::new(16, 0.05).unwrap()).unwrap();
+        crate::scalar::raycast(&field, &camera, 16, 16).unwrap();
+        take()
+    }
+
+    /// One test, because the counts are the process's.
+    #[test]
+    fn what_is_not_asked_for_is_not_looked_up() {
+        let light = Some(DVec3::new(1.0, 2.0, 3.0));
+        assert_eq!(counts(Effects { light, ..Effects::default() }), [0; 3]);
+        let [values, gradients, lights] =
+            counts(Effects { light, shading: Some(Shading::default()), ..Effects::default() });
+        assert!(gradients > 100 && (values, lights) == (0, 0), "{values} {gradients} {lights}");
+        let [values, gradients, lights] = counts(Effects { light, shadows: Some(0.5), ..Effects::default() });
+        assert!(lights > 100 && (values, gradients) == (0, 0), "{values} {gradients} {lights}");
+        let [values, gradients, lights] = counts(Effects { ambient_occlusion: Some(0.5), ..Effects::default() });
+        assert!(lights > 100 && (values, gradients) == (0, 0), "{values} {gradients} {lights}");
+        let surface = Isosurface { value: 0.4, color: [1.0; 3], opacity: 1.0 };
+        let [values, gradients, lights] = counts(Effects { isosurfaces: vec![surface], ..Effects::default() });
+        assert!(values > 100 && (gradients, lights) == (0, 0), "{values} {gradients} {lights}");
+        let [values, gradients, lights] = counts(Effects { pre_integrated: true, ..Effects::default() });
+        assert!(values > 100 && (gradients, lights) == (0, 0), "{values} {gradients} {lights}");
+    }
+}

@@ -1,0 +1,28 @@
+//! R and the reference: pure functions from a scalar field under a scene to a VDI or to colours.
+//!
+//! One algorithm at three levels: [`scalar`] is the oracle, [`lanes`] runs eight rays at a time on the CPU, [`gpu`] is its
+//! twin in WGSL. [`Backend`] is what the rest of the node calls.
+//!
+//! **Agreement.** The oracle is double precision and asks the transfer function itself. The fast levels are single
+//! precision (positions, sums along a ray) and look the function up in a table (`table`), which rounds off what lies
+//! between two of its rows: a kink, or the jump of two points at one position, over a 1024th of the range or less. So a
+//! sample may classify a little otherwise, and where its difference from the open supersegment is within rounding of
+//! gamma, it may join where the oracle's does not. Tests hold pictures above 80 dB (the GPU: 90) against the oracle's and
+//! lists equal on 99 rays of 100. The lane levels agree among themselves to the bit: none fuses multiply and add.
+
+mod backend;
+mod count;
+mod effects;
+mod field;
+pub mod gpu;
+pub mod lanes;
+mod light;
+mod reduce;
+mod rows;
+pub mod scalar;
+mod skip;
+mod table;
+
+pub use backend::Backend;
+pub use field::Field;
+pub use reduce::reduce;

@@ -1,0 +1,210 @@
+//! Reduction: fewer sample points over the same box.
+//!
+//! A new point is a weighted sum of the old ones around it, axis by axis. The weights are Keys' cubic convolution (Cubic
+//! Convolution Interpolation for Digital Image Processing, 1981) stretched to the new spacing, so that what the new grid
+//! cannot hold is averaged away instead of folded down, and noise falls with it.
+
+use super::Field;
+use super::field::{Stored, for_stored};
+use super::skip::Scalar;
+use glam::DVec3;
+use lamina_model::{GenerationParams, Grid, Invalid, ReducedVolume, Scene};
+use rayon::prelude::*;
+
+/// Positions farther from the range of the transfer function than this are brought to it, so that a voxel gone astray does
+/// not decide what the others cost.
+const FARTHEST: f32 = 8.0;
+
+/// `field` with at most as many sample points on a side as `params` says; under light, which is measured in voxels, with all
+/// of them.
+///
+/// # Errors
+/// If voxels are NaN or infinite: a reduced volume has no word for nothing.
+pub fn reduce(field: &Field, params: &GenerationParams) -> Result<ReducedVolume, Invalid> {
+    if field.empty_voxels() > 0 {
+        let reason = format!("{} voxels are NaN or infinite, which a reduced volume cannot hold", field.empty_voxels());
+        return Err(Invalid::new("representation", reason));
+    }
+    let (grid, dims) = (field.grid(), field.grid().dims());
+    let (scale, offset) = field.unit_from_stored();
+    let (least, most) = ends(field);
+    let unit = |x: f64| ((scale * x + offset) as f32).clamp(least, most);
+    let units = for_stored!(field.stored(), v => v.par_iter().map(|x| unit(x.wide())).collect::<Vec<f32>>());
+    let fewer = if lit(field) { dims } else { reduced_dims(dims, params.resolution()) };
+    let units = (0..3).fold((units, dims), |(values, dims), axis| shrink(values, dims, axis, fewer[axis])).0;
+    let spacing = DVec3::from_array(std::array::from_fn(|a| {
+        // One sample point is drawn one spacing thick.
+        let intervals = |n: usize| n.max(2) as f64 - 1.0;
+        grid.spacing()[a] * intervals(dims[a]) / intervals(fewer[a])
+    }));
+    let transfer = field.scene().transfer.with_unit_length(field.unit_length());
+    let scene = Scene { transfer, ..field.scene().clone() };
+    ReducedVolume::new(Grid::new(fewer, spacing, grid.origin())?, scene, *params, units)
+}
+
+/// The ends of the values kept.
+fn ends(field: &Field) -> (f32, f32) {
+    let range = field.scene().transfer.range();
+    let surfaces = field.scene().effects.isosurfaces.iter().map(|s| range.unit_from_value(s.value));
+    surfaces.fold((-FARTHEST, 1.0 + FARTHEST), |(least, most), s| (least.min(s - 1.0), most.max(s + 1.0)))
+}
+
+fn lit(field: &Field) -> bool {
+    let effects = &field.scene().effects;
+    effects.shading.is_some() || effects.shadows.is_some() || effects.ambient_occlusion.is_some()
+}
+
+/// The sides of a grid of `dims` brought down so that none has more than `most` points: all by one factor, and none with
+/// two points or more to less than two.
+fn reduced_dims(dims: [usize; 3], most: u32) -> [usize; 3] {
+    let longest = dims.into_iter().max().unwrap_or(1);
+    let factor = (f64::from(most.max(2)) - 1.0) / (longest.max(2) as f64 - 1.0);
+    dims.map(|n| if factor >= 1.0 { n } else { (((n - 1) as f64 * factor).round() as usize + 1).max(n.min(2)) })
+}
+
+/// Keys' kernel, a = -1/2.
+fn keys(x: f64) -> f64 {
+    let x = x.abs();
+    if x < 1.0 {
+        (1.5 * x - 2.5) * x * x + 1.0
+    } else if x < 2.0 {
+        ((-0.5 * x + 2.5) * x - 4.0) * x + 2.0
+    } else {
+        0.0
+    }
+}
+
+/// For each of `to` points along `from`, the first old point it is made of and the weights from there on. Beyond an end the
+/// values go on as their reflection in the end's, upside down, so that a ramp stays one.
+fn weights(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
+    let (stretch, end) = ((from - 1) as f64 / (to.max(2) - 1) as f64, from as i64 - 1);
+    let of = |i: usize| {
+        let at = i as f64 * stretch;
+        let reached = (at - 2.0 * stretch).ceil() as i64..=(at + 2.0 * stretch).floor() as i64;
+        let raw: Vec<(i64, f64)> = reached.map(|k| (k, keys((k as f64 - at) / stretch))).collect();
+        let sum: f64 = raw.iter().map(|(_, w)| w).sum();
+        let mut whole = vec![0.0; from];
+        for (k, w) in raw {
+            let nearest = k.clamp(0, end);
+            if k == nearest {
+                whole[k as usize] += w / sum;
+            } else {
+                whole[nearest as usize] += 2.0 * w / sum;
+                whole[(2 * nearest - k).clamp(0, end) as usize] -= w / sum;
+            }
+        }
+        let first = whole.iter().position(|w| *w != 0.0).unwrap_or(0);
+        let last = whole.iter().rposition(|w| *w != 0.0).unwrap_or(0);
+        (first, whole[first..=last].iter().map(|w| *w as f32).collect())
+    };
+    (0..to).map(of).collect()
+}
+
+/// `values` of a grid of `dims` with `to` points along `axis`, and the new grid's sides.
+fn shrink(values: Vec<f32>, dims: [usize; 3], axis: usize, to: usize) -> (Vec<f32>, [usize; 3]) {
+    if to == dims[axis] {
+        return (values, dims);
+    }
+    let weights = weights(dims[axis], to);
+    // Points that lie side by side along all axes before this one move together.
+    let run: usize = dims[..axis].iter().product();
+    let mut out = vec![0.0; values.len() / dims[axis] * to];
+    out.par_chunks_mut(run * to).zip(values.par_chunks(run * dims[axis])).for_each(|(out, values)| {
+        if run == 1 {
+            for (out, (first, weights)) in out.iter_mut().zip(&weights) {
+                *out = values[*first..].iter().zip(weights).map(|(v, w)| v * w).sum();
+            }
+            return;
+        }
+        out.par_chunks_exact_mut(run).zip(&weights).for_each(|(out, (first, weights))| {
+            for (values, w) in values[first * run..].chunks_exact(run).zip(weights) {
+                out.iter_mut().zip(values).for_each(|(o, v)| *o += w * v);
+            }
+        });
+    });
+    let mut fewer = dims;
+    fewer[axis] = to;
+    (out, fewer)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lamina_model::{Camera, ControlPoint, ScalarRange, Scale, TransferFunction, Volume, Voxels};
+
+    fn field(dims: [usize; 3], value: impl Fn([f64; 3]) -> f64) -> Field {
+        let grid = Grid::new(dims, DVec3::new(1.0, 2.0, 0.5), DVec3::new(-3.0, 0.0, 7.0)).unwrap();
+        let at = |n: usize| [n % dims[0], n / dims[0] % dims[1], n / dims[0] / dims[1]].map(|i| i as f64);
+        let voxels = Voxels::F64((0..grid.voxels()).map(|n| value(at(n))).collect());
+        let points = vec![
+            ControlPoint { at: 0.0, color: [0.0; 3], opacity: 0.0 },
+            ControlPoint { at: 1.0, color: [1.0; 3], opacity: 0.5 },
+        ];
+        let transfer = TransferFunction::new(ScalarRange::new(0.0, 100.0, Scale::Linear).unwrap(), None, points);
+        let camera = Camera::new(DVec3::new(0.0, 0.0, 99.0), DVec3::ZERO, DVec3::Y, 30.0).unwrap();
+        let scene = Scene {
+            transfer: transfer.unwrap(),
+            camera,
+            background: [0.0; 3],
+            step_voxels: 0.5,
+            effects: Default::default(),
+        };
+        Field::new(Volume::new(grid, voxels).unwrap(), &scene)
+    }
+
+    fn params(r: u32) -> GenerationParams {
+        GenerationParams::new(r, 0.01).unwrap()
+    }
+
+    #[test]
+    fn the_box_stays_and_the_voxel_that_opacities_refer_to() {
+        let f = field([17, 9, 5], |_| 50.0);
+        let volume = reduce(&f, &params(9)).unwrap();
+        assert_eq!(volume.grid().dims(), [9, 5, 3]);
+        assert_eq!(volume.grid().bounds(), f.grid().bounds());
+        assert_eq!(volume.scene().transfer.stated_unit_length(), Some(0.5));
+        assert!(volume.units().iter().all(|u| (u - 0.5).abs() < 1e-6), "a constant stays");
+        // More points than there are: all of them. A slice and a pair stay what they are.
+        assert_eq!(reduce(&f, &params(500)).unwrap().grid(), f.grid());
+        assert_eq!(reduced_dims([1, 2, 100], 10), [1, 2, 10]);
+        assert_eq!(reduced_dims([64, 64, 64], 1), [2, 2, 2]);
+    }
+
+    #[test]
+    fn what_the_new_grid_can_hold_stays_and_what_it_cannot_is_averaged_away() {
+        // A parabola inside (Keys' kernel is exact up to squares where it is not cut off, but for the mean of stretching),
+        // half the points: within a percent of the range.
+        let f = field([33, 33, 33], |[x, y, z]| 0.02 * x * x + 0.5 * y + 1.2 * z);
+        let volume = reduce(&f, &params(17)).unwrap();
+        for (n, unit) in volume.units().iter().enumerate() {
+            let [x, y, z] = [n % 17, n / 17 % 17, n / 289].map(|i| 2.0 * i as f64);
+            if [x, y, z].iter().all(|c| (4.0..=28.0).contains(c)) {
+                let exact = (0.02 * x * x + 0.5 * y + 1.2 * z) / 100.0;
+                assert!((f64::from(*unit) - exact).abs() < 2e-3, "{unit} {exact}");
+            }
+        }
+        // A ramp from end to end, the borders too; the stretched kernel, taken at whole points, is not quite exact.
+        let f = field([33, 20, 9], |[x, y, z]| 0.9 * x + 2.0 * y + 1.2 * z);
+        let volume = reduce(&f, &params(11)).unwrap();
+        assert_eq!(volume.grid().dims(), [11, 7, 4]);
+        for (n, unit) in volume.units().iter().enumerate() {
+            let [x, y, z] = [n % 11, n / 11 % 7, n / 77].map(|i| i as f64);
+            let exact = (0.9 * x * 3.2 + 2.0 * y * 19.0 / 6.0 + 1.2 * z * 8.0 / 3.0) / 100.0;
+            assert!((f64::from(*unit) - exact).abs() < 1e-3, "{unit} {exact}");
+        }
+        // A checkerboard at the old grid's finest: its mean.
+        let f = field([33, 33, 33], |[x, y, z]| if (x + y + z) % 2.0 == 0.0 { 100.0 } else { 0.0 });
+        let volume = reduce(&f, &params(17)).unwrap();
+        let middle = volume.units()[8 + 17 * 8 + 289 * 8];
+        assert!((middle - 0.5).abs() < 1e-3, "{middle}");
+    }
+
+    #[test]
+    fn nothing_is_a_value_it_does_not_have() {
+        let f = field([4, 4, 4], |[x, ..]| if x == 1.0 { f64::NAN } else { 1e30 * x });
+        assert_eq!(reduce(&f, &params(4)).unwrap_err().thing, "representation");
+        let f = field([4, 4, 4], |[x, ..]| 1e9 * (x - 1.0));
+        let units = reduce(&f, &params(4)).unwrap().units().to_vec();
+        assert_eq!(units[..4], [-8.0, 0.0, 9.0, 9.0]);
+    }
+}

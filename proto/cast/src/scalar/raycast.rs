@@ -1,0 +1,36 @@
+//! The reference: emission-absorption ray casting of the field itself.
+
+use super::march::March;
+use crate::Field;
+use lamina_model::composite::{Accumulator, TRANSMITTANCE_FLOOR};
+use lamina_model::{Camera, Image, Invalid, Ray};
+use rayon::prelude::*;
+use std::ops::ControlFlow;
+
+/// A whole picture of `field`, `width` x `height` pixels.
+///
+/// # Errors
+/// If the picture's size is out of bounds.
+#[doc(alias = "reference image")]
+pub fn raycast(field: &Field, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
+    Image::check_size(width, height)?;
+    let pixels: Vec<(u32, u32)> = (0..height).flat_map(|j| (0..width).map(move |i| (i, j))).collect();
+    Image::new(width, height, raycast_pixels(field, camera, width, height, &pixels))
+}
+
+/// The colours of some `pixels` (column, row) of that picture.
+pub fn raycast_pixels(field: &Field, camera: &Camera, width: u32, height: u32, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
+    let scene = field.scene();
+    let march = March::new(field, scene.step_length(field.grid()));
+    let color = |&(i, j): &(u32, u32)| cast(&march, &camera.pixel_ray(i, j, width, height)).over(scene.background);
+    pixels.par_iter().with_min_len(64).map(color).collect()
+}
+
+fn cast(march: &March, ray: &Ray) -> Accumulator {
+    let mut light = Accumulator::default();
+    march.samples(ray, |s| {
+        light.add(s.classified.color, s.classified.extinction * s.length);
+        if light.transmittance < TRANSMITTANCE_FLOOR { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    light
+}

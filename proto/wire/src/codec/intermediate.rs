@@ -1,0 +1,28 @@
+//! Whatever stands for a step, as bytes: which it is, its first four tell.
+
+use super::error::CodecError;
+use super::{DecodeLimits, EncodeOptions, volume};
+use lamina_model::Intermediate;
+
+/// Encodes either representation; `options` are for VDIs.
+///
+/// # Errors
+/// As [`super::encode`].
+pub fn encode_any(intermediate: &Intermediate, options: &EncodeOptions) -> Result<Vec<u8>, CodecError> {
+    match intermediate {
+        Intermediate::Vdi(vdi) => super::encode(vdi, options),
+        Intermediate::Volume(reduced) => Ok(volume::encode(reduced)),
+    }
+}
+
+/// Decodes either representation. `bytes` must be one whole of them and nothing else.
+///
+/// # Errors
+/// If it is neither, a newer one, damaged, larger than `limits`, or contradicts itself.
+pub fn decode_any(bytes: &[u8], limits: &DecodeLimits) -> Result<Intermediate, CodecError> {
+    if bytes.starts_with(&volume::MAGIC) {
+        Ok(Intermediate::Volume(Box::new(volume::decode(bytes, limits)?)))
+    } else {
+        Ok(Intermediate::Vdi(Box::new(super::decode(bytes, limits)?)))
+    }
+}

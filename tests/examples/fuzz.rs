@@ -1,0 +1,138 @@
+//! Arbitrary bytes and damaged files for every decoder: each case must end in a value or an error.
+//!
+//! `cargo run --release -p lamina-tests --example fuzz -- CASES [SEED]`; a panic, or memory beyond the limit, ends it with the
+//! case's number, which with the seed repeats it. Checksums are made right again, so that what is behind them is met.
+
+use glam::DVec3;
+use lamina_model::{
+    Aabb, Camera, ControlPoint, Effects, GenerationParams, Grid, Intermediate, ReducedVolume, Representation,
+    ScalarRange, Scale, Scene, Supersegment, TransferFunction, Vdi, VdiHeader,
+};
+use lamina_wire::codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode_any, encode_any};
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+/// What a case may decode to.
+const LIMITS: DecodeLimits = DecodeLimits { max_decoded_bytes: 1 << 20 };
+
+/// SplitMix64 (Steele, Lea and Flood, OOPSLA 2014).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ z >> 31
+    }
+    fn below(&mut self, n: usize) -> usize {
+        (self.next() % n.max(1) as u64) as usize
+    }
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let cases: u64 = arguments.next().map_or(Ok(100_000), |n| n.parse())?;
+    let seed: u64 = arguments.next().map_or(Ok(1), |n| n.parse())?;
+    let seeds = seeds()?;
+    let (start, decoded) = (Instant::now(), AtomicU64::new(0));
+    (0..cases).into_par_iter().for_each(|n| {
+        let mut random = Random(seed.wrapping_mul(0x2545_f491_4f6c_dd1d) ^ n);
+        let bytes = case(&mut random, &seeds);
+        let outcome = std::panic::catch_unwind(|| decode_any(&bytes, &LIMITS).is_ok());
+        match outcome {
+            Ok(value) => _ = decoded.fetch_add(u64::from(value), Ordering::Relaxed),
+            Err(_) => {
+                eprintln!("case {n} of seed {seed}, {} bytes: panicked", bytes.len());
+                std::process::exit(1);
+            }
+        }
+    });
+    let (secs, decoded) = (start.elapsed().as_secs_f64(), decoded.into_inner());
+    println!("{cases} cases in {secs:.0} s: {decoded} decoded, the rest refused");
+    Ok(())
+}
+
+/// Small files of every kind.
+fn seeds() -> Result<Vec<Vec<u8>>, Box<dyn std::error::Error>> {
+    let mut random = Random(99);
+    let mut seeds = Vec::new();
+    for resolution in [1, 3, 7] {
+        let vdi = Intermediate::Vdi(Box::new(vdi(resolution, &mut random)?));
+        for codec in [Codec::Bzip2, Codec::Zstd] {
+            for layout in [Layout::Columns, Layout::Plain] {
+                seeds.push(encode_any(&vdi, &EncodeOptions { codec, layout })?);
+            }
+        }
+    }
+    for dims in [[1, 1, 1], [5, 4, 3], [9, 1, 2], [8, 8, 8]] {
+        let volume = Intermediate::Volume(Box::new(volume(dims, &mut random)?));
+        seeds.push(encode_any(&volume, &EncodeOptions::default())?);
+    }
+    Ok(seeds)
+}
+
+fn vdi(resolution: u32, random: &mut Random) -> Result<Vdi, lamina_model::Invalid> {
+    let (mut offsets, mut segments) = (vec![0], Vec::new());
+    for _ in 0..resolution * resolution {
+        let mut depth = 0;
+        for _ in 0..random.below(5) {
+            let start = depth + random.below(3) as u32;
+            depth = start + 1 + random.below(400) as u32;
+            let color = [0; 3].map(|_| random.below(256) as f32 / 255.0);
+            segments.push(Supersegment { start, end: depth, color, optical_depth: random.below(90) as f32 / 30.0 });
+        }
+        offsets.push(segments.len() as u32);
+    }
+    let header = VdiHeader {
+        camera: camera()?,
+        bounds: Aabb::new(DVec3::splat(-2.0), DVec3::splat(2.0))?,
+        step_length: 0.003,
+        params: GenerationParams::new(resolution, 0.02)?,
+        transfer_id: 7,
+        background: [0.0; 3],
+    };
+    Vdi::new(header, offsets, segments)
+}
+
+fn camera() -> Result<Camera, lamina_model::Invalid> {
+    Camera::new(DVec3::new(1.0, 2.0, 9.0), DVec3::ZERO, DVec3::Y, 35.0)
+}
+
+fn volume(dims: [usize; 3], random: &mut Random) -> Result<ReducedVolume, lamina_model::Invalid> {
+    let points = [0.3, 1.0].map(|at| ControlPoint { at, color: [1.0; 3], opacity: at - 0.3 });
+    let range = ScalarRange::new(0.0, 10.0, Scale::Linear)?;
+    let scene = Scene {
+        transfer: TransferFunction::new(range, Some(1.0), points.to_vec())?,
+        camera: camera()?,
+        background: [0.0; 3],
+        step_voxels: 0.5,
+        effects: Effects::default(),
+    };
+    let grid = Grid::new(dims, DVec3::ONE, DVec3::ZERO)?;
+    let params = GenerationParams::new(8, 0.01)?.with_representation(Representation::Volume);
+    let units = (0..grid.voxels()).map(|_| random.below(1000) as f32 / 900.0).collect();
+    ReducedVolume::new(grid, scene, params, units)
+}
+
+/// One of the files with bits flipped, bytes set, cut, doubled or made up, and its checksum made right again.
+fn case(random: &mut Random, seeds: &[Vec<u8>]) -> Vec<u8> {
+    let mut bytes = seeds[random.below(seeds.len())].clone();
+    bytes.truncate(bytes.len() - 4);
+    for _ in 0..1 + random.below(4) {
+        let at = random.below(bytes.len());
+        match random.below(6) {
+            0 => bytes[at] ^= 1 << random.below(8),
+            1 => bytes[at] = random.next() as u8,
+            2 => bytes.truncate(at.max(1)),
+            3 => bytes.extend((0..random.below(40)).map(|n| (n * 37) as u8)),
+            4 => bytes[at..].iter_mut().take(4).for_each(|b| *b = 0xff),
+            _ => bytes[at..].iter_mut().take(8).for_each(|b| *b = random.next() as u8),
+        }
+    }
+    if random.below(50) > 0 {
+        bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
+    }
+    bytes
+}

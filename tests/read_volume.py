@@ -1,0 +1,288 @@
+"""Reads a reduced volume's file, from the page proto/VOLUME-FORMAT.md alone, and prints its points (`nx ny nz`), its error
+bound, then a value a line, x fastest.
+Usage: read_volume.py FILE"""
+import struct, sys, zlib
+from bisect import bisect_left
+from ctypes import c_float
+
+CLASSES = [(0,), (1,), (2,), (0, 1), (0, 2), (1, 2), (0, 1, 2)]
+WEIGHTS = {1: (-8, 0), 2: (-4, -4, 0, 0), 3: (-3, -3, -3, 0, 0, 0, 0)}
+RATE = [16384 // (2 * n + 3) for n in range(128)]
+LIMITS = (60, 90, 40, 90, 60)
+
+
+def f32(x):
+    return c_float(x).value
+
+
+def clamp(x, low, high):
+    return low if x < low else high if x > high else x
+
+
+def bin8(n):
+    return n if n < 3 else 3 if n < 5 else 4 if n < 8 else 5 if n < 13 else 6 if n < 21 else 7
+
+
+def octave(x):
+    return clamp((struct.unpack("<I", struct.pack("<f", abs(x)))[0] >> 22) - 243, 0, 15)
+
+
+def sign3(x):
+    return 0 if x <= -1 else 2 if x >= 1 else 1
+
+
+def squash_and_stretch():
+    t, powers = 1 / 256, [1.0]
+    while len(powers) < 2048:
+        powers.append(powers[-1] * (1 + t * (1 + t / 2 * (1 + t / 3 * (1 + t / 4)))))
+    shares = [1 / (1 + powers[-x]) if x < 0 else powers[x] / (1 + powers[x]) for x in range(-2047, 2048)]
+    squash = [clamp(int(65536 * s), 32, 65504) for s in shares]
+    return squash, [min(bisect_left(squash, 16 * i + 8) - 2047, 2047) for i in range(4096)]
+
+
+SQUASH, STRETCH = squash_and_stretch()
+
+
+class Coder:
+    def __init__(self, data):
+        self.data, self.at, self.range = data + bytes(16), 8, 2**64 - 1
+        self.code = int.from_bytes(self.data[:8], "big")
+
+    def took(self):
+        if self.range < 2**32:
+            self.range <<= 32
+            self.code = self.code << 32 | int.from_bytes(self.data[self.at:self.at + 4].ljust(4, b"\0"), "big")
+            self.at += 4
+
+    def bit(self, p):
+        split = (self.range >> 16) * p
+        found = self.code < split
+        if found:
+            self.range = split
+        else:
+            self.code -= split
+            self.range -= split
+        self.took()
+        return found
+
+    def even(self, n):
+        if n > 16:
+            high = self.even(n - 16)
+            return high << 16 | self.even(16)
+        part = self.range >> n
+        found = min(self.code // part, 2**n - 1)
+        self.code -= found * part
+        self.range = part
+        self.took()
+        return found
+
+    def single(self, chances, index):
+        chance = chances.setdefault(index, [1 << 21, 0])
+        found = self.bit(clamp(chance[0] >> 6, 32, 65504))
+        learn(chance, found, 24)
+        return found
+
+    def mixed(self, tables, mixers, indices, mixer):
+        chances = [table.setdefault(i, [1 << 21, 0]) for table, i in zip(tables, indices)]
+        weights = mixers.setdefault(mixer, [22937] * 5)
+        stretched = [STRETCH[c[0] >> 10] for c in chances]
+        p = SQUASH[clamp(sum(w * s for w, s in zip(weights, stretched)) >> 16, -2047, 2047) + 2047]
+        found = self.bit(p)
+        e = (65536 if found else 0) - p >> 4
+        for i in range(5):
+            weights[i] = clamp(weights[i] + (stretched[i] * e + 2048 >> 12), -196608, 196608)
+            learn(chances[i], found, LIMITS[i])
+        return found
+
+
+def learn(chance, bit, limit):
+    p, count = chance
+    chance[0] = (p << 10) + ((2**22 - 1 if bit else 0) - p >> 3) * RATE[count] >> 10
+    chance[1] = min(count + 1, limit)
+
+
+class Band:
+    def __init__(self, data, size, bound):
+        self.low, self.high, first = struct.unpack_from("<3f", data)
+        if not -float("inf") < self.low <= first <= self.high < float("inf"):
+            sys.exit("damaged: a band's range is none")
+        self.coder, self.size, self.bound = Coder(data[12:]), size, bound
+        self.strides = (1, size[0], size[0] * size[1])
+        self.values = [first] * (size[0] * size[1] * size[2])
+        self.marks = [0] * len(self.values)
+        self.flags, self.own, self.larger, self.digit, self.signs = {}, {}, {}, {}, {}
+        self.tables, self.mixers = [{} for _ in range(5)], {}
+        before = None
+        for self.level in reversed(range((max(size) - 1).bit_length())):
+            before = self.one_level(1 << self.level, before)
+
+    def within(self, v):
+        return v if self.low <= v <= self.high else self.high if v > self.high else self.low
+
+    def one_level(self, h, before):
+        self.step = f32(f32(2 * self.bound) * ((self.coder.even(6) + 1) / 64))
+        self.scale = f32(1 / self.step)
+        self.bias = f32(self.step * (self.coder.even(5) / 64))
+        active, (bx, by, bz) = {}, (-(-n // (8 * h)) for n in self.size)
+        for z in range(bz):
+            for y in range(by):
+                for x in range(bx):
+                    c = before[x // 2, y // 2, z // 2] if before else 1
+                    for at in (x - 1, y, z), (x, y - 1, z), (x, y, z - 1), (x + 1, y - 1, z), (x, y + 1, z - 1):
+                        c = 2 * c + active.get(at, 0)
+                    active[x, y, z] = self.coder.single(self.flags, 2 * c + (h == 1))
+        for number, odd in enumerate(CLASSES):
+            xs, ys, zs = (range(h if a in odd else 0, self.size[a], 2 * h) for a in range(3))
+            if not (xs and ys and zs):
+                continue
+            weights = WEIGHTS[len(odd)]
+            if self.coder.single(self.own, 0):
+                weights = [(self.coder.even(8) ^ 128) - 128 for _ in weights]
+            weights = [w / 64 for w in weights]
+            for z in zs:
+                for y in ys:
+                    for x in xs:
+                        self.point((x, y, z), h, number, odd, weights, active[x // (8 * h), y // (8 * h), z // (8 * h)])
+        return active
+
+    def point(self, at, h, number, odd, weights, active):
+        i = sum(c * s for c, s in zip(at, self.strides))
+        expected, t0, slope, bend, near = self.expect(i, at, h, odd, weights)
+        self.values[i] = expected
+        if not active:
+            return
+        q = self.residual(i, at, h, number, t0, slope, bend, near)
+        if isinstance(q, float):
+            self.values[i], self.marks[i] = self.within(q), 127
+        elif q:
+            self.values[i] = self.within(f32(expected + f32(f32(q * self.step) - (self.bias if q > 0 else -self.bias))))
+            self.marks[i] = clamp(q, -127, 127)
+
+    def expect(self, i, at, h, odd, weights):
+        v, half = self.values, lambda a, b: f32(f32(a + b) * 0.5)
+
+        # Where the neighbours d before and after along an axis are, relative to the point.
+        def places(a, d, after_outside):
+            s = d * self.strides[a]
+            return -s if at[a] >= d else 0, s if at[a] + d < self.size[a] else after_outside * s
+
+        def mean4(a, b, i=i):
+            return half(*(half(v[i + p + places2[b][0]], v[i + p + places2[b][1]]) for p in places2[a]))
+
+        places2 = [places(a, h, -1) if a in odd else places(a, 2 * h, 0) for a in range(3)]
+        m, t, near, slope = [], [], [], 0.0
+        for a in odd:
+            one, two = (i + p for p in places2[a])
+            near += one, two
+            m.append(half(v[one], v[two]))
+            slope = max(slope, abs(f32(v[two] - v[one])))
+            if at[a] >= 3 * h and at[a] + 3 * h < self.size[a]:
+                one, two = i - 3 * h * self.strides[a], i + 3 * h * self.strides[a]
+            t.append(f32(half(v[one], v[two]) - m[-1]))
+        if len(odd) == 1:
+            base, (e, g) = m[0], (a for a in range(3) if a not in odd)
+            t.append(f32(half(mean4(*odd, e), mean4(*odd, g)) - base))
+            bend = max(abs(t[0]), abs(t[1]))
+        elif len(odd) == 2:
+            base = half(*m)
+            t += f32(m[0] - base), f32(mean4(*odd) - base)
+            bend = max(abs(t[2]), abs(t[3]))
+        else:
+            third = f32(1 / 3)
+            base = f32(f32(f32(m[0] + m[1]) + m[2]) * third)
+            faces = f32(f32(f32(mean4(0, 1) + mean4(0, 2)) + mean4(1, 2)) * third)
+            corners = half(*(mean4(0, 1, i + p) for p in places2[2]))
+            t += f32(m[0] - base), f32(m[1] - base), f32(faces - base), f32(corners - base)
+            bend = max(abs(t[3]), abs(t[4]), abs(f32(m[2] - base)), abs(t[5]))
+        expected = base
+        for w, difference in zip(weights, t):
+            expected = f32(expected + f32(w * difference))
+        return self.within(expected), t[0], slope, bend, near
+
+    # The number of steps, or a float: the value itself.
+    def residual(self, i, at, h, number, t0, slope, bend, places):
+        coder, marks, d = self.coder, self.marks, [2 * h * s for s in self.strides]
+        bx, by, bz = (marks[i - d[a]] if at[a] >= 2 * h else 0 for a in range(3))
+        beside, row = 0, 1 if at[1] >= 2 * h else 2
+        if at[0] + 2 * h < self.size[0] and at[row] >= 2 * h:
+            beside = abs(marks[i + d[0] - d[row]])
+        near, lean = min(sum(abs(marks[p]) for p in places), 255), sum(marks[p] for p in places)
+        back, order = abs(bx) + abs(by) + abs(bz), len(places) // 2 - 1
+        s, b = octave(f32(slope * self.scale)), octave(f32(bend * self.scale))
+        k, total = 3 * min(self.level, 2) + order, bin8(near + 2 * (back + beside))
+        x, y, z = (min(abs(n), 2) for n in (bx, by, bz))
+        contexts = (
+            (8 * k + bin8(near)) * 8 + bin8(back + beside),
+            (16 * order + s) * 16 + b,
+            (4 * number + min(self.level, 3)) * 16 + min(near + 2 * back + beside, 15),
+            (16 * order + b) * 8 + total,
+            ((9 * (3 * order + x) + 3 * y + z) * 4 + min(near, 3)) * 2 + min(beside, 1))
+        q = 0
+        while q < 3 and coder.mixed(self.tables, self.mixers, [(c, q) for c in contexts], (q, 2 * k + min(total, 1))):
+            q += 1
+        if q == 0:
+            return 0
+        if q == 3:
+            n = 0
+            while n < 20 and coder.single(self.larger, (total // 4, n)):
+                n += 1
+            if n == 20:
+                return struct.unpack("<f", struct.pack("<I", coder.even(32)))[0]
+            if n > 0:
+                second = coder.single(self.digit, n)
+                q += ((2 + second) << n - 1 | coder.even(n - 1)) - 1
+        index = 27 * order + 9 * sign3(f32(t0 * self.scale) * 16) + 3 * sign3(lean) + sign3(bx + by + bz)
+        return -q if coder.single(self.signs, index) else q
+
+
+# The fields of a protobuf message, the last one of each number.
+def fields(message):
+    found, at = {}, 0
+
+    def varint():
+        nonlocal at
+        value, shift = 0, 0
+        while True:
+            byte, at = message[at], at + 1
+            value |= (byte & 127) << shift
+            shift += 7
+            if byte < 128:
+                return value
+
+    while at < len(message):
+        key = varint()
+        if key & 7 == 0:
+            found[key >> 3] = varint()
+        else:
+            length = varint() if key & 7 == 2 else {1: 8, 5: 4}[key & 7]
+            found[key >> 3], at = message[at:at + length], at + length
+    return found
+
+
+data = open(sys.argv[1], "rb").read()
+if data[:4] != b"LVOL":
+    sys.exit("not a reduced volume: the magic bytes are missing")
+if len(data) < 14 or zlib.crc32(data[:-4]) != int.from_bytes(data[-4:], "little"):
+    sys.exit("damaged: the checksum differs")
+version, length = struct.unpack_from("<HI", data, 4)
+if version != 1 or length > min(262144, len(data) - 14):
+    sys.exit(f"version {version} with a header of {length} bytes is not known to this reader")
+header = fields(data[10:10 + length])
+grid, params = fields(header.get(1, b"")), fields(header.get(3, b""))
+nx, ny, nz = (grid.get(k, 0) for k in (1, 2, 3))
+if params.get(5) != 1 or not nx * ny * nz:
+    sys.exit("the header is not of a volume")
+bound = max(f32(struct.unpack("<d", params.get(2, bytes(8)))[0]), f32(1e-6))
+count = max(1, min(nx * ny * nz >> 22, nz // 16))
+at = 10 + length + 8 * count
+if at > len(data) - 4:
+    sys.exit("damaged: the lengths of the bands are missing")
+lengths = struct.unpack_from(f"<{count}Q", data, 10 + length)
+if min(lengths) < 12 or at + sum(lengths) != len(data) - 4:
+    sys.exit("damaged: the bands' lengths do not fit the file")
+print(nx, ny, nz)
+print("%.9g" % bound)
+for k in range(count):
+    band = Band(data[at:at + lengths[k]], (nx, ny, (k + 1) * nz // count - k * nz // count), bound)
+    print("\n".join("%.9g" % v for v in band.values))
+    at += lengths[k]

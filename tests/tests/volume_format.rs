@@ -1,0 +1,79 @@
+//! The volume format page against the codec: `read_volume.py`, written from the page alone and with Python's standard
+//! library, must see exactly what the codec sees.
+
+#![allow(clippy::unwrap_used)]
+
+use glam::DVec3;
+use lamina_model::{
+    Camera, ControlPoint, Effects, GenerationParams, Grid, ReducedVolume, Representation, ScalarRange, Scale, Scene,
+    TransferFunction,
+};
+use lamina_wire::codec::{DecodeLimits, volume};
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn read_volume(bytes: &[u8]) -> Output {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("x.lvol");
+    std::fs::write(&file, bytes).unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("read_volume.py");
+    Command::new("python3").arg(script).arg(file).output().unwrap()
+}
+
+fn reduced(dims: [usize; 3], bound: f64, unit: impl Fn(DVec3) -> f64) -> ReducedVolume {
+    let points = [0.3, 1.0].map(|at| ControlPoint { at, color: [1.0; 3], opacity: at - 0.3 });
+    let range = ScalarRange::new(0.0, 10.0, Scale::Linear).unwrap();
+    let scene = Scene {
+        transfer: TransferFunction::new(range, Some(1.0), points.to_vec()).unwrap(),
+        camera: Camera::new(DVec3::new(1.0, 2.0, 90.0), DVec3::ZERO, DVec3::Y, 35.0).unwrap(),
+        background: [0.0; 3],
+        step_voxels: 0.5,
+        effects: Effects::default(),
+    };
+    let grid = Grid::new(dims, DVec3::ONE, DVec3::ZERO).unwrap();
+    let [nx, ny, _] = dims;
+    let at = |n: usize| DVec3::new((n % nx) as f64, (n / nx % ny) as f64, (n / nx / ny) as f64);
+    let params = GenerationParams::new(8, bound).unwrap().with_representation(Representation::Volume);
+    ReducedVolume::new(grid, scene, params, (0..grid.voxels()).map(|n| unit(at(n)) as f32).collect()).unwrap()
+}
+
+#[test]
+fn an_independent_reader_sees_every_value() {
+    let waves = |p: DVec3| 0.5 + 0.3 * (0.5 * p.x).sin() * (0.4 * p.y).cos() + 0.02 * p.z;
+    let noise = |p: DVec3| ((p.x * 12.9898 + p.y * 78.233 + p.z * 37.719).sin() * 43_758.547).fract().abs();
+    let volumes = [
+        reduced([1, 1, 1], 0.1, waves),
+        reduced([17, 1, 1], 0.001, waves),
+        reduced([5, 4, 3], 0.01, noise),
+        reduced([21, 18, 13], 0.02, waves),
+        reduced([19, 23, 20], 0.002, |p| waves(p) + 0.02 * noise(p)),
+        // Values far from what is expected, and a bound so fine that some are sent as they are.
+        reduced([9, 9, 9], 1e-6, |p| if p.x == 4.0 { 7.0 - p.y } else { noise(p) }),
+    ];
+    for volume in volumes {
+        let bytes = volume::encode(&volume);
+        let back = volume::decode(&bytes, &DecodeLimits::default()).unwrap();
+        let output = read_volume(&bytes);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let text = String::from_utf8(output.stdout).unwrap();
+        let mut lines = text.lines();
+        let dims = volume.grid().dims();
+        assert_eq!(lines.next().unwrap(), format!("{} {} {}", dims[0], dims[1], dims[2]));
+        let bound: f64 = lines.next().unwrap().parse().unwrap();
+        assert!((bound - volume.params().gamma()).abs() <= 1e-7 * bound);
+        let values: Vec<f32> = lines.map(|l| l.parse().unwrap()).collect();
+        assert_eq!(values.len(), back.units().len());
+        let differ = values.iter().zip(back.units()).position(|(a, b)| a != b);
+        assert_eq!(differ, None, "{dims:?}: the first value that differs");
+    }
+}
+
+#[test]
+fn the_independent_reader_refuses_what_is_damaged() {
+    let bytes = volume::encode(&reduced([5, 4, 3], 0.01, |p| 0.1 * p.x));
+    for other in [&bytes[..bytes.len() - 1], b"P6 12 12 255", &[&bytes[..20], &[1], &bytes[21..]].concat()] {
+        let output = read_volume(other);
+        assert!(!output.status.success() && !output.stderr.is_empty());
+        assert!(!String::from_utf8_lossy(&output.stderr).contains("Traceback"));
+    }
+}
