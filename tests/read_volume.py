@@ -97,7 +97,7 @@ class Coder:
 
 def learn(chance, bit, limit):
     p, count = chance
-    chance[0] = (p << 10) + ((2**22 - 1 if bit else 0) - p >> 3) * RATE[count] >> 10
+    chance[0] = (p << 10) + count + ((2**22 - 1 if bit else 0) - p >> 3) * RATE[count] >> 10
     chance[1] = min(count + 1, limit)
 
 
@@ -226,11 +226,11 @@ class Band:
             n = 0
             while n < 20 and coder.single(self.larger, (total // 4, n)):
                 n += 1
-            if n == 20:
-                return struct.unpack("<f", struct.pack("<I", coder.even(32)))[0]
-            if n > 0:
+            if 0 < n < 20:
                 second = coder.single(self.digit, n)
                 q += ((2 + second) << n - 1 | coder.even(n - 1)) - 1
+            if n == 20 or q == 1 << 20:
+                return struct.unpack("<f", struct.pack("<I", coder.even(32)))[0]
         index = 27 * order + 9 * sign3(f32(t0 * self.scale) * 16) + 3 * sign3(lean) + sign3(bx + by + bz)
         return -q if coder.single(self.signs, index) else q
 
