@@ -227,6 +227,20 @@ fn voxels_that_are_not_finite_are_drawn_as_empty_and_counted() {
     lamina(&["replay", &text(&path), "--headless", "--resolution", "32", "--gamma", "0.1", "--out", &run_out]);
     let csv = std::fs::read_to_string(folder.path().join("run/steps.csv")).unwrap();
     assert_eq!(StepRow::from_csv(csv.lines().nth(1).unwrap()).unwrap().empty_voxels, 2);
+
+    // Volumes cannot hold them: VDIs can, whether volumes were asked for or are only among what is tried.
+    let volumes = ["--representation", "volume", "--resolution", "32", "--gamma", "0.1"];
+    let out = folder.path().join("volumes");
+    lamina(&[&["replay", &text(&path), "--headless", "--out", &text(&out)], &volumes[..]].concat());
+    let csv = std::fs::read_to_string(out.join("steps.csv")).unwrap();
+    assert_eq!(StepRow::from_csv(csv.lines().nth(1).unwrap()).unwrap().representation.name(), "vdi");
+    let tuned = lamina(&["tune", &text(&path), "--contract", "size <= 1MB", "--grid", "32:64:32,0.01:0.1:0.05"]);
+    let best = tuned.lines().find(|l| l.starts_with("best")).unwrap_or_else(|| panic!("{tuned}"));
+    assert!(best.contains("vdi"), "{tuned}");
+    refused(
+        &[&["generate", &text(&path), "--out", &text(&out)], &volumes[..]].concat(),
+        &["representation", "2 voxels"],
+    );
 }
 
 #[test]
