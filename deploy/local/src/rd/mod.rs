@@ -95,7 +95,7 @@ impl Bench {
             }
         }
         let whole = samples[..BOUNDS.len()].to_vec();
-        Ok([Curve::new("volume, all points", whole), Curve::new("volume", samples)])
+        Ok([Curve::new("volume, whole", whole), Curve::new("volume", samples)])
     }
 }
 
