@@ -73,7 +73,7 @@ def volumes(values, out):
     floor = np.percentile(above, 1.0) if above.size else 0.0
     if floor > 0 and high / floor > 100:
         # Over more than two decades the logarithm is what is looked at.
-        logs = np.log10(np.maximum(values, floor)).astype(np.float32)
+        logs = np.log10(np.maximum(values, above.min())).astype(np.float32)
         scales.append((" of log10", logs, np.log10(high / floor), lambda v: np.power(np.float32(10), v)))
     for name, codec in (("SZ3", sz3), ("zfp", zfp)):
         for what, scaled, width, back in scales:
