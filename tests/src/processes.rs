@@ -3,6 +3,7 @@
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicU16, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 /// The built binary `name`, beside this test's own.
@@ -16,13 +17,16 @@ pub fn binary(name: &str) -> PathBuf {
     path
 }
 
-/// A port nobody listens on now.
+/// A port nobody listens on now, below those that systems hand to outgoing connections, and never the same one twice:
+/// until the daemon it is for listens there, nobody else takes it.
 ///
 /// # Panics
 /// If there is none.
 pub fn free_port() -> u16 {
-    let any = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
-    any.local_addr().expect("a bound listener has an address").port()
+    static NEXT: AtomicU16 = AtomicU16::new(0);
+    let first = 10_000 + (std::process::id() % 200) as u16 * 100;
+    let free = |port: &u16| TcpListener::bind((Ipv4Addr::LOCALHOST, *port)).is_ok();
+    (0..1000).map(|_| first + NEXT.fetch_add(1, Relaxed)).find(free).expect("a free port")
 }
 
 /// A daemon that is killed when dropped.
