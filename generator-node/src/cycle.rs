@@ -88,9 +88,7 @@ pub fn encode(
     generation_time: Duration,
     options: &EncodeOptions,
 ) -> Result<(Vec<u8>, v1::Cost), Invalid> {
-    let generated = Instant::now();
-    let bytes = codec::encode_any(intermediate, options).map_err(|e| Invalid::new("vdi", e.to_string()))?;
-    let (generation_time, encode_time) = intermediate.representation().times(generation_time, generated.elapsed());
+    let (bytes, [generation_time, encode_time]) = codec::encode_timed(intermediate, generation_time, options)?;
     let cost = v1::Cost {
         size_bytes: bytes.len() as u64,
         generation_ns: generation_time.as_nanos() as u64,
@@ -278,49 +276,59 @@ impl Cycle {
     /// The step with the setting's parameters, or with the first fallback that keeps the size limit. Where none of them can be
     /// used, as volumes cannot where voxels are missing, a VDI as the node starts with, or the first that keeps the limit of
     /// ever coarser ones.
-    fn generate_within(
-        &self,
-        prepared: &Prepared,
-        setting: &Setting,
-    ) -> Result<(GenerationParams, Vec<u8>, v1::Cost), Invalid> {
-        let mut best: Option<(GenerationParams, Vec<u8>, v1::Cost)> = None;
-        let (mut generation_ns, mut encode_ns) = (0, 0);
-        let mut failure = None;
-        let mut usable = false;
-        let chosen = std::iter::once(setting.params).chain(setting.fallbacks.iter().copied());
-        let all = chosen.map(|p| (p, true)).chain(last_resort(&self.shared.params).map(|p| (p, false)));
-        for (params, is_chosen) in all {
-            if !is_chosen && usable {
-                break;
-            }
-            let params = &params;
-            let (bytes, cost) = match prepared.measure(params, &self.shared.options) {
-                Ok(measured) => {
-                    usable |= is_chosen;
-                    measured
-                }
+    fn generate_within(&self, prepared: &Prepared, setting: &Setting) -> Result<Generated, Invalid> {
+        let limit = setting.limits.size_bytes;
+        let mut attempts =
+            Attempts { prepared, options: &self.shared.options, limit, spent_ns: [0; 2], best: Err(None) };
+        attempts.until_one_fits(std::iter::once(setting.params).chain(setting.fallbacks.iter().copied()));
+        if attempts.best.is_err() {
+            attempts.until_one_fits(last_resort(&self.shared.params));
+        }
+        // The step's cost is that of all attempts.
+        let [generation_ns, encode_ns] = attempts.spent_ns;
+        let none = || Invalid::new("params", "none to generate with");
+        let (params, bytes, cost) = attempts.best.map_err(|why| why.unwrap_or_else(none))?;
+        Ok((params, bytes, v1::Cost { generation_ns, encode_ns, ..cost }))
+    }
+}
+
+/// What stands for a step: how it was made, its bytes, what they cost.
+type Generated = (GenerationParams, Vec<u8>, v1::Cost);
+
+/// Attempts at one step.
+struct Attempts<'a> {
+    prepared: &'a Prepared,
+    options: &'a EncodeOptions,
+    limit: Option<u64>,
+    /// Generating and encoding.
+    spent_ns: [u64; 2],
+    /// The smallest so far; why there is none.
+    best: Result<Generated, Option<Invalid>>,
+}
+
+impl Attempts<'_> {
+    fn until_one_fits(&mut self, all: impl Iterator<Item = GenerationParams>) {
+        let step = self.prepared.step;
+        for params in all {
+            let (bytes, cost) = match self.prepared.measure(&params, self.options) {
+                Ok(measured) => measured,
                 Err(error) => {
-                    tracing::warn!(step = prepared.step, %error, "trying other parameters");
-                    failure = Some(error);
+                    tracing::warn!(step, %error, "trying other parameters");
+                    if let Err(why) = &mut self.best {
+                        *why = Some(error);
+                    }
                     continue;
                 }
             };
-            (generation_ns, encode_ns) = (generation_ns + cost.generation_ns, encode_ns + cost.encode_ns);
-            let kept = setting.limits.size_bytes.is_none_or(|limit| cost.size_bytes <= limit);
-            if best.as_ref().is_none_or(|(_, smallest, _)| bytes.len() < smallest.len()) {
-                best = Some((*params, bytes, cost));
+            self.spent_ns[0] += cost.generation_ns;
+            self.spent_ns[1] += cost.encode_ns;
+            if !matches!(&self.best, Ok((_, smallest, _)) if smallest.len() <= bytes.len()) {
+                self.best = Ok((params, bytes, cost));
             }
-            if kept {
-                break;
+            if self.limit.is_none_or(|limit| cost.size_bytes <= limit) {
+                return;
             }
-            tracing::info!(
-                step = prepared.step,
-                bytes = cost.size_bytes,
-                "above the size limit; trying smaller parameters"
-            );
+            tracing::info!(step, bytes = cost.size_bytes, "above the size limit; trying smaller parameters");
         }
-        // The step's cost is that of all attempts.
-        let whole = |(params, bytes, cost)| (params, bytes, v1::Cost { generation_ns, encode_ns, ..cost });
-        best.map(whole).ok_or_else(|| failure.unwrap_or_else(|| Invalid::new("params", "none to generate with")))
     }
 }

@@ -65,10 +65,26 @@ impl Browser {
         assert!(holds, "not so: {condition}; the page says {}", self.js("document.body.innerText"));
     }
 
+    /// Presses `key`, by its WebDriver code.
+    fn key(&self, name: &str) {
+        let code = match name {
+            "Home" => "\u{e011}",
+            "End" => "\u{e010}",
+            other => other,
+        };
+        let keys = json!([{"type": "keyDown", "value": code}, {"type": "keyUp", "value": code}]);
+        self.post("/actions", &json!({"actions": [{"type": "key", "id": "keys", "actions": keys}]}));
+    }
+
     /// Presses the mouse in the middle of `selector`, moves by (`dx`, `dy`), releases.
     fn drag(&self, selector: &str, dx: i32, dy: i32) {
-        let element = self.post("/element", &json!({"using": "css selector", "value": selector}));
-        let mouse = |x: i32, y: i32| json!({"type": "pointerMove", "duration": 50, "origin": &element, "x": x, "y": y});
+        // Places on the page, not in the element: it may be drawn anew while the mouse is on its way.
+        let middle = self.js(&format!(
+            "(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{block: 'nearest'}}); \
+             const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2].map(Math.round) }})()"
+        ));
+        let [x0, y0] = [0, 1].map(|i| middle[i].as_i64().unwrap() as i32);
+        let mouse = |x: i32, y: i32| json!({"type": "pointerMove", "duration": 50, "origin": "viewport", "x": x0 + x, "y": y0 + y});
         let actions = json!([mouse(0, 0), {"type": "pointerDown", "button": 0}, mouse(dx / 2, dy / 2), mouse(dx, dy), {"type": "pointerUp", "button": 0}]);
         let pointer =
             json!({"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": actions});
@@ -89,15 +105,58 @@ const LIT: &str = "(() => { const c = document.querySelector('#picture'); \
     const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; let n = 0; \
     for (let i = 0; i < d.length; i += 4) n += d[i] + d[i + 1] + d[i + 2] > 30; return 4 * n / d.length })()";
 
-#[test]
-fn the_page_shows_the_newest_step_and_the_mouse_turns_it() {
+/// `lamina live` with `arguments`, and a browser that looks at it.
+fn watched(arguments: &[&str]) -> (Daemon, Browser, tempfile::TempDir) {
     let port = free_port();
     let viewer = format!("127.0.0.1:{port}");
-    let lamina = Daemon::start_plain("lamina", port, &["live", "--cells", "24", "--steps", "400", "--viewer", &viewer]);
+    let lamina = Daemon::start_plain("lamina", port, &[&["live", "--viewer", &viewer], arguments].concat());
     let profile = tempfile::tempdir().unwrap();
     let browser = Browser::open(&profile.path().display().to_string());
     browser.post("/url", &json!({"url": format!("{}/", lamina.url())}));
+    (lamina, browser, profile)
+}
 
+/// Nothing went wrong on the page, and its server stops when told to.
+fn end(browser: &Browser, lamina: Daemon) {
+    let log = browser.post("/se/log", &json!({"type": "browser"}));
+    let errors: Vec<_> = log.as_array().unwrap().iter().filter(|e| e["level"] == "SEVERE").collect();
+    assert!(errors.is_empty(), "{errors:?}");
+    assert_eq!(lamina.terminate(), Some(0));
+}
+
+/// A number for all of the picture, most likely another for another picture.
+const PICTURE: &str = "(() => { const c = document.querySelector('#picture'); \
+    return c.getContext('2d').getImageData(0, 0, c.width, c.height).data.reduce((h, x) => (31 * h + x) | 0, 7) })()";
+/// The chosen step is drawn, not as a draft.
+const DRAWN: &str = "(() => { const c = document.querySelector('#picture').dataset; return Number(c.size) > 256 && \
+    c.step === document.querySelector('#timeline').ariaValueNow && !document.querySelector('#stage').ariaBusy })()";
+
+#[test]
+fn a_volume_is_drawn_in_the_colours_chosen_on_the_page() {
+    let arguments = ["--cells", "24", "--steps", "60", "--representation", "volume"];
+    let (lamina, browser, _profile) = watched(&arguments);
+    browser.wait_js("document.querySelector('#picture').dataset.step !== undefined");
+    browser.js("document.querySelector('#colours summary').click()");
+    browser.js("document.querySelector('#timeline').focus()");
+    browser.key("End");
+    browser
+        .wait_js("document.querySelectorAll('#curve .corner').length > 1 && document.querySelector('#fixed').hidden");
+    browser.wait_js(DRAWN);
+    let recorded = browser.js(PICTURE);
+
+    // The last point becomes transparent: dragged to the bottom.
+    browser.drag("#curve .corner:last-of-type", 0, 90);
+    browser.wait_js(&format!("{DRAWN} && {PICTURE} !== {recorded}"));
+    browser.wait_js("document.querySelector('#corner').textContent.endsWith('opacity 0')");
+    // Back, to the last pixel.
+    browser.js("document.querySelector('#recorded-colours').click()");
+    browser.wait_js(&format!("{DRAWN} && {PICTURE} === {recorded}"));
+    end(&browser, lamina);
+}
+
+#[test]
+fn the_page_shows_the_newest_step_and_the_mouse_turns_it() {
+    let (lamina, browser, _profile) = watched(&["--cells", "24", "--steps", "400"]);
     browser.wait_js("document.querySelector('#picture').dataset.step !== undefined");
     browser.wait_js("document.querySelector('#psnr').textContent.includes('dB')");
     assert!(browser.js(LIT).as_f64().unwrap() > 0.02, "the blast is seen");
@@ -127,8 +186,10 @@ fn the_page_shows_the_newest_step_and_the_mouse_turns_it() {
     assert_eq!(browser.js("document.querySelector('#picture').dataset.step"), chosen);
     assert!(chosen.as_str().unwrap().parse::<u64>().unwrap() < before, "{chosen} is not the newest");
 
-    let log = browser.post("/se/log", &json!({"type": "browser"}));
-    let errors: Vec<_> = log.as_array().unwrap().iter().filter(|e| e["level"] == "SEVERE").collect();
-    assert!(errors.is_empty(), "{errors:?}");
-    assert_eq!(lamina.terminate(), Some(0));
+    // The first step is a VDI: its colours are its data.
+    browser.js("document.querySelector('#colours summary').click()");
+    browser.js("document.querySelector('#timeline').focus()");
+    browser.key("Home");
+    browser.wait_js("!document.querySelector('#fixed').hidden && document.querySelector('#editor').hidden");
+    end(&browser, lamina);
 }

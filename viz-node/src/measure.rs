@@ -95,7 +95,7 @@ impl Meter {
         let step = frame.step;
         let decoded = codec::decode_any(&payload, &self.limits).map_err(|e| format!("step {step}: {e}"))?;
         let shown = Prepared::new(decoded);
-        let quality = self.reference_of(frame).map(|r| self.backend.measure(&shown, &r, 0..r.plan.batches)).transpose();
+        let quality = self.reference_of(frame).map(|r| self.backend.quality(&shown, &r, 0..r.plan.batches)).transpose();
         let quality = quality.map_err(|e| format!("step {step}: {e}"))?;
         let row = StepRow::new(frame, quality.as_ref());
         let bytes = row.size_bytes;

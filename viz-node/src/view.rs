@@ -1,8 +1,9 @@
 //! A picture of a recorded step from an orbiting camera, as PNG.
 
-use crate::kernel::Backend;
+use crate::kernel::{Backend, Prepared};
 use crate::store::{Store, StoreError};
-use lamina_model::{Image, Invalid};
+use lamina_model::{ControlPoint, Image, Invalid};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// What the page asks for.
@@ -42,20 +43,55 @@ pub enum ViewError {
 /// Largest side of a picture for the page.
 const MAX_SIZE: u32 = 2048;
 
-/// Draws `step` of `store` with `backend`.
-///
-/// # Errors
-/// If the step is not held, or the orbit is out of bounds.
-pub fn picture(store: &Store, backend: &Backend, step: u64, orbit: Orbit) -> Result<Picture, ViewError> {
-    if orbit.size > MAX_SIZE {
-        return Err(Invalid::new("size", format!("{} exceeds {MAX_SIZE} pixels", orbit.size)).into());
+/// Draws steps, from anywhere and, where they are volumes, in other colours.
+pub struct Painter {
+    store: Arc<Store>,
+    backend: Backend,
+    recoloured: Mutex<Option<Recoloured>>,
+}
+
+/// The volume last drawn in other colours: the next picture of it is likely to be in the same.
+struct Recoloured {
+    from: Arc<Prepared>,
+    points: Vec<ControlPoint>,
+    shown: Arc<Prepared>,
+}
+
+impl Painter {
+    /// Draws what `store` holds with `backend`.
+    pub fn new(store: Arc<Store>, backend: Backend) -> Self {
+        Self { store, backend, recoloured: Mutex::new(None) }
     }
-    let shown = store.prepared(step)?;
-    let camera = shown.camera().orbit(orbit.azimuth_deg, orbit.elevation_deg, orbit.zoom)?;
-    let start = Instant::now();
-    let image = backend.show(&shown, &camera, orbit.size, orbit.size)?;
-    let render_time = start.elapsed();
-    Ok(Picture { step, png: png(&image)?, render_time })
+
+    /// Draws `step`, under `points` if there are any: they take the place of its transfer function's, and what that leaves
+    /// transparent stays so.
+    ///
+    /// # Errors
+    /// If the step is not held, the orbit is out of bounds, or there are points and they cannot be used.
+    pub fn picture(&self, step: u64, orbit: Orbit, points: Option<Vec<ControlPoint>>) -> Result<Picture, ViewError> {
+        if orbit.size > MAX_SIZE {
+            return Err(Invalid::new("size", format!("{} exceeds {MAX_SIZE} pixels", orbit.size)).into());
+        }
+        let mut shown = self.store.prepared(step)?;
+        let camera = shown.camera().orbit(orbit.azimuth_deg, orbit.elevation_deg, orbit.zoom)?;
+        let start = Instant::now();
+        if let Some(points) = points {
+            shown = self.recoloured(shown, points)?;
+        }
+        let image = self.backend.render(&shown, &camera, orbit.size, orbit.size)?;
+        let render_time = start.elapsed();
+        Ok(Picture { step, png: png(&image)?, render_time })
+    }
+
+    fn recoloured(&self, from: Arc<Prepared>, points: Vec<ControlPoint>) -> Result<Arc<Prepared>, Invalid> {
+        let mut last = self.recoloured.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(last) = last.as_ref().filter(|l| Arc::ptr_eq(&l.from, &from) && l.points == points) {
+            return Ok(last.shown.clone());
+        }
+        let shown = Arc::new(from.with_points(points.clone())?);
+        *last = Some(Recoloured { from, points, shown: shown.clone() });
+        Ok(shown)
+    }
 }
 
 /// `image` as an 8-bit RGB PNG.

@@ -72,7 +72,7 @@ impl Outputs {
         for angle_deg in ANGLES_DEG {
             let camera = scene.camera.rotated_about_y(angle_deg)?;
             let reference = Backend::cpu().raycast(&field, &camera, PICTURE_SIZE, PICTURE_SIZE)?;
-            let rendered = viewer.show(&shown, &camera, PICTURE_SIZE, PICTURE_SIZE)?;
+            let rendered = viewer.render(&shown, &camera, PICTURE_SIZE, PICTURE_SIZE)?;
             let pair = PicturePair {
                 step: row.step,
                 angle_deg,

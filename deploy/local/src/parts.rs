@@ -91,7 +91,7 @@ pub fn render(arguments: &cli::Render) -> anyhow::Result<()> {
     let (camera, size) = (shown.camera().rotated_about_y(arguments.view.view)?, arguments.view.size);
     let backend = lamina_viz_node::kernel::Backend::open(arguments.backend)?;
     let start = Instant::now();
-    let image = backend.show(&shown, &camera, size, size)?;
+    let image = backend.render(&shown, &camera, size, size)?;
     println!("render_ms {:.1}", start.elapsed().as_secs_f64() * 1e3);
     picture_file::write(&arguments.view.out, &image)
 }

@@ -11,8 +11,11 @@ use super::effects::Effects;
 use super::skip::{self, SkipMap};
 use glam::DVec3;
 use half::f16;
-use lamina_model::{Grid, ReducedVolume, ScalarRange, Scale, Scene, Volume, Voxels, for_voxels};
+use lamina_model::{
+    Grid, Invalid, ReducedVolume, ScalarRange, Scale, Scene, TransferFunction, Volume, Voxels, for_voxels,
+};
 use rayon::prelude::*;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Voxels under a scene.
@@ -21,7 +24,7 @@ pub struct Field {
     id: u64,
     grid: Grid,
     scene: Scene,
-    stored: Stored,
+    stored: Arc<Stored>,
     /// Position in the range = `scale` * stored + `offset`.
     scale: f64,
     offset: f64,
@@ -68,22 +71,35 @@ impl Field {
             Stored::F32(_) => (1.0, 0.0),
             _ => (1.0 / (range.hi() - range.lo()), (moved - range.lo()) / (range.hi() - range.lo())),
         };
-        Self { empty_voxels, ..Self::of(grid, scene.clone(), stored, [scale, offset]) }
+        Self { empty_voxels, ..Self::of(grid, scene.clone(), Arc::new(stored), [scale, offset]) }
     }
 
     /// A reduced volume, ready to be drawn.
     pub fn of_reduced(volume: ReducedVolume) -> Self {
         let (grid, scene, units) = volume.into_parts();
-        Self::of(grid, scene, Stored::F32(units), [1.0, 0.0])
+        Self::of(grid, scene, Arc::new(Stored::F32(units)), [1.0, 0.0])
     }
 
-    fn of(grid: Grid, scene: Scene, stored: Stored, [scale, offset]: [f64; 2]) -> Self {
+    /// The same voxels, which both share, under another transfer function over the same range.
+    ///
+    /// # Errors
+    /// If it is over another.
+    pub fn with_transfer(&self, transfer: TransferFunction) -> Result<Self, Invalid> {
+        if transfer.range() != self.scene.transfer.range() {
+            return Err(Invalid::new("transfer.range", "not the one the voxels were brought to"));
+        }
+        let scene = Scene { transfer, ..self.scene.clone() };
+        let field = Self::of(self.grid, scene, self.stored.clone(), [self.scale, self.offset]);
+        Ok(Self { empty_voxels: self.empty_voxels, ..field })
+    }
+
+    fn of(grid: Grid, scene: Scene, stored: Arc<Stored>, [scale, offset]: [f64; 2]) -> Self {
         static FIELDS: AtomicU64 = AtomicU64::new(0);
         let id = FIELDS.fetch_add(1, Ordering::Relaxed);
         let unit = |x: f32| (scale * f64::from(x) + offset) as f32;
         let surfaces: Vec<f32> =
             scene.effects.isosurfaces.iter().map(|s| scene.transfer.range().unit_from_value(s.value)).collect();
-        let skip = for_stored!(&stored, v => SkipMap::new(&grid, v, scene.effects.look_beside(), |lo, hi| {
+        let skip = for_stored!(&*stored, v => SkipMap::new(&grid, v, scene.effects.look_beside(), |lo, hi| {
             let (lo, hi) = (unit(lo), unit(hi));
             !scene.transfer.is_transparent(lo, hi) || surfaces.iter().any(|s| (lo..=hi).contains(s))
         }));
@@ -161,7 +177,7 @@ impl Field {
             stride *= dims[axis];
         }
         let lerp = |a: f64, b: f64, w: f64| a + w * (b - a);
-        let value = for_stored!(&self.stored, v => {
+        let value = for_stored!(&*self.stored, v => {
             let along_x = |i: usize| lerp(skip::Scalar::wide(v[i]), skip::Scalar::wide(v[i + next[0]]), w[0]);
             let along_y = |i: usize| lerp(along_x(i), along_x(i + next[1]), w[1]);
             lerp(along_y(base), along_y(base + next[2]), w[2])

@@ -29,9 +29,9 @@ pub fn reduce(field: &Field, params: &GenerationParams) -> Result<ReducedVolume,
     let (scale, offset) = field.unit_from_stored();
     let (least, most) = ends(field);
     let unit = |x: f64| ((scale * x + offset) as f32).clamp(least, most);
-    let units = for_stored!(field.stored(), v => v.par_iter().map(|x| unit(x.wide())).collect::<Vec<f32>>());
     let fewer = if lit(field) { dims } else { reduced_dims(dims, params.resolution()) };
-    let units = (0..3).fold((units, dims), |(values, dims), axis| shrink(values, dims, axis, fewer[axis])).0;
+    let slices = for_stored!(field.stored(), v => shrink_slices(v, |x| unit(x.wide()), dims, fewer));
+    let units = shrink_along_z(slices, dims, fewer);
     let spacing = DVec3::from_array(std::array::from_fn(|a| {
         // One sample point is drawn one spacing thick.
         let intervals = |n: usize| n.max(2) as f64 - 1.0;
@@ -100,31 +100,61 @@ fn weights(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
     (0..to).map(of).collect()
 }
 
-/// `values` of a grid of `dims` with `to` points along `axis`, and the new grid's sides.
-fn shrink(values: Vec<f32>, dims: [usize; 3], axis: usize, to: usize) -> (Vec<f32>, [usize; 3]) {
-    if to == dims[axis] {
-        return (values, dims);
-    }
-    let weights = weights(dims[axis], to);
-    // Points that lie side by side along all axes before this one move together.
-    let run: usize = dims[..axis].iter().product();
-    let mut out = vec![0.0; values.len() / dims[axis] * to];
-    out.par_chunks_mut(run * to).zip(values.par_chunks(run * dims[axis])).for_each(|(out, values)| {
-        if run == 1 {
-            for (out, (first, weights)) in out.iter_mut().zip(&weights) {
-                *out = values[*first..].iter().zip(weights).map(|(v, w)| v * w).sum();
+/// Rows summed at once.
+const ROWS: usize = 8;
+
+/// `units` of `voxels`, of a grid of `dims`, with as many points along x and y as `fewer` has. A slice at a time, so that the
+/// volume is read once and only what is left of it is written.
+fn shrink_slices<V: Scalar>(
+    voxels: &[V],
+    unit: impl Fn(V) -> f32 + Sync,
+    [nx, ny, nz]: [usize; 3],
+    [fx, fy, _]: [usize; 3],
+) -> Vec<f32> {
+    let (along_x, along_y) = (weights(nx, fx), weights(ny, fy));
+    let mut out = vec![0.0; fx * fy * nz];
+    let init = || (vec![[0.0; ROWS]; nx], vec![0.0; fx * ny]);
+    let slices = out.par_chunks_exact_mut(fx * fy).zip(voxels.par_chunks_exact(nx * ny));
+    slices.for_each_init(init, |(across, narrow), (out, voxels)| {
+        for (rows, narrow) in voxels.chunks(ROWS * nx).zip(narrow.chunks_mut(ROWS * fx)) {
+            for (lane, row) in rows.chunks_exact(nx).enumerate() {
+                across.iter_mut().zip(row).for_each(|(a, &v)| a[lane] = unit(v));
             }
-            return;
+            for (x, (first, weights)) in along_x.iter().enumerate() {
+                let mut sums = [0.0; ROWS];
+                for (column, w) in across[*first..].iter().zip(weights) {
+                    sums.iter_mut().zip(column).for_each(|(s, v)| *s += w * v);
+                }
+                narrow[x..].iter_mut().step_by(fx).zip(sums).for_each(|(n, s)| *n = s);
+            }
         }
-        out.par_chunks_exact_mut(run).zip(&weights).for_each(|(out, (first, weights))| {
-            for (values, w) in values[first * run..].chunks_exact(run).zip(weights) {
-                out.iter_mut().zip(values).for_each(|(o, v)| *o += w * v);
-            }
-        });
+        for (out, (first, weights)) in out.chunks_exact_mut(fx).zip(&along_y) {
+            weighted_sum(out, &narrow[first * fx..], weights);
+        }
     });
-    let mut fewer = dims;
-    fewer[axis] = to;
-    (out, fewer)
+    out
+}
+
+/// `values`, all of whose slices are left, with as many as `fewer` has.
+fn shrink_along_z(values: Vec<f32>, dims: [usize; 3], fewer: [usize; 3]) -> Vec<f32> {
+    if fewer[2] == dims[2] {
+        return values;
+    }
+    let (weights, row) = (weights(dims[2], fewer[2]), fewer[0]);
+    let slice = row * fewer[1];
+    let mut out = vec![0.0; slice * fewer[2]];
+    out.par_chunks_exact_mut(slice).zip(&weights).for_each(|(out, (first, weights))| {
+        weighted_sum(out, &values[first * slice..], weights);
+    });
+    out
+}
+
+/// The sum of the runs, each as long as `out`, that follow each other in `values`, each times its weight.
+fn weighted_sum(out: &mut [f32], values: &[f32], weights: &[f32]) {
+    out.fill(0.0);
+    for (values, w) in values.chunks_exact(out.len()).zip(weights) {
+        out.iter_mut().zip(values).for_each(|(o, v)| *o += w * v);
+    }
 }
 
 #[cfg(test)]

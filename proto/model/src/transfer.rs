@@ -302,6 +302,35 @@ impl TransferFunction {
         parts
     }
 
+    /// The same where `recorded`, over the same range, shows anything, and transparent elsewhere.
+    ///
+    /// # Errors
+    /// If that takes more than [`Self::MAX_POINTS`] points.
+    pub fn where_shown_by(&self, recorded: &Self) -> Result<Self, Invalid> {
+        let own = |u: f32| {
+            let (color, opacity) = self.at(u);
+            ControlPoint { at: f64::from(u).clamp(0.0, 1.0), color, opacity }
+        };
+        let clear = |u: f32| ControlPoint { opacity: 0.0, ..own(u) };
+        let mut points = Vec::new();
+        let mut from = f32::NEG_INFINITY;
+        for [lo, hi] in recorded.transparent_parts().into_iter().chain([[f32::INFINITY; 2]]) {
+            // No single-precision position lies between the ends of two neighbouring intervals.
+            let to = lo.next_down();
+            if from < to {
+                points.push(own(from));
+                let between = |p: &&ControlPoint| p.at > f64::from(from) && p.at < f64::from(to);
+                points.extend(self.points.iter().filter(between));
+                points.push(own(to));
+            }
+            if lo < f32::INFINITY {
+                points.extend([clear(lo), clear(hi)]);
+            }
+            from = hi.next_up();
+        }
+        Self::new(self.range, self.unit_length, points)
+    }
+
     /// The positions outside which everything is transparent, ends included; empty (`lo > hi`) if nothing shows.
     pub fn visible_hull(&self) -> [f32; 2] {
         let shines = |p: &ControlPoint| p.opacity > 0.0;
@@ -370,6 +399,39 @@ mod tests {
         // Neither 0.1 nor 0.7 is a single-precision number.
         let [[a, b]] = parts(vec![p(0.0, 0.1), p(0.1, 0.0), p(0.7, 0.0), p(0.8, 0.1)])[..] else { panic!() };
         assert!(f64::from(a) >= 0.1 && f64::from(a) < 0.1 + 1e-7 && f64::from(b) <= 0.7 && f64::from(b) > 0.7 - 1e-6);
+    }
+
+    #[test]
+    fn another_function_is_held_to_what_one_shows() {
+        let p = |at, opacity| ControlPoint { at, color: [at, 1.0 - at, 0.5], opacity };
+        let tf = |points: Vec<ControlPoint>| {
+            TransferFunction::new(ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap(), None, points).unwrap()
+        };
+        let recorded = [
+            tf(vec![p(0.1, 0.0), p(0.3, 0.5), p(0.5, 0.0), p(0.7, 0.0), p(0.7, 0.4), p(0.9, 0.4), p(0.9, 0.0)]),
+            tf(vec![p(0.0, 0.5), p(0.0, 0.0), p(1.0, 0.0), p(1.0, 0.5)]),
+            tf(vec![p(0.5, 0.0)]),
+            tf(vec![p(0.5, 0.1)]),
+        ];
+        let wished = [
+            tf(vec![p(0.0, 1.0)]),
+            tf(vec![p(0.2, 0.0), p(0.2, 0.3), p(0.6, 1.0), p(0.8, 0.0), p(0.8, 0.9), p(1.0, 0.1)]),
+        ];
+        for (recorded, wished) in recorded.iter().flat_map(|r| wished.iter().map(move |w| (r, w))) {
+            let held = wished.where_shown_by(recorded).unwrap();
+            let corners = [0.0, 0.1, 0.2, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0_f32];
+            let beside = corners.iter().flat_map(|c| [c.next_down(), *c, c.next_up()]);
+            for u in (-20..=120).map(|n| n as f32 * 0.01).chain(beside) {
+                let (color, opacity) = held.at(u);
+                if recorded.is_transparent(u, u) {
+                    assert_eq!(opacity, 0.0, "{u}");
+                } else {
+                    let (wanted, of) = wished.at(u);
+                    assert!((opacity - of).abs() < 1e-6, "{u}: {opacity} {of}");
+                    assert!((0..3).all(|c| (color[c] - wanted[c]).abs() < 1e-6), "{u}");
+                }
+            }
+        }
     }
 
     #[test]

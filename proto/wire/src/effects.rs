@@ -51,7 +51,7 @@ impl TryFrom<v1::Effects> for Effects {
         };
         let clip_box = |b: v1::ClipBox| {
             let (min, max) = (required(b.min, "effects.clip_box.min")?, required(b.max, "effects.clip_box.max")?);
-            Ok(ClipBox { min: min.into(), max: max.into() })
+            Ok::<_, Invalid>(ClipBox { min: min.into(), max: max.into() })
         };
         let cue = |c: v1::DepthCue| DepthCue { color: [c.red, c.green, c.blue], strength: c.strength };
         Ok(Self {

@@ -53,9 +53,9 @@ impl Backend {
     /// # Errors
     /// If the picture's size is out of bounds.
     #[doc(alias = "I")]
-    pub fn show(&self, shown: &Prepared, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
+    pub fn render(&self, shown: &Prepared, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
         match shown {
-            Prepared::Vdi(vdi) => self.render(vdi, camera, width, height),
+            Prepared::Vdi(vdi) => self.render_vdi(vdi, camera, width, height),
             Prepared::Volume(field) => self.volumes().raycast(field, camera, width, height),
         }
     }
@@ -65,14 +65,14 @@ impl Backend {
     /// # Errors
     /// If the samples do not fit their plan, or hold fewer batches.
     #[doc(alias = "q")]
-    pub fn measure(
+    pub fn quality(
         &self,
         shown: &Prepared,
         reference: &ReferenceSamples,
         batches: Range<u32>,
     ) -> Result<Quality, Invalid> {
         match shown {
-            Prepared::Vdi(vdi) => self.quality(vdi, reference, batches),
+            Prepared::Vdi(vdi) => self.quality_vdi(vdi, reference, batches),
             Prepared::Volume(field) => quality_of(reference, batches, |camera, size, pixels| {
                 self.volumes().raycast_pixels(field, camera, size, size, pixels)
             }),
@@ -93,7 +93,7 @@ impl Backend {
     ///
     /// # Errors
     /// If the picture's size is out of bounds.
-    pub fn render<V: Deref<Target = Vdi>>(
+    pub fn render_vdi<V: Deref<Target = Vdi>>(
         &self,
         vdi: &PreparedVdi<V>,
         camera: &Camera,
@@ -112,8 +112,8 @@ impl Backend {
     /// Errors of some batches of the sampled pixels of `vdi`.
     ///
     /// # Errors
-    /// As [`Self::measure`].
-    pub fn quality<V: Deref<Target = Vdi>>(
+    /// As [`Self::quality`].
+    pub fn quality_vdi<V: Deref<Target = Vdi>>(
         &self,
         vdi: &PreparedVdi<V>,
         reference: &ReferenceSamples,

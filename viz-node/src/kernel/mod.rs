@@ -14,4 +14,4 @@ pub use backend::Backend;
 pub use cpu::{PreparedVdi, render};
 pub use lamina_lanes::Level;
 pub use prepared::Prepared;
-pub use quality::{quality, quality_of};
+pub use quality::quality;

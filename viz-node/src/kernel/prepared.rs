@@ -2,7 +2,7 @@
 
 use super::PreparedVdi;
 use lamina_cast::Field;
-use lamina_model::{Camera, Intermediate, Vdi};
+use lamina_model::{Camera, ControlPoint, Intermediate, Invalid, TransferFunction, Vdi};
 use std::sync::Arc;
 
 /// A VDI or a reduced volume with what drawing it again and again needs.
@@ -27,6 +27,28 @@ impl Prepared {
         match self {
             Self::Vdi(vdi) => &vdi.vdi().header().camera,
             Self::Volume(field) => &field.scene().camera,
+        }
+    }
+
+    /// The same under other control points, which show nothing where the scene's show nothing: what was not recorded.
+    ///
+    /// # Errors
+    /// If it is a VDI, whose colours are its data, or the points are none.
+    pub fn with_points(&self, points: Vec<ControlPoint>) -> Result<Self, Invalid> {
+        let Self::Volume(field) = self else {
+            let reason = "a VDI holds colours, not values; they can be chosen anew where a step is a volume";
+            return Err(Invalid::new("points", reason));
+        };
+        let recorded = &field.scene().transfer;
+        let wished = TransferFunction::new(*recorded.range(), recorded.stated_unit_length(), points)?;
+        Ok(Self::Volume(Box::new(field.with_transfer(wished.where_shown_by(recorded)?)?)))
+    }
+
+    /// What a volume is seen under.
+    pub fn transfer(&self) -> Option<&TransferFunction> {
+        match self {
+            Self::Vdi(_) => None,
+            Self::Volume(field) => Some(&field.scene().transfer),
         }
     }
 

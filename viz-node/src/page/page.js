@@ -135,7 +135,8 @@ function wantedPicture() {
   if (!row || !store.run) return null;
   const { azimuth, elevation, zoom } = view;
   const size = motion.held || motion.timer ? DRAFT_SIZE : fullSize();
-  return { run: store.run.id, step: row.step, live: view.step === null, azimuth, elevation, zoom, size };
+  const points = wishedPoints();
+  return { run: store.run.id, step: row.step, live: view.step === null, azimuth, elevation, zoom, size, points };
 }
 
 /**
@@ -145,7 +146,7 @@ function wantedPicture() {
 function satisfies(have, want) {
   if (have === null) return false;
   const sameStep = have.step === want.step || (want.live && have.step > want.step);
-  const sameView = ["run", "azimuth", "elevation", "zoom"].every((key) => have[key] === want[key]);
+  const sameView = ["run", "azimuth", "elevation", "zoom", "points"].every((key) => have[key] === want[key]);
   return sameStep && sameView && have.size >= want.size;
 }
 
@@ -179,6 +180,7 @@ async function fetchPicture(want) {
     elevation: want.elevation.toFixed(2),
     zoom: want.zoom.toFixed(4),
     size: want.size,
+    ...(want.points && { points: JSON.stringify(want.points) }),
   });
   const answer = await fetch(`api/image?${query}`, { cache: "no-store" });
   if (!answer.ok) {
@@ -689,6 +691,7 @@ function draw() {
   drawTransport();
   drawTimeline();
   drawReadout();
+  drawColours();
   PLOTS.forEach(drawPlot);
   drawAccuracy();
 }
@@ -709,6 +712,7 @@ function start() {
   buildFigures();
   listenToPicture(byId("picture"));
   listenToSteps(byId("timeline"), 10, 10);
+  listenToColours();
   document.addEventListener("keydown", onKey);
   byId("previous").addEventListener("click", () => choose(shownIndex() - 1));
   byId("next").addEventListener("click", () => choose(shownIndex() + 1));

@@ -5,13 +5,14 @@ mod metrics;
 use crate::kernel::Backend;
 use crate::measure::Meter;
 use crate::store::{Event, Run, StepRow, Store};
-use crate::view::{Orbit, ViewError, picture};
+use crate::view::{Orbit, Painter, ViewError};
 use axum::extract::{Query, State};
 use axum::http::{StatusCode, header};
 use axum::response::sse::{self, Sse};
 use axum::response::{IntoResponse, Response};
 use axum::{Json, Router, routing::get};
 use futures::{Stream, StreamExt, stream};
+use lamina_model::{ControlPoint, TransferFunction};
 use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -22,7 +23,7 @@ use tokio::sync::{Semaphore, broadcast::error::RecvError};
 #[derive(Clone)]
 pub struct Web {
     store: Arc<Store>,
-    backend: Backend,
+    painter: Arc<Painter>,
     meter: Arc<Meter>,
     connected: Arc<AtomicBool>,
     /// Pictures rendered at once: each uses all cores or the whole GPU already.
@@ -32,7 +33,8 @@ pub struct Web {
 impl Web {
     /// Serves from `store`; draws with `backend`.
     pub fn new(store: Arc<Store>, backend: Backend, meter: Arc<Meter>, connected: Arc<AtomicBool>) -> Self {
-        Self { store, backend, meter, connected, renders: Arc::new(Semaphore::new(1)) }
+        let painter = Arc::new(Painter::new(store.clone(), backend));
+        Self { store, painter, meter, connected, renders: Arc::new(Semaphore::new(1)) }
     }
 
     /// All routes.
@@ -42,10 +44,12 @@ impl Web {
         Router::new()
             .route("/", text("text/html; charset=utf-8", include_str!("../page/index.html")))
             .route("/page.js", text("text/javascript; charset=utf-8", include_str!("../page/page.js")))
+            .route("/colours.js", text("text/javascript; charset=utf-8", include_str!("../page/colours.js")))
             .route("/page.css", text("text/css; charset=utf-8", include_str!("../page/page.css")))
             .route("/api/state", get(state))
             .route("/api/events", get(events))
             .route("/api/image", get(image))
+            .route("/api/transfer", get(transfer))
             .route("/metrics", get(metrics::metrics))
             .with_state(self)
     }
@@ -100,6 +104,8 @@ async fn events(State(web): State<Web>) -> Sse<impl Stream<Item = Result<sse::Ev
 #[derive(Deserialize)]
 struct ImageQuery {
     step: String,
+    /// Control points of another transfer function, JSON.
+    points: Option<String>,
     #[serde(default)]
     azimuth: f64,
     #[serde(default)]
@@ -108,6 +114,35 @@ struct ImageQuery {
     zoom: f64,
     #[serde(default = "default_size")]
     size: u32,
+}
+
+/// What a volume is seen under, for the page's editor.
+#[derive(Serialize)]
+struct Transfer {
+    #[serde(flatten)]
+    function: TransferFunction,
+    /// Positions 0..1 whose values were not recorded, since nothing shows there.
+    unrecorded: Vec<[f32; 2]>,
+}
+
+#[derive(Deserialize)]
+struct TransferQuery {
+    step: u64,
+}
+
+async fn transfer(State(web): State<Web>, Query(query): Query<TransferQuery>) -> Response {
+    match tokio::task::spawn_blocking(move || web.store.prepared(query.step)).await {
+        Ok(Ok(shown)) => match shown.transfer() {
+            Some(function) => {
+                let parts = function.transparent_parts().into_iter();
+                let unrecorded = parts.map(|part| part.map(|end| end.clamp(0.0, 1.0))).collect();
+                Json(Transfer { function: function.clone(), unrecorded }).into_response()
+            }
+            None => (StatusCode::BAD_REQUEST, "a VDI holds colours, not values").into_response(),
+        },
+        Ok(Err(e)) => (StatusCode::NOT_FOUND, e.to_string()).into_response(),
+        Err(e) => (StatusCode::INTERNAL_SERVER_ERROR, e.to_string()).into_response(),
+    }
 }
 
 fn one() -> f64 {
@@ -128,12 +163,15 @@ async fn image(State(web): State<Web>, Query(query): Query<ImageQuery>) -> Respo
     let Some(step) = step else { return (StatusCode::NOT_FOUND, "no step yet").into_response() };
     let orbit =
         Orbit { azimuth_deg: query.azimuth, elevation_deg: query.elevation, zoom: query.zoom, size: query.size };
+    let points = match query.points.as_deref().map(serde_json::from_str::<Vec<ControlPoint>>).transpose() {
+        Ok(points) => points,
+        Err(e) => return (StatusCode::BAD_REQUEST, format!("points: {e}")).into_response(),
+    };
     let Ok(permit) = web.renders.acquire_owned().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
-    let (store, backend) = (web.store, web.backend);
     let work = move || {
         // Held until the picture is done, even if the one who asked has gone.
         let _permit = permit;
-        picture(&store, &backend, step, orbit)
+        web.painter.picture(step, orbit, points)
     };
     match tokio::task::spawn_blocking(work).await {
         Ok(Ok(p)) => {

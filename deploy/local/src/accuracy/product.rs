@@ -99,7 +99,7 @@ impl<'a> Product<'a> {
                 decoded
             };
             let size = self.views.size();
-            let draw = || Ok(self.backends.1.render(&prepared, self.views.middle(), size, size)?);
+            let draw = || Ok(self.backends.1.render_vdi(&prepared, self.views.middle(), size, size)?);
             trial.drawing.push(timed(draw)?.1);
         }
         self.trials.insert(params.key(), trial);
@@ -167,7 +167,7 @@ impl<'a> Product<'a> {
                 let mut drawn = Vec::new();
                 let mut cast = Vec::new();
                 for camera in &cameras {
-                    drawn.extend_from_slice(self.backends.1.render(vdi, camera, size, size)?.pixels());
+                    drawn.extend_from_slice(self.backends.1.render_vdi(vdi, camera, size, size)?.pixels());
                     cast.extend_from_slice(self.backends.0.raycast(self.field, camera, size, size)?.pixels());
                 }
                 Ok(Error::between(&drawn, &cast))

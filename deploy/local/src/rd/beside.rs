@@ -1,27 +1,22 @@
 //! What users would ship instead, measured by the same eyes: a table of codings made elsewhere.
 
+use super::Bench;
 use super::curve::{Curve, Sample};
 use anyhow::{Context, ensure};
-use lamina_cast::{Backend, Field};
-use lamina_model::{Grid, Quality, ReferenceSamples, Scene, Volume, Voxels};
-use lamina_viz_node::kernel::quality_of;
+use lamina_cast::Field;
+use lamina_model::{Volume, Voxels};
+use lamina_viz_node::kernel::Prepared;
 use std::path::Path;
 
 /// First line of such a table. One of the last two is empty: a coding of pictures states its PSNR, one of volumes names the
 /// decoded volume, 32-bit floats in a file beside the table.
 const HEADER: &str = "coding,how,bytes,psnr_db,volume";
 
-/// The curves in `table`, volumes under `scene` on `grid` being cast and compared with `reference`.
+/// The curves in `table`, its volumes shown by `bench` as its own are.
 ///
 /// # Errors
 /// If the table or a volume cannot be read or used.
-pub fn curves(
-    table: &Path,
-    grid: &Grid,
-    scene: &Scene,
-    backend: &Backend,
-    reference: &ReferenceSamples,
-) -> anyhow::Result<Vec<Curve>> {
+pub fn curves(table: &Path, bench: &Bench) -> anyhow::Result<Vec<Curve>> {
     let name = table.display();
     let text = std::fs::read_to_string(table).with_context(|| format!("{name}: cannot be read"))?;
     let mut lines = text.lines();
@@ -38,8 +33,8 @@ pub fn curves(
             let path = table.with_file_name(volume);
             let bytes = std::fs::read(&path).with_context(|| format!("{}: cannot be read", path.display()))?;
             let voxels = Voxels::from_le_bytes(lamina_model::VoxelType::F32, &bytes);
-            let volume = Volume::new(*grid, voxels).with_context(|| path.display().to_string())?;
-            quality(&Field::new(volume, scene), backend, reference)?.psnr_db()
+            let volume = Volume::new(*bench.field.grid(), voxels).with_context(|| path.display().to_string())?;
+            bench.psnr_db(&Prepared::Volume(Box::new(Field::new(volume, bench.field.scene()))))?
         };
         let bytes = bytes.parse().with_context(|| format!("{name}: bytes of \"{line}\""))?;
         let sample = Sample { bytes, psnr_db, how: how.to_owned(), times_ms: [f64::NAN; 3] };
@@ -49,10 +44,4 @@ pub fn curves(
         }
     }
     Ok(curves.into_iter().map(|c| Curve::new(c.coding, c.samples)).collect())
-}
-
-fn quality(field: &Field, backend: &Backend, reference: &ReferenceSamples) -> anyhow::Result<Quality> {
-    Ok(quality_of(reference, 0..reference.plan.batches, |camera, size, pixels| {
-        backend.raycast_pixels(field, camera, size, size, pixels)
-    })?)
 }

@@ -46,23 +46,26 @@ struct Bench {
 }
 
 impl Bench {
+    fn psnr_db(&self, shown: &Prepared) -> anyhow::Result<f64> {
+        Ok(self.viewer.quality(shown, &self.reference, 0..self.reference.plan.batches)?.psnr_db())
+    }
+
     /// One representation in one coding, as the viewer shows it.
     fn sample(
         &self,
         intermediate: &Intermediate,
-        params: &GenerationParams,
         generation_ms: f64,
         options: &EncodeOptions,
     ) -> anyhow::Result<Sample> {
+        let params = intermediate.params();
         let start = Instant::now();
         let bytes = codec::encode_any(intermediate, options)?;
         let encoded = Instant::now();
         let decoded = codec::decode_any(&bytes, &DecodeLimits::default())?;
         let decode_ms = encoded.elapsed().as_secs_f64() * 1e3;
-        let quality = self.viewer.measure(&Prepared::new(decoded), &self.reference, 0..self.reference.plan.batches)?;
         Ok(Sample {
             bytes: bytes.len() as u64,
-            psnr_db: quality.psnr_db(),
+            psnr_db: self.psnr_db(&Prepared::new(decoded))?,
             how: format!("r {} gamma {}", params.resolution(), params.gamma()),
             times_ms: [generation_ms, (encoded - start).as_secs_f64() * 1e3, decode_ms],
         })
@@ -75,7 +78,7 @@ impl Bench {
                 let params = base.with_resolution(r)?.with_gamma(gamma)?;
                 let (vdi, time) = self.backend.represent(&self.field, &params)?;
                 for ((_, options), samples) in VDI_CODINGS.iter().zip(&mut samples) {
-                    samples.push(self.sample(&vdi, &params, time.as_secs_f64() * 1e3, options)?);
+                    samples.push(self.sample(&vdi, time.as_secs_f64() * 1e3, options)?);
                 }
             }
         }
@@ -88,10 +91,12 @@ impl Bench {
         let base = base.with_representation(Representation::Volume);
         let mut samples = Vec::new();
         for share in SHARES {
-            for bound in BOUNDS {
-                let params = base.with_resolution((side * share).round().max(2.0) as u32)?.with_gamma(bound)?;
-                let (volume, time) = self.backend.represent(&self.field, &params)?;
-                samples.push(self.sample(&volume, &params, time.as_secs_f64() * 1e3, &EncodeOptions::default())?);
+            let params = base.with_resolution((side * share).round().max(2.0) as u32)?;
+            let start = Instant::now();
+            let volumes = self.backend.represent_all(&self.field, &params, &BOUNDS)?;
+            let reduction_ms = start.elapsed().as_secs_f64() * 1e3;
+            for volume in volumes {
+                samples.push(self.sample(&volume, reduction_ms, &EncodeOptions::default())?);
             }
         }
         let whole = samples[..BOUNDS.len()].to_vec();
@@ -110,7 +115,7 @@ pub fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
     let mut curves = bench.vdis(&base)?;
     curves.extend(bench.volumes(&base)?);
     if let Some(table) = &arguments.beside {
-        curves.extend(beside::curves(table, bench.field.grid(), &scene, &bench.backend, &bench.reference)?);
+        curves.extend(beside::curves(table, &bench)?);
     }
     std::fs::create_dir_all(&arguments.out)
         .with_context(|| format!("{}: cannot be created", arguments.out.display()))?;

@@ -57,8 +57,7 @@ impl Local {
         let generated = clock();
         let (bytes, cost) = encode(&intermediate, generation_time)?;
         let encoded = clock();
-        let decoded =
-            codec::decode_any(&bytes, &DecodeLimits::default()).map_err(|e| Invalid::new("vdi", e.to_string()))?;
+        let decoded = codec::decode_any(&bytes, &DecodeLimits::default())?;
         self.held = Some((*params, Prepared::new(decoded)));
         let ns = |from: Duration, to: Duration| to.saturating_sub(from).as_nanos() as u64;
         let spent = Spent {
@@ -87,7 +86,7 @@ impl Local {
             let start = clock();
             if let Some((_, shown)) = &self.held {
                 let more = trial.quality.batches() as u32..batches;
-                let quality = self.viewer.measure(shown, &self.reference, more)?;
+                let quality = self.viewer.quality(shown, &self.reference, more)?;
                 trial.quality.extend(&quality)?;
             }
             trial.spent.quality_ns += clock().saturating_sub(start).as_nanos() as u64;
@@ -100,11 +99,9 @@ impl Local {
 
 /// Its bytes, with what they cost.
 fn encode(intermediate: &Intermediate, generation_time: Duration) -> Result<(Vec<u8>, Cost), Invalid> {
-    let start = Instant::now();
-    let encoded = codec::encode_any(intermediate, &EncodeOptions::default());
-    let bytes = encoded.map_err(|e| Invalid::new("vdi", e.to_string()))?;
+    let (bytes, [generation_time, encode_time]) =
+        codec::encode_timed(intermediate, generation_time, &EncodeOptions::default())?;
     let (size_bytes, supersegments) = (bytes.len() as u64, intermediate.elements());
-    let (generation_time, encode_time) = intermediate.representation().times(generation_time, start.elapsed());
     Ok((bytes, Cost { size_bytes, generation_time, encode_time, supersegments }))
 }
 

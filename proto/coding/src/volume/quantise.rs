@@ -14,12 +14,12 @@ pub struct Wanted<'a, F> {
 }
 
 impl<F: Fn(usize) -> Option<(f32, f32)>> Wanted<'_, F> {
-    /// Whether `value` will do at `at`.
+    /// Whether `value` will do for `wanted`, which may be `free`.
     #[inline(always)]
-    pub fn accepts(&self, at: usize, value: f32) -> bool {
-        match (self.free)(at) {
+    fn accepts(&self, free: Option<(f32, f32)>, wanted: f32, value: f32) -> bool {
+        match free {
             Some((low, high)) => low <= value && value <= high,
-            None => (f64::from(value) - f64::from(self.values[at])).abs() <= f64::from(self.bound),
+            None => (f64::from(value) - f64::from(wanted)).abs() <= f64::from(self.bound),
         }
     }
 }
@@ -52,7 +52,7 @@ impl<F: Fn(usize) -> Option<(f32, f32)>> Quantiser<'_, F> {
         let error = (wanted - expected) * level.scale;
         let free = (self.wanted.free)(at);
         let loose = free.is_some() && level.number < self.settings.loose;
-        if (loose || error.abs() < 0.5 + self.settings.thrift) && self.wanted.accepts(at, expected) {
+        if (loose || error.abs() < 0.5 + self.settings.thrift) && self.wanted.accepts(free, wanted, expected) {
             return (expected, 0);
         }
         let sign = if error < 0.0 { -1 } else { 1 };
@@ -66,7 +66,7 @@ impl<F: Fn(usize) -> Option<(f32, f32)>> Quantiser<'_, F> {
         };
         for steps in [least, least + 1, enough, enough + 1] {
             let value = reconstruct(self.range, level, expected, sign * steps);
-            if self.wanted.accepts(at, value) {
+            if self.wanted.accepts(free, wanted, value) {
                 return (value, sign * steps);
             }
         }

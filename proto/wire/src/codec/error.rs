@@ -40,6 +40,15 @@ pub enum CodecError {
     Compress(std::io::Error),
 }
 
+impl From<CodecError> for Invalid {
+    fn from(error: CodecError) -> Self {
+        match error {
+            CodecError::Invalid(invalid) => invalid,
+            other => Self::new("coding", other.to_string()),
+        }
+    }
+}
+
 /// The error for content that contradicts itself.
 pub(super) fn invalid(reason: impl Into<String>) -> CodecError {
     CodecError::Invalid(Invalid::new("vdi", reason))

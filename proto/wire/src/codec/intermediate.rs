@@ -3,6 +3,7 @@
 use super::error::CodecError;
 use super::{DecodeLimits, EncodeOptions, volume};
 use lamina_model::Intermediate;
+use std::time::{Duration, Instant};
 
 /// Encodes either representation; `options` are for VDIs.
 ///
@@ -13,6 +14,21 @@ pub fn encode_any(intermediate: &Intermediate, options: &EncodeOptions) -> Resul
         Intermediate::Vdi(vdi) => super::encode(vdi, options),
         Intermediate::Volume(reduced) => Ok(volume::encode(reduced)),
     }
+}
+
+/// The same, and what generating, which took `made`, and encoding took: what a volume loses it loses while it is coded.
+///
+/// # Errors
+/// As [`encode_any`].
+pub fn encode_timed(
+    intermediate: &Intermediate,
+    made: Duration,
+    options: &EncodeOptions,
+) -> Result<(Vec<u8>, [Duration; 2]), CodecError> {
+    let start = Instant::now();
+    let bytes = encode_any(intermediate, options)?;
+    let (generation, encoding) = intermediate.representation().times(made, start.elapsed());
+    Ok((bytes, [generation, encoding]))
 }
 
 /// Decodes either representation. `bytes` must be one whole of them and nothing else.

@@ -19,7 +19,7 @@ mod sections;
 pub mod volume;
 
 pub use error::CodecError;
-pub use intermediate::{decode_any, encode_any};
+pub use intermediate::{decode_any, encode_any, encode_timed};
 pub use quantize::quantize;
 
 use header::Contents;

@@ -1,0 +1,75 @@
+//! A recorded volume under another transfer function than it was made for: what the viewer's colour editor asks for.
+
+#![allow(clippy::unwrap_used)]
+
+use lamina_cast::{Backend, Field};
+use lamina_model::{ControlPoint, GenerationParams, Image, Representation, Scene, TransferFunction};
+use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube, transfer};
+use lamina_viz_node::kernel::{self as viz, Prepared};
+use lamina_wire::codec::{DecodeLimits, EncodeOptions, decode_any, encode_any};
+
+const SIZE: u32 = 160;
+
+/// What the viewer has of the clumps, made with error bound `bound`.
+fn recorded(representation: Representation, bound: f64) -> Prepared {
+    let field = Field::new(sampled_cube(48, clumps), &front_scene(clumps_transfer()));
+    let params = GenerationParams::new(48, bound).unwrap().with_representation(representation);
+    let (intermediate, _) = Backend::cpu().represent(&field, &params).unwrap();
+    let bytes = encode_any(&intermediate, &EncodeOptions::default()).unwrap();
+    Prepared::new(decode_any(&bytes, &DecodeLimits::default()).unwrap())
+}
+
+fn picture(shown: &Prepared) -> Image {
+    let camera = shown.camera().orbit(25.0, 15.0, 1.0).unwrap();
+    viz::Backend::default().render(shown, &camera, SIZE, SIZE).unwrap()
+}
+
+/// The data itself under `function`, from the same place.
+fn truth(function: TransferFunction) -> Image {
+    let scene = Scene { transfer: function, ..front_scene(clumps_transfer()) };
+    let camera = scene.camera.orbit(25.0, 15.0, 1.0).unwrap();
+    Backend::cpu().raycast(&Field::new(sampled_cube(48, clumps), &scene), &camera, SIZE, SIZE).unwrap()
+}
+
+fn psnr_db(a: &Image, b: &Image) -> f64 {
+    let squares = a.pixels().iter().zip(b.pixels()).flat_map(|(a, b)| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)));
+    -10.0 * (squares.sum::<f64>() / (3.0 * f64::from(SIZE * SIZE))).log10()
+}
+
+fn opacities(points: &[(f64, f64)]) -> Vec<ControlPoint> {
+    let colored: Vec<_> = points.iter().map(|&(at, opacity)| (at, [at, 1.0 - at, 0.5], opacity)).collect();
+    transfer(0.05, &colored).points().to_vec()
+}
+
+#[test]
+fn other_colours_are_as_right_as_the_error_bound() {
+    // A band in the middle, where the recorded function is a slope, and haze where it shows nothing.
+    let wished = opacities(&[(0.0, 0.3), (0.2, 0.0), (0.45, 0.5), (0.6, 0.0), (1.0, 0.2)]);
+    // Without what is transparent below 0.15 in `clumps_transfer`.
+    let kept = opacities(&[(0.15, 0.0), (0.15, 0.075), (0.2, 0.0), (0.45, 0.5), (0.6, 0.0), (1.0, 0.2)]);
+    let mut function = clumps_transfer();
+    function = TransferFunction::new(*function.range(), function.stated_unit_length(), kept).unwrap();
+    let truth = truth(function);
+    for (bound, least_db) in [(1e-4, 60.0), (0.003, 42.0)] {
+        let shown = recorded(Representation::Volume, bound).with_points(wished.clone()).unwrap();
+        let got = psnr_db(&picture(&shown), &truth);
+        assert!(got > least_db, "bound {bound}: {got} dB");
+    }
+}
+
+#[test]
+fn what_was_not_recorded_stays_transparent() {
+    let hidden = opacities(&[(0.0, 1.0), (0.14, 1.0), (0.14, 0.0), (1.0, 0.0)]);
+    let picture = picture(&recorded(Representation::Volume, 0.01).with_points(hidden).unwrap());
+    assert!(picture.pixels().iter().all(|p| *p == [0.0; 3]));
+}
+
+#[test]
+fn a_vdi_and_points_that_are_none_are_refused() {
+    let any = opacities(&[(0.0, 0.5)]);
+    assert_eq!(recorded(Representation::Vdi, 0.05).with_points(any).err().unwrap().thing, "points");
+    let volume = recorded(Representation::Volume, 0.05);
+    for points in [vec![], vec![ControlPoint { at: 2.0, color: [0.0; 3], opacity: 0.5 }]] {
+        assert_eq!(volume.with_points(points).err().unwrap().thing, "transfer.points");
+    }
+}

@@ -1,0 +1,198 @@
+// The editor of a volume's transfer function. Where a step is a volume, its colours are chosen here and drawn by the
+// server; what the recorded function leaves transparent was not recorded, is hatched, and stays transparent.
+"use strict";
+
+/** `recorded`: what the server said of run `run`; `points: null` draws as recorded; `selected` is a position in `points`. */
+const colours = { run: null, recorded: null, points: null, selected: 0, loading: false };
+
+const CURVE_BOTTOM = 92;
+const CURVE_TOP = 8;
+/** Pixels from a point within which a press takes hold of it. */
+const REACH = 14;
+
+/** Control points to draw the shown step with, or none: as recorded, or not a volume. */
+const wishedPoints = () => (shownRow()?.representation === "volume" && colours.run === store.run?.id ? colours.points : null);
+
+const editedPoints = () => colours.points ?? colours.recorded.points;
+
+async function loadColours(row) {
+  if (colours.loading || link.phase !== "live" || colours.run === store.run.id) return;
+  colours.loading = true;
+  const run = store.run.id;
+  try {
+    const answer = await fetch(`api/transfer?step=${row.step}`, { cache: "no-store" });
+    if (answer.ok) Object.assign(colours, { run, recorded: await answer.json(), points: null, selected: 0 });
+  } catch {
+    // The next drawing asks again.
+  }
+  colours.loading = false;
+  if (colours.run === run) refresh();
+}
+
+// ---- Drawing ---------------------------------------------------------------------------------------------------------
+
+function curveScale() {
+  const width = byId("curve").clientWidth;
+  const right = width - 8;
+  return {
+    width,
+    x: (at) => GUTTER + at * (right - GUTTER),
+    // By the cube root, so that a thousandth is seen beside one.
+    y: (opacity) => CURVE_BOTTOM - Math.cbrt(opacity) * (CURVE_BOTTOM - CURVE_TOP),
+    at: (x) => clamp((x - GUTTER) / (right - GUTTER), 0, 1),
+    opacity: (y) => clamp((CURVE_BOTTOM - y) / (CURVE_BOTTOM - CURVE_TOP), 0, 1) ** 3,
+  };
+}
+
+const hex = (color) => `#${color.map((c) => Math.round(c * 255).toString(16).padStart(2, "0")).join("")}`;
+const fromHex = (text) => [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16) / 255);
+
+/** The scalar at position `at` of the range. */
+function scalarAt(at) {
+  const { lo, hi, scale } = colours.recorded.range;
+  return scale === "log10" ? lo * (hi / lo) ** at : lo + at * (hi - lo);
+}
+
+function drawColours() {
+  const row = shownRow();
+  byId("colours").hidden = !row;
+  if (!row || !byId("colours").open) return;
+  const isVolume = row.representation === "volume";
+  if (isVolume) loadColours(row);
+  const ready = isVolume && colours.run === store.run?.id;
+  byId("editor").hidden = !ready;
+  byId("fixed").hidden = isVolume;
+  if (ready) drawCurve();
+}
+
+function drawCurve() {
+  const { x, y, width } = curveScale();
+  const points = editedPoints();
+  const { unrecorded, range } = colours.recorded;
+  const ends = [{ ...points[0], at: 0 }, ...points, { ...points[points.length - 1], at: 1 }];
+  const line = pathOf(ends.map((p) => [x(p.at), y(p.opacity)]));
+  const stops = points.map((p) => `<stop offset="${p.at}" stop-color="${hex(p.color)}"/>`).join("");
+  const hatched = unrecorded.filter(([a, b]) => b > a)
+    .map(([a, b]) => `<rect class="unrecorded" x="${x(a)}" y="${CURVE_TOP}" width="${x(b) - x(a)}" height="${CURVE_BOTTOM - CURVE_TOP}"/>`);
+  const scalar = (at, px, anchor) => `<text x="${px}" y="${CURVE_BOTTOM + 15}" text-anchor="${anchor}">${significant(scalarAt(at), 3)}</text>`;
+  byId("curve").firstElementChild.innerHTML = [
+    `<defs><linearGradient id="along" gradientUnits="userSpaceOnUse" x1="${x(0)}" x2="${x(1)}" y1="0" y2="0">${stops}</linearGradient>
+     <pattern id="hatch" width="6" height="6" patternUnits="userSpaceOnUse" patternTransform="rotate(45)"><path class="grid" d="M0 0V6"/></pattern></defs>`,
+    ...hatched,
+    ...[0.001, 0.01, 0.1, 1].map((o) => gridLine(y(o), width, String(o))),
+    `<path fill="url(#along)" fill-opacity="0.85" d="${line}V${CURVE_BOTTOM}H${x(0)}Z"/><path class="curve" d="${line}"/>`,
+    ...points.map((p, i) => `<circle class="corner" data-selected="${i === colours.selected}" cx="${x(p.at)}" cy="${y(p.opacity)}" r="5" fill="${hex(p.color)}"/>`),
+    scalar(0, x(0), "start"),
+    `<text x="${(x(0) + x(1)) / 2}" y="${CURVE_BOTTOM + 15}" text-anchor="middle">${range.scale === "log10" ? "logarithmic" : ""}</text>`,
+    scalar(1, x(1), "end"),
+  ].join("");
+  const { at, opacity, color } = points[colours.selected];
+  setText(byId("corner"), `${significant(scalarAt(at), 4)}: opacity ${significant(opacity, 3)}`);
+  if (byId("corner-colour").value !== hex(color)) byId("corner-colour").value = hex(color);
+  byId("remove-corner").disabled = points.length < 2;
+  byId("recorded-colours").disabled = colours.points === null;
+}
+
+// ---- Editing ---------------------------------------------------------------------------------------------------------
+
+/** Puts `points` in the place of what is drawn; the camera's drafts serve here too. */
+function setPoints(points, selected = colours.selected) {
+  Object.assign(colours, { points, selected: points === null ? 0 : clamp(selected, 0, points.length - 1) });
+  moving();
+}
+
+function changeSelected(change) {
+  const points = editedPoints().map((p, i) => (i === colours.selected ? { ...p, ...change } : p));
+  const [before, after] = [points[colours.selected - 1]?.at ?? 0, points[colours.selected + 1]?.at ?? 1];
+  points[colours.selected].at = clamp(points[colours.selected].at, before, after);
+  setPoints(points);
+}
+
+/** A new point at `at`: in the colour that is there, and as opaque unless told otherwise. */
+function addPoint(at, opacity = null) {
+  const points = editedPoints();
+  const next = points.findIndex((p) => p.at > at);
+  const index = next < 0 ? points.length : next;
+  const [a, b] = [points[Math.max(index - 1, 0)], points[Math.min(index, points.length - 1)]];
+  const w = b.at > a.at ? (at - a.at) / (b.at - a.at) : 0;
+  const mix = (from, to) => from + clamp(w, 0, 1) * (to - from);
+  const color = a.color.map((c, i) => mix(c, b.color[i]));
+  setPoints(points.toSpliced(index, 0, { at, color, opacity: opacity ?? mix(a.opacity, b.opacity) }), index);
+}
+
+function addBesideSelected() {
+  const points = editedPoints();
+  const [here, next] = [points[colours.selected], points[colours.selected + 1]];
+  addPoint(next ? (here.at + next.at) / 2 : (here.at + 1) / 2);
+}
+
+function removeSelected() {
+  if (editedPoints().length > 1) setPoints(editedPoints().toSpliced(colours.selected, 1));
+}
+
+function select(index) {
+  colours.selected = clamp(index, 0, editedPoints().length - 1);
+  refresh();
+}
+
+const CORNER_KEYS = {
+  ArrowLeft: () => changeSelected({ at: editedPoints()[colours.selected].at - 0.01 }),
+  ArrowRight: () => changeSelected({ at: editedPoints()[colours.selected].at + 0.01 }),
+  ArrowUp: () => raiseSelected(0.02),
+  ArrowDown: () => raiseSelected(-0.02),
+  PageUp: () => select(colours.selected + 1),
+  PageDown: () => select(colours.selected - 1),
+  Delete: removeSelected,
+};
+
+const raiseSelected = (by) =>
+  changeSelected({ opacity: clamp(Math.cbrt(editedPoints()[colours.selected].opacity) + by, 0, 1) ** 3 });
+
+function listenToCurve(element) {
+  let held = false;
+  const place = (event) => {
+    const box = element.getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
+  };
+  element.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0) return;
+    const [{ x, y }, [px, py]] = [curveScale(), place(event)];
+    const far = editedPoints().map((p) => Math.hypot(x(p.at) - px, y(p.opacity) - py));
+    const nearest = far.indexOf(Math.min(...far));
+    if (far[nearest] > REACH) return;
+    element.setPointerCapture(event.pointerId);
+    held = motion.held = true;
+    select(nearest);
+  });
+  element.addEventListener("pointermove", (event) => {
+    if (!held) return;
+    const [scale, [px, py]] = [curveScale(), place(event)];
+    changeSelected({ at: scale.at(px), opacity: scale.opacity(py) });
+  });
+  const release = () => {
+    held = motion.held = false;
+    refresh();
+  };
+  element.addEventListener("pointerup", release);
+  element.addEventListener("pointercancel", release);
+  element.addEventListener("dblclick", (event) => {
+    const [scale, [px, py]] = [curveScale(), place(event)];
+    addPoint(scale.at(px), scale.opacity(py));
+  });
+  element.addEventListener("keydown", (event) => {
+    const action = CORNER_KEYS[event.key];
+    if (!action || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    event.stopPropagation();
+    action();
+  });
+}
+
+function listenToColours() {
+  listenToCurve(byId("curve"));
+  byId("colours").addEventListener("toggle", refresh);
+  byId("corner-colour").addEventListener("input", (event) => changeSelected({ color: fromHex(event.target.value) }));
+  byId("add-corner").addEventListener("click", addBesideSelected);
+  byId("remove-corner").addEventListener("click", removeSelected);
+  byId("recorded-colours").addEventListener("click", () => setPoints(null));
+}
