@@ -265,7 +265,8 @@ fn bench_measures_a_volume_and_a_vdi() {
         lines.iter().map(|l| l["name"].as_str().unwrap().to_owned()).collect()
     };
     let lines = measured(&series, &["--resolution", "16", "--gammas"]);
-    let viewer = ["decode 16", "prepare VDI 16", "render 16 at 24", "render 16 at 16"];
+    let drawn = ["render 16 at 24", "blend 16 at 24", "render 16 at 16", "blend 16 at 16"];
+    let viewer = [&["decode 16", "prepare VDI 16"][..], &drawn].concat();
     let generator = ["prepare volume", "raycast 24", "raycast 16", "raycast 24 from aside", "raycast 24 to the end"];
     let generated = ["generate 24", "generate 16", "generate 16, 65 gammas", "encode 16"];
     assert_eq!(names(&lines), [&generator[..], &generated, &viewer].concat());

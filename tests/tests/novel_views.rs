@@ -6,7 +6,7 @@ use glam::DVec3;
 use lamina_cast::{Backend, Field};
 use lamina_model::{Camera, GenerationParams, Image, SamplePlan, Scene, Vdi, psnr};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
-use lamina_viz_node::kernel::{quality, render};
+use lamina_viz_node::kernel::{self as viz, Detail, PreparedVdi, quality, render};
 
 const SIZE: u32 = 96;
 
@@ -44,6 +44,20 @@ fn small_angles_do_not_collapse() {
     // Towards the generation view an error of half a pixel is the same for the whole ray, so quality falls a little; the
     // trap of boundaries behind the camera took 15 dB.
     assert!(psnr_db[..5].iter().all(|&db| db > psnr_db[5] - 6.0), "{psnr_db:?}");
+}
+
+#[test]
+fn neighbouring_rays_blended_are_nearer_to_the_truth_than_the_nearest_one() {
+    let (_, field) = scene_and_field();
+    let plan = SamplePlan { image_size: SIZE, tile: 1, batches: 1, angles_deg: vec![10.0, 30.0, 60.0] };
+    let reference = Backend::cpu().reference_samples(&field, &plan, 0).unwrap();
+    for r in [32, 64, 128] {
+        let vdi = vdi(&field, r, 0.005);
+        let vdi = PreparedVdi::new(&vdi);
+        let q = |detail| viz::Backend::default().quality_vdi(&vdi, &reference, 0..1, detail).unwrap().psnr_db();
+        let [nearest, blended] = [Detail::Nearest, Detail::Blended].map(q);
+        assert!(blended > nearest + 1.0, "r {r}: {nearest} and {blended} dB");
+    }
 }
 
 #[test]

@@ -6,7 +6,7 @@ use lamina_cast::{Backend, Field};
 use lamina_model::{Intermediate, Representation, SamplePlan, Scene, suggest::suggest};
 use lamina_read::{Options, Series};
 use lamina_tests::processes::{Daemon, free_port, recorded_series, run, wait_for};
-use lamina_viz_node::kernel::{self as viz, Prepared};
+use lamina_viz_node::kernel::{self as viz, Detail, Prepared};
 use lamina_viz_node::store::StepRow;
 use lamina_wire::codec;
 use lamina_wire::v1::{TunerStatusRequest, tuning_client::TuningClient};
@@ -136,7 +136,7 @@ fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
         // q again, from the recorded volume and the recorded bytes alone.
         let field = Field::new(series.read(n).unwrap(), &scene);
         let reference = Backend::cpu().reference_samples(&field, &plan, row.step).unwrap();
-        let q = viz::Backend::default().quality(&Prepared::new(shown), &reference, 0..1).unwrap();
+        let q = viz::Backend::default().quality(&Prepared::new(shown), &reference, 0..1, Detail::Blended).unwrap();
         assert!((f64::from(row.psnr_db.unwrap()) - q.psnr_db()).abs() < 0.01, "step {n}: {row:?} but {q:?}");
         assert_eq!(row.views.len(), 3);
         assert_eq!(row.size_limit_bytes, Some(LIMIT_BYTES), "the tuner's limit reaches the frames");

@@ -5,7 +5,7 @@
 use lamina_cast::{Backend, Field};
 use lamina_model::{ControlPoint, GenerationParams, Image, Representation, Scene, TransferFunction};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube, transfer};
-use lamina_viz_node::kernel::{self as viz, Prepared};
+use lamina_viz_node::kernel::{self as viz, Detail, Prepared};
 use lamina_wire::codec::{DecodeLimits, EncodeOptions, decode_any, encode_any};
 
 const SIZE: u32 = 160;
@@ -21,7 +21,7 @@ fn recorded(representation: Representation, bound: f64) -> Prepared {
 
 fn picture(shown: &Prepared) -> Image {
     let camera = shown.camera().orbit(25.0, 15.0, 1.0).unwrap();
-    viz::Backend::default().render(shown, &camera, SIZE, SIZE).unwrap()
+    viz::Backend::default().render(shown, &camera, SIZE, SIZE, Detail::Blended).unwrap()
 }
 
 /// The data itself under `function`, from the same place.

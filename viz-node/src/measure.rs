@@ -1,6 +1,6 @@
 //! What arrives: live steps, measured, into the store; trials to where they are measured when asked for.
 
-use crate::kernel::{Backend, Prepared};
+use crate::kernel::{Backend, Detail, Prepared};
 use crate::store::{Run, StepRow, Store};
 use crate::trials::{Ready, Trials};
 use lamina_model::{Quality, ReferenceSamples};
@@ -95,7 +95,10 @@ impl Meter {
         let step = frame.step;
         let decoded = codec::decode_any(&payload, &self.limits).map_err(|e| format!("step {step}: {e}"))?;
         let shown = Prepared::new(decoded);
-        let quality = self.reference_of(frame).map(|r| self.backend.quality(&shown, &r, 0..r.plan.batches)).transpose();
+        let quality = self
+            .reference_of(frame)
+            .map(|r| self.backend.quality(&shown, &r, 0..r.plan.batches, Detail::Blended))
+            .transpose();
         let quality = quality.map_err(|e| format!("step {step}: {e}"))?;
         let row = StepRow::new(frame, quality.as_ref());
         let bytes = row.size_bytes;

@@ -1,6 +1,6 @@
 //! Trials that arrived, decoded and kept for as long as there is room: batches of each are measured when asked for.
 
-use crate::kernel::Prepared;
+use crate::kernel::{Detail, Prepared};
 use crate::measure::Meter;
 use lamina_model::ReferenceSamples;
 use lamina_wire::v1::{self, quality_server};
@@ -96,7 +96,7 @@ impl quality_server::Quality for QualityService {
         let ready = self.0.trials.find(trial_id).await?;
         let end = if batches == 0 { ready.reference.plan.batches } else { first_batch.saturating_add(batches) };
         let backend = self.0.backend.clone();
-        let work = move || backend.quality(&ready.shown, &ready.reference, first_batch..end);
+        let work = move || backend.quality(&ready.shown, &ready.reference, first_batch..end, Detail::Blended);
         let quality = tokio::task::spawn_blocking(work).await.map_err(|e| Status::internal(e.to_string()))?;
         let quality = quality.map_err(|e| lamina_wire::invalid(&e))?;
         self.0.counters.trials.fetch_add(1, Ordering::Relaxed);

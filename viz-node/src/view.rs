@@ -1,6 +1,6 @@
 //! A picture of a recorded step from an orbiting camera, as PNG.
 
-use crate::kernel::{Backend, Prepared};
+use crate::kernel::{Backend, Detail, Prepared};
 use crate::store::{Store, StoreError};
 use lamina_model::{ControlPoint, Image, Invalid};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -17,6 +17,8 @@ pub struct Orbit {
     pub zoom: f64,
     /// Side of the picture, pixels.
     pub size: u32,
+    /// How carefully it is drawn.
+    pub detail: Detail,
 }
 
 /// A rendered picture.
@@ -78,7 +80,7 @@ impl Painter {
         if let Some(points) = points {
             shown = self.recoloured(shown, points)?;
         }
-        let image = self.backend.render(&shown, &camera, orbit.size, orbit.size)?;
+        let image = self.backend.render(&shown, &camera, orbit.size, orbit.size, orbit.detail)?;
         let render_time = start.elapsed();
         Ok(Picture { step, png: png(&image)?, render_time })
     }

@@ -10,7 +10,7 @@ use lamina_model::{
     Supersegment, TransferFunction, Vdi, VdiHeader,
 };
 use lamina_viz_node::kernel::gpu::{GpuError, GpuKernels};
-use lamina_viz_node::kernel::{Backend, PreparedVdi, scalar};
+use lamina_viz_node::kernel::{Backend, Detail, PreparedVdi, scalar};
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
@@ -283,9 +283,9 @@ fn what_does_not_fit_says_what_would_help_and_is_drawn_by_the_processor() {
     assert!(matches!(refusal, GpuError::TooLarge { limit: 62, .. }), "{refusal}");
     assert!(refusal.to_string().contains("raise gamma, or run on the processor"), "{refusal}");
     let backend = Backend::on_gpu(kernels);
-    let image = backend.render_vdi(&vdi, &outside(), 8, 8).unwrap();
+    let image = backend.render_vdi(&vdi, &outside(), 8, 8, Detail::Nearest).unwrap();
     assert_eq!(image, vdi.render(&outside(), 8, 8).unwrap());
-    assert!(backend.render_vdi(&vdi, &outside(), 0, 8).is_err());
+    assert!(backend.render_vdi(&vdi, &outside(), 0, 8, Detail::Nearest).is_err());
 }
 
 #[test]
@@ -301,7 +301,7 @@ fn quality_is_the_processors() {
     let colors = vec![vec![[0.3, 0.4, 0.5]; plan.samples_per_view()]; 2];
     let reference = ReferenceSamples { step: 0, plan, scene, colors };
     let (on_gpu, on_cpu) = (Backend::on_gpu(kernels), Backend::open(Choice::Cpu).unwrap());
-    let [a, b] = [on_gpu, on_cpu].map(|backend| backend.quality_vdi(&vdi, &reference, 0..4).unwrap());
+    let [a, b] = [on_gpu, on_cpu].map(|backend| backend.quality_vdi(&vdi, &reference, 0..4, Detail::Blended).unwrap());
     assert!((a.psnr_db() - b.psnr_db()).abs() < 1e-3);
     for (a, b) in a.views.iter().zip(&b.views) {
         let [db_a, db_b] = [a, b].map(lamina_model::ViewError::psnr_db);

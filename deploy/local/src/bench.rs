@@ -12,7 +12,7 @@ use glam::DVec3;
 use lamina_cast::lanes::{self, Shot};
 use lamina_cast::{Backend, Field};
 use lamina_model::{GenerationParams, Grid, Image, Scene, Supersegment, Vdi, Volume, Voxels, suggest};
-use lamina_viz_node::kernel::PreparedVdi;
+use lamina_viz_node::kernel::{self as viz, Detail, PreparedVdi};
 use lamina_wire::codec::{self, DecodeLimits, EncodeOptions};
 use serde::Serialize;
 use std::path::Path;
@@ -109,9 +109,11 @@ fn viewer_round(clock: &mut Clock, bytes: &[u8], sizes: &[u32]) -> anyhow::Resul
     let r = codec::peek(bytes)?.header.params.resolution();
     let vdi = clock.time(format!("decode {r}"), || codec::decode(bytes, &DecodeLimits::default()))?;
     let prepared = clock.time(format!("prepare VDI {r}"), || PreparedVdi::new(&vdi));
-    let camera = vdi.header().camera.rotated_about_y(NOVEL_ANGLE_DEG)?;
+    let (camera, viewer) = (vdi.header().camera.rotated_about_y(NOVEL_ANGLE_DEG)?, viz::Backend::default());
     for &size in sizes {
         clock.time(format!("render {r} at {size}"), || prepared.render(&camera, size, size))?;
+        let blended = || viewer.render_vdi(&prepared, &camera, size, size, Detail::Blended);
+        clock.time(format!("blend {r} at {size}"), blended)?;
     }
     Ok(())
 }

@@ -6,6 +6,7 @@ use anyhow::{Context, ensure};
 use lamina_cast::{Backend, Field};
 use lamina_model::{Scene, Volume, psnr};
 use lamina_tuner::units::show_bytes;
+use lamina_viz_node::kernel::Detail;
 use lamina_viz_node::store::{StepRow, Store};
 use lamina_viz_node::view::png;
 use lamina_wire::convert::representation;
@@ -72,7 +73,7 @@ impl Outputs {
         for angle_deg in ANGLES_DEG {
             let camera = scene.camera.rotated_about_y(angle_deg)?;
             let reference = Backend::cpu().raycast(&field, &camera, PICTURE_SIZE, PICTURE_SIZE)?;
-            let rendered = viewer.render(&shown, &camera, PICTURE_SIZE, PICTURE_SIZE)?;
+            let rendered = viewer.render(&shown, &camera, PICTURE_SIZE, PICTURE_SIZE, Detail::Blended)?;
             let pair = PicturePair {
                 step: row.step,
                 angle_deg,

@@ -8,7 +8,7 @@ use anyhow::{Context, ensure};
 use lamina_cast::{Backend, Field};
 use lamina_model::{GenerationParams, Representation, Scene, Volume, psnr};
 use lamina_read::Series;
-use lamina_viz_node::kernel::Prepared;
+use lamina_viz_node::kernel::{Detail, Prepared};
 use lamina_wire::codec::{self, Codec, DecodeLimits, EncodeOptions, Layout};
 use std::time::Instant;
 
@@ -91,7 +91,7 @@ pub fn render(arguments: &cli::Render) -> anyhow::Result<()> {
     let (camera, size) = (shown.camera().rotated_about_y(arguments.view.view)?, arguments.view.size);
     let backend = lamina_viz_node::kernel::Backend::open(arguments.backend)?;
     let start = Instant::now();
-    let image = backend.render(&shown, &camera, size, size)?;
+    let image = backend.render(&shown, &camera, size, size, Detail::Blended)?;
     println!("render_ms {:.1}", start.elapsed().as_secs_f64() * 1e3);
     picture_file::write(&arguments.view.out, &image)
 }

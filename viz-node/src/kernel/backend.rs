@@ -1,5 +1,6 @@
 //! Where I runs.
 
+use super::blend::{Detail, drawn};
 use super::gpu::{GpuError, GpuKernels};
 use super::quality::quality_of;
 use super::{Prepared, PreparedVdi};
@@ -48,19 +49,26 @@ impl Backend {
         Self { vdis: Drawer::Gpu(Arc::new(kernels)), choice: Choice::Gpu, volumes: Arc::default() }
     }
 
-    /// A picture of either representation from `camera`. The paper's I.
+    /// A picture of either representation from `camera`; `detail` is how carefully VDIs are drawn. The paper's I.
     ///
     /// # Errors
     /// If the picture's size is out of bounds.
     #[doc(alias = "I")]
-    pub fn render(&self, shown: &Prepared, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
+    pub fn render(
+        &self,
+        shown: &Prepared,
+        camera: &Camera,
+        width: u32,
+        height: u32,
+        detail: Detail,
+    ) -> Result<Image, Invalid> {
         match shown {
-            Prepared::Vdi(vdi) => self.render_vdi(vdi, camera, width, height),
+            Prepared::Vdi(vdi) => self.render_vdi(vdi, camera, width, height, detail),
             Prepared::Volume(field) => self.volumes().raycast(field, camera, width, height),
         }
     }
 
-    /// Errors of some batches of the sampled pixels.
+    /// Errors of some batches of the sampled pixels, VDIs drawn with `detail`.
     ///
     /// # Errors
     /// If the samples do not fit their plan, or hold fewer batches.
@@ -70,9 +78,10 @@ impl Backend {
         shown: &Prepared,
         reference: &ReferenceSamples,
         batches: Range<u32>,
+        detail: Detail,
     ) -> Result<Quality, Invalid> {
         match shown {
-            Prepared::Vdi(vdi) => self.quality_vdi(vdi, reference, batches),
+            Prepared::Vdi(vdi) => self.quality_vdi(vdi, reference, batches, detail),
             Prepared::Volume(field) => quality_of(reference, batches, |camera, size, pixels| {
                 self.volumes().raycast_pixels(field, camera, size, size, pixels)
             }),
@@ -99,14 +108,17 @@ impl Backend {
         camera: &Camera,
         width: u32,
         height: u32,
+        detail: Detail,
     ) -> Result<Image, Invalid> {
-        match &self.vdis {
-            Drawer::Cpu => vdi.render(camera, width, height),
+        Image::check_size(width, height)?;
+        let size = [width, height];
+        let colors = drawn(detail, |by| match &self.vdis {
+            Drawer::Cpu => Ok(vdi.displaced(camera, size, by)),
             Drawer::Gpu(kernels) => {
-                let drawn = kernels.render(vdi, camera, width, height);
-                or_cpu(kernels, drawn, || vdi.render(camera, width, height))
+                or_cpu(kernels, kernels.displaced(vdi, camera, size, by), || vdi.displaced(camera, size, by))
             }
-        }
+        })?;
+        Image::new(width, height, colors)
     }
 
     /// Errors of some batches of the sampled pixels of `vdi`.
@@ -118,14 +130,17 @@ impl Backend {
         vdi: &PreparedVdi<V>,
         reference: &ReferenceSamples,
         batches: Range<u32>,
+        detail: Detail,
     ) -> Result<Quality, Invalid> {
-        match &self.vdis {
-            Drawer::Cpu => vdi.quality(reference, batches),
-            Drawer::Gpu(kernels) => quality_of(reference, batches, |camera, size, pixels| {
-                let drawn = kernels.render_pixels(vdi, camera, size, size, pixels);
-                or_cpu(kernels, drawn, || Ok(vdi.render_pixels(camera, size, size, pixels)))
-            }),
-        }
+        quality_of(reference, batches, |camera, size, pixels| {
+            let on_cpu = |by| vdi.displaced_pixels(camera, [size; 2], pixels, by);
+            drawn(detail, |by| match &self.vdis {
+                Drawer::Cpu => Ok(on_cpu(by)),
+                Drawer::Gpu(kernels) => {
+                    or_cpu(kernels, kernels.displaced_pixels(vdi, camera, [size; 2], pixels, by), || on_cpu(by))
+                }
+            })
+        })
     }
 }
 
@@ -153,11 +168,7 @@ impl Drawer {
 }
 
 /// What the GPU drew; if it could not, what the processor does.
-fn or_cpu<T>(
-    kernels: &GpuKernels,
-    drawn: Result<T, GpuError>,
-    on_cpu: impl FnOnce() -> Result<T, Invalid>,
-) -> Result<T, Invalid> {
+fn or_cpu<T>(kernels: &GpuKernels, drawn: Result<T, GpuError>, on_cpu: impl FnOnce() -> T) -> Result<T, Invalid> {
     match drawn {
         Ok(drawn) => Ok(drawn),
         Err(GpuError::Invalid(e)) => Err(e),
@@ -165,7 +176,7 @@ fn or_cpu<T>(
             if kernels.is_first_failure() {
                 tracing::warn!("{e}; drawn by the processor, and so is, unsaid, whatever fails from now on");
             }
-            on_cpu()
+            Ok(on_cpu())
         }
     }
 }

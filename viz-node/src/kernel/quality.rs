@@ -14,13 +14,13 @@ pub fn quality(vdi: &Vdi, reference: &ReferenceSamples) -> Result<Quality, Inval
 }
 
 impl<V: Deref<Target = Vdi>> PreparedVdi<V> {
-    /// Errors of some batches of the sampled pixels.
+    /// Errors of some batches of the sampled pixels, neighbouring rays blended.
     ///
     /// # Errors
     /// If the samples do not fit their plan, or hold fewer batches.
     #[doc(alias = "q")]
     pub fn quality(&self, reference: &ReferenceSamples, batches: Range<u32>) -> Result<Quality, Invalid> {
-        quality_of(reference, batches, |camera, size, pixels| Ok(self.render_pixels(camera, size, size, pixels)))
+        quality_of(reference, batches, |camera, size, pixels| Ok(self.blended_pixels(camera, [size; 2], pixels)))
     }
 }
 

@@ -134,20 +134,21 @@ function wantedPicture() {
   const row = shownRow();
   if (!row || !store.run) return null;
   const { azimuth, elevation, zoom } = view;
-  const size = motion.held || motion.timer ? DRAFT_SIZE : fullSize();
+  const draft = Boolean(motion.held || motion.timer);
+  const size = draft ? DRAFT_SIZE : fullSize();
   const points = wishedPoints();
-  return { run: store.run.id, step: row.step, live: view.step === null, azimuth, elevation, zoom, size, points };
+  return { run: store.run.id, step: row.step, live: view.step === null, azimuth, elevation, zoom, size, points, draft };
 }
 
 /**
- * Whether picture `have` is what `want` asks for, at its size or a larger one. The newest picture may be of a step whose
+ * Whether picture `have` is what `want` asks for, as large and as well drawn, or better. The newest picture may be of a step whose
  * event has not come yet; asking again would only bring it once more.
  */
 function satisfies(have, want) {
   if (have === null) return false;
   const sameStep = have.step === want.step || (want.live && have.step > want.step);
   const sameView = ["run", "azimuth", "elevation", "zoom", "points"].every((key) => have[key] === want[key]);
-  return sameStep && sameView && have.size >= want.size;
+  return sameStep && sameView && have.size >= want.size && have.draft <= want.draft;
 }
 
 /** Asks for the wanted picture unless one is on its way; whatever is wanted when that one lands comes next. */
@@ -180,13 +181,14 @@ async function fetchPicture(want) {
     elevation: want.elevation.toFixed(2),
     zoom: want.zoom.toFixed(4),
     size: want.size,
+    draft: want.draft,
     ...(want.points && { points: JSON.stringify(want.points) }),
   });
   const answer = await fetch(`api/image?${query}`, { cache: "no-store" });
   if (!answer.ok) {
     picture.notice = `No picture of step ${want.step}: ${(await answer.text()).trim() || answer.status}`;
     // An unknown step stays unknown; any other failure may pass.
-    if (answer.status === 404) picture.refused = { ...want, size: Infinity };
+    if (answer.status === 404) picture.refused = { ...want, size: Infinity, draft: false };
     else retryPicture();
     return;
   }

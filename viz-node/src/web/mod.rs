@@ -2,7 +2,7 @@
 
 mod metrics;
 
-use crate::kernel::Backend;
+use crate::kernel::{Backend, Detail};
 use crate::measure::Meter;
 use crate::store::{Event, Run, StepRow, Store};
 use crate::view::{Orbit, Painter, ViewError};
@@ -114,6 +114,9 @@ struct ImageQuery {
     zoom: f64,
     #[serde(default = "default_size")]
     size: u32,
+    /// Drawn fast rather than well, for pictures in motion.
+    #[serde(default)]
+    draft: bool,
 }
 
 /// What a volume is seen under, for the page's editor.
@@ -161,8 +164,9 @@ async fn image(State(web): State<Web>, Query(query): Query<ImageQuery>) -> Respo
         },
     };
     let Some(step) = step else { return (StatusCode::NOT_FOUND, "no step yet").into_response() };
-    let orbit =
-        Orbit { azimuth_deg: query.azimuth, elevation_deg: query.elevation, zoom: query.zoom, size: query.size };
+    let (zoom, size) = (query.zoom, query.size);
+    let detail = if query.draft { Detail::Nearest } else { Detail::Blended };
+    let orbit = Orbit { azimuth_deg: query.azimuth, elevation_deg: query.elevation, zoom, size, detail };
     let points = match query.points.as_deref().map(serde_json::from_str::<Vec<ControlPoint>>).transpose() {
         Ok(points) => points,
         Err(e) => return (StatusCode::BAD_REQUEST, format!("points: {e}")).into_response(),

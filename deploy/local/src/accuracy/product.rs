@@ -6,7 +6,7 @@ use super::stored;
 use super::views::Views;
 use lamina_cast::{Backend, Field};
 use lamina_model::{Camera, GenerationParams, ParamsKey, Scene, Vdi, Volume};
-use lamina_viz_node::kernel::{self as viz, PreparedVdi};
+use lamina_viz_node::kernel::{self as viz, Detail, PreparedVdi};
 use lamina_wire::codec::{self, DecodeLimits, EncodeOptions};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -99,7 +99,8 @@ impl<'a> Product<'a> {
                 decoded
             };
             let size = self.views.size();
-            let draw = || Ok(self.backends.1.render_vdi(&prepared, self.views.middle(), size, size)?);
+            let draw =
+                || Ok(self.backends.1.render_vdi(&prepared, self.views.middle(), size, size, Detail::Blended)?);
             trial.drawing.push(timed(draw)?.1);
         }
         self.trials.insert(params.key(), trial);
@@ -135,7 +136,7 @@ impl<'a> Product<'a> {
 
     fn seen(&self, value: f64, vdi: &PreparedVdi) -> anyhow::Result<Shot> {
         let size = self.views.size();
-        let seen = self.views.gather(|camera, pixels| Ok(vdi.render_pixels(camera, size, size, pixels)))?;
+        let seen = self.views.gather(|camera, pixels| Ok(vdi.blended_pixels(camera, [size; 2], pixels)))?;
         Ok((self.point(value, &seen), seen))
     }
 
@@ -167,7 +168,9 @@ impl<'a> Product<'a> {
                 let mut drawn = Vec::new();
                 let mut cast = Vec::new();
                 for camera in &cameras {
-                    drawn.extend_from_slice(self.backends.1.render_vdi(vdi, camera, size, size)?.pixels());
+                    drawn.extend_from_slice(
+                        self.backends.1.render_vdi(vdi, camera, size, size, Detail::Blended)?.pixels(),
+                    );
                     cast.extend_from_slice(self.backends.0.raycast(self.field, camera, size, size)?.pixels());
                 }
                 Ok(Error::between(&drawn, &cast))

@@ -6,7 +6,7 @@ use crate::process;
 use lamina_cast::{Backend, Field};
 use lamina_model::{GenerationParams, Intermediate, Invalid, Quality, ReferenceSamples, SamplePlan, Scene, Volume};
 use lamina_tuner::trial::{Cost, Measured, Trial, TrialError};
-use lamina_viz_node::kernel::{self as viz, Prepared};
+use lamina_viz_node::kernel::{self as viz, Detail, Prepared};
 use lamina_wire::codec::{self, DecodeLimits, EncodeOptions};
 use std::time::{Duration, Instant};
 
@@ -86,7 +86,7 @@ impl Local {
             let start = clock();
             if let Some((_, shown)) = &self.held {
                 let more = trial.quality.batches() as u32..batches;
-                let quality = self.viewer.quality(shown, &self.reference, more)?;
+                let quality = self.viewer.quality(shown, &self.reference, more, Detail::Blended)?;
                 trial.quality.extend(&quality)?;
             }
             trial.spent.quality_ns += clock().saturating_sub(start).as_nanos() as u64;

@@ -13,7 +13,7 @@ use lamina_model::psnr;
 use lamina_tuner::Contract;
 use lamina_tuner::pareto::{front, offers};
 use lamina_tuner::tune::Row;
-use lamina_viz_node::kernel::PreparedVdi;
+use lamina_viz_node::kernel::{self as viz, Detail, PreparedVdi};
 use lamina_viz_node::view::png;
 use std::path::Path;
 
@@ -88,7 +88,7 @@ fn strip(m: &Measured, limits: &Limits) -> anyhow::Result<String> {
     for angle in ANGLES_DEG {
         let camera = m.trial.field().scene().camera.rotated_about_y(angle)?;
         let reference = Backend::cpu().raycast(m.trial.field(), &camera, PICTURE, PICTURE)?;
-        let drawn = vdi.render(&camera, PICTURE, PICTURE)?;
+        let drawn = viz::Backend::default().render_vdi(&vdi, &camera, PICTURE, PICTURE, Detail::Blended)?;
         let image = |image: &lamina_model::Image, what: &str| -> anyhow::Result<String> {
             let data = STANDARD.encode(png(image)?);
             Ok(format!("<img src=\"data:image/png;base64,{data}\" alt=\"{what} at {angle} degrees\">"))

@@ -7,6 +7,7 @@
 
 use super::clip::{Clip, Plane};
 use super::index::Index;
+use crate::kernel::Displacement;
 use glam::DVec3;
 use lamina_model::{Camera, Vdi, VdiHeader};
 
@@ -67,9 +68,9 @@ pub struct Frame<'a> {
 }
 
 impl<'a> Frame<'a> {
-    /// A picture of `vdi` from `camera`.
-    pub fn new(vdi: &'a Vdi, index: &'a Index, camera: &Camera, width: u32, height: u32) -> Self {
-        let map = |direction| homogeneous(vdi.header(), index, direction);
+    /// A picture of `vdi`, its image displaced `by`, from `camera`.
+    pub fn new(vdi: &'a Vdi, index: &'a Index, camera: &Camera, [width, height]: [u32; 2], by: Displacement) -> Self {
+        let map = |direction| homogeneous(vdi.header(), index, by, direction);
         let image = Pencil::new(camera, width, height, map(camera.position() - vdi.header().camera.position()), map);
         let world = Pencil::new(camera, width, height, camera.position(), |direction| direction);
         let bounds = &vdi.header().bounds;
@@ -104,11 +105,11 @@ impl<'a> Frame<'a> {
     }
 }
 
-/// A world direction from the generation camera as (U, V, Z).
-pub fn homogeneous(header: &VdiHeader, index: &Index, direction: DVec3) -> DVec3 {
+/// A world direction from the generation camera as (U, V, Z), the image displaced `by`.
+pub fn homogeneous(header: &VdiHeader, index: &Index, by: Displacement, direction: DVec3) -> DVec3 {
     let h = header.camera.tan_half_fov();
     let per_tan = 0.5 * f64::from(header.params.resolution()) / h;
     let p = header.camera.view_from_world_direction(direction);
-    let [i, j] = index.corner.map(f64::from);
+    let [i, j] = [0, 1].map(|axis| f64::from(index.corner[axis]) - by[axis]);
     DVec3::new((p.x + h * p.z) * per_tan - i * p.z, (h * p.z - p.y) * per_tan - j * p.z, p.z)
 }

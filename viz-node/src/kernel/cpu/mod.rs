@@ -37,6 +37,7 @@ pub(super) use index::Slabs;
 #[cfg(test)]
 pub(super) use spans::Span;
 
+use super::blend::{Detail, Displacement, drawn};
 use frame::Frame;
 use lamina_lanes::Level;
 use lamina_model::{Camera, Image, Invalid, Vdi};
@@ -93,14 +94,36 @@ impl<V: Deref<Target = Vdi>> PreparedVdi<V> {
     #[doc(alias = "I")]
     pub fn render(&self, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
         Image::check_size(width, height)?;
-        let frame = Frame::new(&self.vdi, &self.index, camera, width, height);
-        Image::new(width, height, picture(self.level, &frame, width as usize, height as usize))
+        Image::new(width, height, self.displaced(camera, [width, height], [0.0; 2]))
+    }
+
+    /// All colours of that picture, the VDI's image displaced.
+    pub(super) fn displaced(&self, camera: &Camera, size: [u32; 2], by: Displacement) -> Vec<[f32; 3]> {
+        let frame = Frame::new(&self.vdi, &self.index, camera, size, by);
+        picture(self.level, &frame, size[0] as usize, size[1] as usize)
     }
 
     /// The colours of some `pixels` (column, row) of that picture.
     pub fn render_pixels(&self, camera: &Camera, width: u32, height: u32, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
-        let frame = Frame::new(&self.vdi, &self.index, camera, width, height);
-        listed(self.level, &frame, pixels)
+        self.displaced_pixels(camera, [width, height], pixels, [0.0; 2])
+    }
+
+    /// The same, the VDI's image displaced.
+    pub(super) fn displaced_pixels(
+        &self,
+        camera: &Camera,
+        size: [u32; 2],
+        pixels: &[(u32, u32)],
+        by: Displacement,
+    ) -> Vec<[f32; 3]> {
+        listed(self.level, &Frame::new(&self.vdi, &self.index, camera, size, by), pixels)
+    }
+
+    /// The same, neighbouring rays blended.
+    pub fn blended_pixels(&self, camera: &Camera, size: [u32; 2], pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
+        let never = |by| Ok::<_, std::convert::Infallible>(self.displaced_pixels(camera, size, pixels, by));
+        let Ok(colors) = drawn(Detail::Blended, never);
+        colors
     }
 }
 

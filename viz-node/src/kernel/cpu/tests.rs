@@ -91,14 +91,33 @@ fn views(generation: Camera) -> Vec<(Camera, u32, u32)> {
 }
 
 fn assert_agrees(vdi: &Arc<Vdi>, (camera, width, height): &(Camera, u32, u32)) -> f32 {
-    let exact = scalar::render(vdi, camera, *width, *height).unwrap();
-    let fast = PreparedVdi::new(vdi.clone()).render(camera, *width, *height).unwrap();
-    let worst = exact.pixels().as_flattened().iter().zip(fast.pixels().as_flattened());
-    let worst = worst.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-    let db = psnr(&fast, &exact).unwrap();
-    let (r, position) = (vdi.resolution(), camera.position());
-    assert!(worst < 2e-4 && db > 95.0, "r {r}, from {position}, {width} x {height}: {worst:e}, {db} dB");
+    let (size, prepared) = ([*width, *height], PreparedVdi::new(vdi.clone()));
+    let pixels: Vec<_> = (0..*height).flat_map(|j| (0..*width).map(move |i| (i, j))).collect();
+    let mut worst = 0.0_f32;
+    for by in [[0.0; 2], [0.375, 0.125], [-0.125, 0.375], [0.125, -0.375]] {
+        let image = |pixels| Image::new(*width, *height, pixels).unwrap();
+        let exact = image(scalar::displaced_pixels(vdi, camera, size, &pixels, by));
+        let fast = image(prepared.displaced(camera, size, by));
+        let differences = exact.pixels().as_flattened().iter().zip(fast.pixels().as_flattened());
+        worst = differences.map(|(a, b)| (a - b).abs()).fold(worst, f32::max);
+        let db = psnr(&fast, &exact).unwrap();
+        let (r, position) = (vdi.resolution(), camera.position());
+        assert!(worst < 2e-4 && db > 95.0, "r {r}, from {position}, {width} x {height}, by {by:?}: {worst:e}, {db} dB");
+    }
     worst
+}
+
+#[test]
+fn blending_changes_nothing_where_rays_are_the_vdis_own() {
+    let vdi = random_vdi(outside(), 33, 0.7, 4);
+    let prepared = PreparedVdi::new(vdi.clone());
+    let pixels: Vec<_> = (0..33).flat_map(|j| (0..33).map(move |i| (i, j))).collect();
+    let nearest = prepared.render(&outside(), 33, 33).unwrap();
+    let blended = prepared.blended_pixels(&outside(), [33; 2], &pixels);
+    let worst = nearest.pixels().as_flattened().iter().zip(blended.as_flattened());
+    let worst = worst.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    // The same lists; only how a place in the pixel is rounded differs.
+    assert!(worst < 1e-5, "{worst:e}");
 }
 
 #[test]

@@ -17,7 +17,7 @@ mod view;
 
 pub use error::GpuError;
 
-use super::PreparedVdi;
+use super::{Displacement, PreparedVdi};
 use lamina_device::wgpu::{BindGroup, BufferUsages, ComputePipeline};
 use lamina_device::{AdapterFacts, DeviceError, Gpu};
 use lamina_model::{Camera, Image, Vdi};
@@ -93,8 +93,20 @@ impl GpuKernels {
         height: u32,
     ) -> Result<Image, GpuError> {
         Image::check_size(width, height)?;
+        Ok(Image::new(width, height, self.displaced(vdi, camera, [width, height], [0.0; 2])?)?)
+    }
+
+    /// All colours of that picture, the VDI's image displaced.
+    pub(super) fn displaced<V: Deref<Target = Vdi>>(
+        &self,
+        vdi: &PreparedVdi<V>,
+        camera: &Camera,
+        size @ [width, height]: [u32; 2],
+        by: Displacement,
+    ) -> Result<Vec<[f32; 3]>, GpuError> {
+        Image::check_size(width, height)?;
         let whole = width as usize * height as usize;
-        let pixels = self.with("a picture", vdi, camera, [width, height], whole, |bound| {
+        self.with("a picture", vdi, camera, size, by, whole, |bound| {
             let mut colors = Vec::with_capacity(whole);
             let rows = (bound.at_a_time() / u64::from(width)).max(1) as u32;
             for first in (0..height).step_by(rows as usize) {
@@ -104,8 +116,7 @@ impl GpuKernels {
                 bound.draw(&bound.pipelines.render_rows, &picture, &[0], groups, pixels, &mut colors)?;
             }
             Ok(colors)
-        })?;
-        Ok(Image::new(width, height, pixels)?)
+        })
     }
 
     /// The colours of some `pixels` (column, row) of that picture.
@@ -120,8 +131,20 @@ impl GpuKernels {
         height: u32,
         pixels: &[(u32, u32)],
     ) -> Result<Vec<[f32; 3]>, GpuError> {
-        Image::check_size(width, height)?;
-        self.with("pixels of a picture", vdi, camera, [width, height], pixels.len(), |bound| {
+        self.displaced_pixels(vdi, camera, [width, height], pixels, [0.0; 2])
+    }
+
+    /// The same, the VDI's image displaced.
+    pub(super) fn displaced_pixels<V: Deref<Target = Vdi>>(
+        &self,
+        vdi: &PreparedVdi<V>,
+        camera: &Camera,
+        size: [u32; 2],
+        pixels: &[(u32, u32)],
+        by: Displacement,
+    ) -> Result<Vec<[f32; 3]>, GpuError> {
+        Image::check_size(size[0], size[1])?;
+        self.with("pixels of a picture", vdi, camera, size, by, pixels.len(), |bound| {
             let mut colors = Vec::with_capacity(pixels.len());
             for band in pixels.chunks(bound.at_a_time() as usize) {
                 // Sides of a picture fit 15 bits.
@@ -142,7 +165,8 @@ impl GpuKernels {
         doing: &str,
         vdi: &PreparedVdi<V>,
         camera: &Camera,
-        [width, height]: [u32; 2],
+        size: [u32; 2],
+        by: Displacement,
         count: usize,
         work: impl FnOnce(&Bound<'_>) -> Result<Vec<[f32; 3]>, GpuError>,
     ) -> Result<Vec<[f32; 3]>, GpuError> {
@@ -154,7 +178,7 @@ impl GpuKernels {
         let mut residents = self.residents.lock().unwrap_or_else(PoisonError::into_inner);
         let done = gpu.run(doing, || {
             let resident = residents.get(gpu, vdi);
-            let view = View::new(vdi.vdi(), index, camera, width, height);
+            let view = View::new(vdi.vdi(), index, camera, size, by);
             let view = gpu.upload("view", bytemuck::bytes_of(&view), BufferUsages::UNIFORM);
             let [stored, slots, spans, masks, ends, contents] = &resident.buffers;
             let vdi = gpu.bind(&pipelines.vdi, &[stored, &view, slots, spans, masks, ends, contents]);

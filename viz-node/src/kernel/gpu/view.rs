@@ -5,6 +5,7 @@
 //! stored, and all coefficients are made here, once a picture, in double precision.
 
 use super::layout::{Form, PLANES, View};
+use crate::kernel::Displacement;
 use crate::kernel::cpu::{Index, homogeneous};
 use glam::DVec3;
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
@@ -62,13 +63,13 @@ fn single(form: [[f64; 3]; 2]) -> Form {
 }
 
 impl View {
-    /// The rays of `camera` through a `width` x `height` picture of `vdi`.
-    pub fn new(vdi: &Vdi, index: &Index, camera: &Camera, width: u32, height: u32) -> Self {
+    /// The rays of `camera` through a `width` x `height` picture of `vdi`, whose image is displaced `by`.
+    pub fn new(vdi: &Vdi, index: &Index, camera: &Camera, [width, height]: [u32; 2], by: Displacement) -> Self {
         let header = vdi.header();
         let bounds = &header.bounds;
         let rays = Rays::new(camera, bounds.center(), width, height);
         let eye = header.camera.position();
-        let image = |direction| homogeneous(header, index, direction);
+        let image = |direction| homogeneous(header, index, by, direction);
         let mut planes = [Form::default(); PLANES];
         for axis in 0..3 {
             planes[2 * axis] = rays.plane(bounds.min, 0.0, |d| d[axis]);

@@ -6,6 +6,7 @@
 //! it Z > 0 and image positions move monotonely, so the boundaries met are those between the first and the last pixel,
 //! and none that the line reaches only behind the camera can come in between.
 
+use crate::kernel::Displacement;
 use glam::DVec3;
 use lamina_model::{Ray, VdiHeader};
 use std::ops::ControlFlow;
@@ -17,6 +18,7 @@ pub struct Walk<'a> {
     direction: DVec3,
     enter: f64,
     leave: f64,
+    displaced: Displacement,
 }
 
 /// A stretch of a ray inside one pixel's frustum.
@@ -32,17 +34,17 @@ pub struct Crossing {
 }
 
 impl<'a> Walk<'a> {
-    /// `ray` clipped to the box and the pyramid of `header`; `None` if it passes by.
-    pub fn new(header: &'a VdiHeader, ray: &Ray) -> Option<Self> {
+    /// `ray` clipped to the box and the pyramid of `header`, whose image is `displaced`; `None` if it passes by.
+    pub fn new(header: &'a VdiHeader, ray: &Ray, displaced: Displacement) -> Option<Self> {
         let (mut enter, mut leave) = header.bounds.clip(ray)?;
         let camera = &header.camera;
         let origin = camera.view_from_world(ray.origin);
         let direction = camera.view_from_world_direction(ray.direction);
         let h = camera.tan_half_fov();
+        let [right, down] = displaced.map(|by| 2.0 * h * by / f64::from(header.params.resolution()));
         // The four sides: a + b s >= 0. Together they imply Z >= 0.
-        for side in
-            [DVec3::new(1.0, 0.0, h), DVec3::new(-1.0, 0.0, h), DVec3::new(0.0, 1.0, h), DVec3::new(0.0, -1.0, h)]
-        {
+        let sides = [[1.0, 0.0, h + right], [-1.0, 0.0, h - right], [0.0, 1.0, h - down], [0.0, -1.0, h + down]];
+        for side in sides.map(DVec3::from_array) {
             let (a, b) = (origin.dot(side), direction.dot(side));
             if b > 0.0 {
                 enter = enter.max(-a / b);
@@ -52,7 +54,7 @@ impl<'a> Walk<'a> {
                 return None;
             }
         }
-        (enter < leave).then_some(Self { header, origin, direction, enter, leave })
+        (enter < leave).then_some(Self { header, origin, direction, enter, leave, displaced })
     }
 
     /// Depth along the view at ray distance `s`.
@@ -87,8 +89,8 @@ impl<'a> Walk<'a> {
         let p = self.origin + s * self.direction;
         let hz = self.header.camera.tan_half_fov() * p.z;
         // A NaN casts to 0; what rounding pushes over the rim belongs to the last pixel.
-        let index = |ratio: f64| ((0.5 * (ratio + 1.0) * f64::from(r)) as u32).min(r - 1);
-        [index(p.x / hz), index(-p.y / hz)]
+        let index = |ratio: f64, by: f64| ((0.5 * (ratio + 1.0) * f64::from(r) + by) as u32).min(r - 1);
+        [index(p.x / hz, self.displaced[0]), index(-p.y / hz, self.displaced[1])]
     }
 
     /// Ray distance of the boundary between `pixel` and its neighbour towards `last`; infinity if there already.
@@ -96,7 +98,7 @@ impl<'a> Walk<'a> {
         if pixel == last {
             return f64::INFINITY;
         }
-        let boundary = f64::from(if pixel < last { pixel + 1 } else { pixel });
+        let boundary = f64::from(if pixel < last { pixel + 1 } else { pixel }) - self.displaced[axis];
         let f = self.header.camera.tan_half_fov() * (2.0 * boundary / f64::from(self.header.params.resolution()) - 1.0);
         let (o, d) = match axis {
             0 => (self.origin.x, self.direction.x),

@@ -4,6 +4,7 @@
 //! proportion to the length crossed. Depth planes are parallel to the generation image. Memory is the picture's own.
 
 use super::frustum::{Crossing, Walk};
+use crate::kernel::Displacement;
 use lamina_model::composite::{Accumulator, TRANSMITTANCE_FLOOR};
 use lamina_model::{Camera, Image, Invalid, Ray, Supersegment, Vdi};
 use rayon::prelude::*;
@@ -22,9 +23,20 @@ pub fn render(vdi: &Vdi, camera: &Camera, width: u32, height: u32) -> Result<Ima
 
 /// The colours of some `pixels` (column, row) of that picture.
 pub fn render_pixels(vdi: &Vdi, camera: &Camera, width: u32, height: u32, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
+    displaced_pixels(vdi, camera, [width, height], pixels, [0.0; 2])
+}
+
+/// The same with the VDI's image displaced.
+pub fn displaced_pixels(
+    vdi: &Vdi,
+    camera: &Camera,
+    [width, height]: [u32; 2],
+    pixels: &[(u32, u32)],
+    by: Displacement,
+) -> Vec<[f32; 3]> {
     let spans = spans(vdi);
     let background = vdi.header().background;
-    let color = |&(i, j): &(u32, u32)| trace(vdi, &spans, &camera.pixel_ray(i, j, width, height)).over(background);
+    let color = |&(i, j): &(u32, u32)| trace(vdi, &spans, &camera.pixel_ray(i, j, width, height), by).over(background);
     pixels.par_iter().with_min_len(64).map(color).collect()
 }
 
@@ -51,9 +63,9 @@ fn spans(vdi: &Vdi) -> Vec<Span> {
     (0..r as usize * r as usize).into_par_iter().with_min_len(1024).map(span).collect()
 }
 
-fn trace(vdi: &Vdi, spans: &[Span], ray: &Ray) -> Accumulator {
+fn trace(vdi: &Vdi, spans: &[Span], ray: &Ray, by: Displacement) -> Accumulator {
     let mut light = Accumulator::default();
-    if let Some(walk) = Walk::new(vdi.header(), ray) {
+    if let Some(walk) = Walk::new(vdi.header(), ray, by) {
         walk.pixels(|crossing| {
             let list = vdi.list(crossing.i, crossing.j);
             if list.is_empty() {
