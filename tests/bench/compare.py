@@ -107,8 +107,11 @@ def times(rounds):
     yield row("65 gammas, r 256 : one generate", 4.0, ("plain", GAMMAS), ("plain", "generate 256"))
     yield row("novel view, r 256, 768 px : ray cast, 256^3", 0.5, ("plain", novel), side)
     aside = "raycast 768 from aside"
-    yield row("the same, 256^3 with noise", None, ("noisy", novel), ("noisy", aside))
+    still = "blend 256 at 768"
+    yield row("the same, rays blended", None, ("plain", still), side)
+    yield row("novel view, 256^3 with noise", None, ("noisy", novel), ("noisy", aside))
     yield row("the same, 512^3 with noise", 0.15, ("large", novel), ("large", aside))
+    yield row("the same, rays blended", None, ("large", still), ("large", aside))
     yield row("novel view, 512^3 : 256^3, both with noise", None, ("large", novel), ("noisy", novel))
     yield row("ray cast, 512^3 : 256^3, both with noise", None, ("large", aside), ("noisy", aside))
     views = [r["plain"]["render 256 at 512"]["wall_ms"] for r in rounds]

@@ -4,9 +4,9 @@
 
 use glam::DVec3;
 use lamina_cast::{Backend, Field};
-use lamina_model::{Camera, GenerationParams, Image, SamplePlan, Scene, Vdi, psnr};
+use lamina_model::{Camera, GenerationParams, Image, ReferenceSamples, SamplePlan, Scene, Vdi, psnr};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
-use lamina_viz_node::kernel::{self as viz, Detail, PreparedVdi, quality, render};
+use lamina_viz_node::kernel::{self as viz, Detail, PreparedVdi, render};
 
 const SIZE: u32 = 96;
 
@@ -25,6 +25,11 @@ fn compare(field: &Field, vdi: &Vdi, camera: &Camera) -> f64 {
     let lit = reference.pixels().iter().filter(|p| p[0] + p[1] + p[2] > 0.05).count();
     assert!(lit > (SIZE * SIZE / 20) as usize, "the view shows something");
     psnr(&render(vdi, camera, SIZE, SIZE).unwrap(), &reference).unwrap()
+}
+
+fn psnr_db(vdi: &Vdi, reference: &ReferenceSamples, detail: Detail) -> f64 {
+    let all = 0..reference.plan.batches;
+    viz::Backend::default().quality_vdi(&PreparedVdi::new(vdi), reference, all, detail).unwrap().psnr_db()
 }
 
 #[test]
@@ -53,9 +58,7 @@ fn neighbouring_rays_blended_are_nearer_to_the_truth_than_the_nearest_one() {
     let reference = Backend::cpu().reference_samples(&field, &plan, 0).unwrap();
     for r in [32, 64, 128] {
         let vdi = vdi(&field, r, 0.005);
-        let vdi = PreparedVdi::new(&vdi);
-        let q = |detail| viz::Backend::default().quality_vdi(&vdi, &reference, 0..1, detail).unwrap().psnr_db();
-        let [nearest, blended] = [Detail::Nearest, Detail::Blended].map(q);
+        let [nearest, blended] = [Detail::Nearest, Detail::Blended].map(|detail| psnr_db(&vdi, &reference, detail));
         assert!(blended > nearest + 1.0, "r {r}: {nearest} and {blended} dB");
     }
 }
@@ -65,7 +68,7 @@ fn quality_rises_with_resolution_and_with_falling_gamma() {
     let (_, field) = scene_and_field();
     let plan = SamplePlan { image_size: SIZE, tile: 1, batches: 1, angles_deg: vec![10.0, 30.0, 60.0] };
     let reference = Backend::cpu().reference_samples(&field, &plan, 0).unwrap();
-    let q = |r, gamma| quality(&vdi(&field, r, gamma), &reference).unwrap().psnr_db();
+    let q = |r, gamma| psnr_db(&vdi(&field, r, gamma), &reference, Detail::Nearest);
     let by_resolution = [32, 64, 128, 256].map(|r| q(r, 0.01));
     assert!(by_resolution.is_sorted_by(|a, b| a + 1.0 < *b), "{by_resolution:?}");
     let by_gamma = [0.3, 0.1, 0.03, 0.01].map(|gamma| q(256, gamma));

@@ -3,7 +3,7 @@
 use crate::kernel::{Backend, Detail, Prepared};
 use crate::store::{Store, StoreError};
 use lamina_model::{ControlPoint, Image, Invalid};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// What the page asks for.
@@ -52,7 +52,8 @@ pub struct Painter {
     recoloured: Mutex<Option<Recoloured>>,
 }
 
-/// The volume last drawn in other colours: the next picture of it is likely to be in the same.
+/// The volume last drawn in other colours: the next picture is likely to be of it, in the same; if it is not in other
+/// colours, this is dropped.
 struct Recoloured {
     from: Arc<Prepared>,
     points: Vec<ControlPoint>,
@@ -77,16 +78,21 @@ impl Painter {
         let mut shown = self.store.prepared(step)?;
         let camera = shown.camera().orbit(orbit.azimuth_deg, orbit.elevation_deg, orbit.zoom)?;
         let start = Instant::now();
-        if let Some(points) = points {
-            shown = self.recoloured(shown, points)?;
+        match points {
+            Some(points) => shown = self.recoloured(shown, points)?,
+            None => *self.last() = None,
         }
         let image = self.backend.render(&shown, &camera, orbit.size, orbit.size, orbit.detail)?;
         let render_time = start.elapsed();
         Ok(Picture { step, png: png(&image)?, render_time })
     }
 
+    fn last(&self) -> MutexGuard<'_, Option<Recoloured>> {
+        self.recoloured.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn recoloured(&self, from: Arc<Prepared>, points: Vec<ControlPoint>) -> Result<Arc<Prepared>, Invalid> {
-        let mut last = self.recoloured.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut last = self.last();
         if let Some(last) = last.as_ref().filter(|l| Arc::ptr_eq(&l.from, &from) && l.points == points) {
             return Ok(last.shown.clone());
         }

@@ -80,7 +80,7 @@ impl Field {
         Self::of(grid, scene, Arc::new(Stored::F32(units)), [1.0, 0.0])
     }
 
-    /// The same voxels, which both share, under another transfer function over the same range.
+    /// The same voxels, of which main memory holds one copy, under another transfer function over the same range.
     ///
     /// # Errors
     /// If it is over another.

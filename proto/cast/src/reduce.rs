@@ -77,6 +77,9 @@ fn keys(x: f64) -> f64 {
 /// For each of `to` points along `from`, the first old point it is made of and the weights from there on. Beyond an end the
 /// values go on as their reflection in the end's, upside down, so that a ramp stays one.
 fn weights(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
+    if from == to {
+        return (0..to).map(|i| (i, vec![1.0])).collect();
+    }
     let (stretch, end) = ((from - 1) as f64 / (to.max(2) - 1) as f64, from as i64 - 1);
     let of = |i: usize| {
         let at = i as f64 * stretch;
@@ -194,8 +197,16 @@ mod tests {
         assert_eq!(volume.grid().bounds(), f.grid().bounds());
         assert_eq!(volume.scene().transfer.stated_unit_length(), Some(0.5));
         assert!(volume.units().iter().all(|u| (u - 0.5).abs() < 1e-6), "a constant stays");
-        // More points than there are: all of them. A slice and a pair stay what they are.
+        // More points than there are: all of them.
         assert_eq!(reduce(&f, &params(500)).unwrap().grid(), f.grid());
+        // A slice and a pair stay what they are.
+        for (dims, fewer) in
+            [([1, 9, 9], [1, 5, 5]), ([9, 1, 9], [5, 1, 5]), ([9, 9, 1], [5, 5, 1]), ([1, 2, 9], [1, 2, 5])]
+        {
+            let volume = reduce(&field(dims, |_| 50.0), &params(5)).unwrap();
+            assert_eq!(volume.grid().dims(), fewer);
+            assert!(volume.units().iter().all(|u| (u - 0.5).abs() < 1e-6), "{dims:?}");
+        }
         assert_eq!(reduced_dims([1, 2, 100], 10), [1, 2, 10]);
         assert_eq!(reduced_dims([64, 64, 64], 1), [2, 2, 2]);
     }

@@ -68,10 +68,10 @@ impl TransferTable {
     }
 }
 
-/// Four bins or more between any two control points that are apart, within bounds.
+/// Four bins or more between any two control points that are apart, within bounds; two nearer than the finest bin are a jump.
 fn bins(transfer: &TransferFunction) -> usize {
     let gaps = transfer.points().windows(2).map(|w| w[1].at - w[0].at);
-    let least = gaps.filter(|&g| g > 0.0).fold(1.0, f64::min);
+    let least = gaps.filter(|&g| g * MAX_BINS as f64 > 1.0).fold(1.0, f64::min);
     ((4.0 / least) as usize).clamp(MIN_BINS, MAX_BINS).next_power_of_two()
 }
 

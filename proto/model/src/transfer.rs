@@ -319,7 +319,7 @@ impl TransferFunction {
             let to = lo.next_down();
             if from < to {
                 points.push(own(from));
-                let between = |p: &&ControlPoint| p.at > f64::from(from) && p.at < f64::from(to);
+                let between = |p: &&ControlPoint| p.at > f64::from(from) && p.at <= f64::from(to);
                 points.extend(self.points.iter().filter(between));
                 points.push(own(to));
             }
@@ -412,14 +412,17 @@ mod tests {
             tf(vec![p(0.0, 0.5), p(0.0, 0.0), p(1.0, 0.0), p(1.0, 0.5)]),
             tf(vec![p(0.5, 0.0)]),
             tf(vec![p(0.5, 0.1)]),
+            // Jumps at single-precision numbers.
+            tf(vec![p(0.0, 0.0), p(0.5, 0.0), p(0.5, 0.8), p(0.75, 0.8), p(0.75, 0.0), p(1.0, 0.0)]),
         ];
         let wished = [
+            recorded[4].clone(),
             tf(vec![p(0.0, 1.0)]),
             tf(vec![p(0.2, 0.0), p(0.2, 0.3), p(0.6, 1.0), p(0.8, 0.0), p(0.8, 0.9), p(1.0, 0.1)]),
         ];
         for (recorded, wished) in recorded.iter().flat_map(|r| wished.iter().map(move |w| (r, w))) {
             let held = wished.where_shown_by(recorded).unwrap();
-            let corners = [0.0, 0.1, 0.2, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0_f32];
+            let corners = [0.0, 0.1, 0.2, 0.3, 0.5, 0.6, 0.7, 0.75, 0.8, 0.9, 1.0_f32];
             let beside = corners.iter().flat_map(|c| [c.next_down(), *c, c.next_up()]);
             for u in (-20..=120).map(|n| n as f32 * 0.01).chain(beside) {
                 let (color, opacity) = held.at(u);

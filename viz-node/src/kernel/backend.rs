@@ -132,14 +132,28 @@ impl Backend {
         batches: Range<u32>,
         detail: Detail,
     ) -> Result<Quality, Invalid> {
-        quality_of(reference, batches, |camera, size, pixels| {
-            let on_cpu = |by| vdi.displaced_pixels(camera, [size; 2], pixels, by);
-            drawn(detail, |by| match &self.vdis {
-                Drawer::Cpu => Ok(on_cpu(by)),
-                Drawer::Gpu(kernels) => {
-                    or_cpu(kernels, kernels.displaced_pixels(vdi, camera, [size; 2], pixels, by), || on_cpu(by))
-                }
-            })
+        quality_of(reference, batches, |camera, size, pixels| self.vdi_pixels(vdi, camera, [size; 2], pixels, detail))
+    }
+
+    /// The colours of some `pixels` (column, row) of a picture of `vdi`, `size` pixels.
+    ///
+    /// # Errors
+    /// If the picture's size is out of bounds.
+    pub fn vdi_pixels<V: Deref<Target = Vdi>>(
+        &self,
+        vdi: &PreparedVdi<V>,
+        camera: &Camera,
+        size: [u32; 2],
+        pixels: &[(u32, u32)],
+        detail: Detail,
+    ) -> Result<Vec<[f32; 3]>, Invalid> {
+        Image::check_size(size[0], size[1])?;
+        let on_cpu = |by| vdi.displaced_pixels(camera, size, pixels, by);
+        drawn(detail, |by| match &self.vdis {
+            Drawer::Cpu => Ok(on_cpu(by)),
+            Drawer::Gpu(kernels) => {
+                or_cpu(kernels, kernels.displaced_pixels(vdi, camera, size, pixels, by), || on_cpu(by))
+            }
         })
     }
 }

@@ -3,14 +3,15 @@
 //! A novel ray that takes, at every place, the list of the pixel it is in sees steps as wide as that pixel. The mean of four
 //! pictures for which the VDI's image is displaced by parts of a pixel weighs the lists around by how near they are. The
 //! displacements are a rotated grid: on both axes all four odd eighths, so that edges along the VDI's rows and columns get four
-//! grades from four pictures. None leaves a pixel: seen from the generation camera at the VDI's own resolution nothing changes.
+//! grades from four pictures. None leaves a pixel: seen from the generation camera at the VDI's own resolution nothing
+//! changes. Where the volume reaches beyond the VDI's image, half of the image's outermost pixel fades.
 
 /// How carefully a VDI is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Detail {
     /// The lists that are nearest: for pictures in motion.
     Nearest,
-    /// Those around, blended, for four times the work. Quality is that of these pictures.
+    /// Those around, blended, for four times the work: for pictures at rest, and what quality is measured of.
     Blended,
 }
 

@@ -17,4 +17,3 @@ pub use blend::{Detail, Displacement};
 pub use cpu::{PreparedVdi, render};
 pub use lamina_lanes::Level;
 pub use prepared::Prepared;
-pub use quality::quality;

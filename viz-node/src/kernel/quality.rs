@@ -1,30 +1,12 @@
-//! q: the PSNR of a VDI's pictures against reference samples.
+//! q: the PSNR of pictures against reference samples.
 
-use super::PreparedVdi;
-use lamina_model::{Camera, Invalid, Quality, ReferenceSamples, SquaredError, Vdi, ViewError};
-use std::ops::{Deref, Range};
+use lamina_model::{Camera, Invalid, Quality, ReferenceSamples, SquaredError, ViewError};
+use std::ops::Range;
 
-/// Errors of all batches.
+/// Errors of some batches of the sampled pixels, which `render_pixels` draws of a square picture.
 ///
 /// # Errors
-/// If the samples do not fit their plan.
-#[doc(alias = "q")]
-pub fn quality(vdi: &Vdi, reference: &ReferenceSamples) -> Result<Quality, Invalid> {
-    PreparedVdi::new(vdi).quality(reference, 0..reference.plan.batches)
-}
-
-impl<V: Deref<Target = Vdi>> PreparedVdi<V> {
-    /// Errors of some batches of the sampled pixels, neighbouring rays blended.
-    ///
-    /// # Errors
-    /// If the samples do not fit their plan, or hold fewer batches.
-    #[doc(alias = "q")]
-    pub fn quality(&self, reference: &ReferenceSamples, batches: Range<u32>) -> Result<Quality, Invalid> {
-        quality_of(reference, batches, |camera, size, pixels| Ok(self.blended_pixels(camera, [size; 2], pixels)))
-    }
-}
-
-/// The same for whatever draws pixels of a square picture.
+/// If the samples do not fit their plan, or hold fewer batches.
 pub fn quality_of(
     reference: &ReferenceSamples,
     batches: Range<u32>,

@@ -3,7 +3,7 @@
 "use strict";
 
 /** `recorded`: what the server said of run `run`; `points: null` draws as recorded; `selected` is a position in `points`. */
-const colours = { run: null, recorded: null, points: null, selected: 0, loading: false };
+const colours = { run: null, recorded: null, points: null, selected: 0, loading: false, retryAt: 0 };
 
 const CURVE_BOTTOM = 92;
 const CURVE_TOP = 8;
@@ -16,16 +16,21 @@ const wishedPoints = () => (shownRow()?.representation === "volume" && colours.r
 const editedPoints = () => colours.points ?? colours.recorded.points;
 
 async function loadColours(row) {
-  if (colours.loading || link.phase !== "live" || colours.run === store.run.id) return;
+  const wait = colours.loading || performance.now() < colours.retryAt;
+  if (wait || link.phase !== "live" || colours.run === store.run.id) return;
   colours.loading = true;
   const run = store.run.id;
   try {
     const answer = await fetch(`api/transfer?step=${row.step}`, { cache: "no-store" });
     if (answer.ok) Object.assign(colours, { run, recorded: await answer.json(), points: null, selected: 0 });
   } catch {
-    // The next drawing asks again.
+    // Asked again below.
   }
   colours.loading = false;
+  if (colours.run !== run) {
+    colours.retryAt = performance.now() + RETRY_MS;
+    setTimeout(refresh, RETRY_MS + 10);
+  }
   if (colours.run === run) refresh();
 }
 
@@ -77,10 +82,10 @@ function drawCurve() {
   const scalar = (at, px, anchor) => `<text x="${px}" y="${CURVE_BOTTOM + 15}" text-anchor="${anchor}">${significant(scalarAt(at), 3)}</text>`;
   byId("curve").firstElementChild.innerHTML = [
     `<defs><linearGradient id="along" gradientUnits="userSpaceOnUse" x1="${x(0)}" x2="${x(1)}" y1="0" y2="0">${stops}</linearGradient>
-     <pattern id="hatch" width="6" height="6" patternUnits="userSpaceOnUse" patternTransform="rotate(45)"><path class="grid" d="M0 0V6"/></pattern></defs>`,
-    ...hatched,
+     <pattern id="hatch" width="6" height="6" patternUnits="userSpaceOnUse" patternTransform="rotate(45)"><path class="hatch" d="M0 0V6"/></pattern></defs>`,
     ...[0.001, 0.01, 0.1, 1].map((o) => gridLine(y(o), width, String(o))),
     `<path fill="url(#along)" fill-opacity="0.85" d="${line}V${CURVE_BOTTOM}H${x(0)}Z"/><path class="curve" d="${line}"/>`,
+    ...hatched,
     ...points.map((p, i) => `<circle class="corner" data-selected="${i === colours.selected}" cx="${x(p.at)}" cy="${y(p.opacity)}" r="5" fill="${hex(p.color)}"/>`),
     scalar(0, x(0), "start"),
     `<text x="${(x(0) + x(1)) / 2}" y="${CURVE_BOTTOM + 15}" text-anchor="middle">${range.scale === "log10" ? "logarithmic" : ""}</text>`,
@@ -143,41 +148,51 @@ const CORNER_KEYS = {
   PageUp: () => select(colours.selected + 1),
   PageDown: () => select(colours.selected - 1),
   Delete: removeSelected,
+  Backspace: removeSelected,
 };
 
 const raiseSelected = (by) =>
   changeSelected({ opacity: clamp(Math.cbrt(editedPoints()[colours.selected].opacity) + by, 0, 1) ** 3 });
 
+/** The point within reach of a place on the curve, or -1. */
+function pointAt([px, py]) {
+  const { x, y } = curveScale();
+  const far = editedPoints().map((p) => Math.hypot(x(p.at) - px, y(p.opacity) - py));
+  const nearest = far.indexOf(Math.min(...far));
+  return far[nearest] > REACH ? -1 : nearest;
+}
+
 function listenToCurve(element) {
-  let held = false;
+  let held = null;
   const place = (event) => {
     const box = element.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   };
   element.addEventListener("pointerdown", (event) => {
     if (event.button !== 0) return;
-    const [{ x, y }, [px, py]] = [curveScale(), place(event)];
-    const far = editedPoints().map((p) => Math.hypot(x(p.at) - px, y(p.opacity) - py));
-    const nearest = far.indexOf(Math.min(...far));
-    if (far[nearest] > REACH) return;
+    if (held !== null) return;
+    const nearest = pointAt(place(event));
+    if (nearest < 0) return;
     element.setPointerCapture(event.pointerId);
-    held = motion.held = true;
+    [held, motion.held] = [event.pointerId, true];
     select(nearest);
   });
   element.addEventListener("pointermove", (event) => {
-    if (!held) return;
+    // Hidden while held, the curve has no width.
+    if (held !== event.pointerId || element.clientWidth === 0) return;
     const [scale, [px, py]] = [curveScale(), place(event)];
     changeSelected({ at: scale.at(px), opacity: scale.opacity(py) });
   });
-  const release = () => {
-    held = motion.held = false;
+  const release = (event) => {
+    if (held !== event.pointerId) return;
+    [held, motion.held] = [null, false];
     refresh();
   };
   element.addEventListener("pointerup", release);
   element.addEventListener("pointercancel", release);
   element.addEventListener("dblclick", (event) => {
     const [scale, [px, py]] = [curveScale(), place(event)];
-    addPoint(scale.at(px), scale.opacity(py));
+    if (pointAt([px, py]) < 0) addPoint(scale.at(px), scale.opacity(py));
   });
   element.addEventListener("keydown", (event) => {
     const action = CORNER_KEYS[event.key];
@@ -192,6 +207,8 @@ function listenToColours() {
   listenToCurve(byId("curve"));
   byId("colours").addEventListener("toggle", refresh);
   byId("corner-colour").addEventListener("input", (event) => changeSelected({ color: fromHex(event.target.value) }));
+  byId("previous-corner").addEventListener("click", () => select(colours.selected - 1));
+  byId("next-corner").addEventListener("click", () => select(colours.selected + 1));
   byId("add-corner").addEventListener("click", addBesideSelected);
   byId("remove-corner").addEventListener("click", removeSelected);
   byId("recorded-colours").addEventListener("click", () => setPoints(null));

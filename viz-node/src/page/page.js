@@ -176,19 +176,20 @@ async function pumpPicture() {
 
 async function fetchPicture(want) {
   const query = new URLSearchParams({
-    step: want.live ? "newest" : want.step,
+    // Colours are those of the step they were chosen for, or one like it: the newest may be a VDI.
+    step: want.live && !want.points ? "newest" : want.step,
     azimuth: want.azimuth.toFixed(2),
     elevation: want.elevation.toFixed(2),
     zoom: want.zoom.toFixed(4),
     size: want.size,
     draft: want.draft,
-    ...(want.points && { points: JSON.stringify(want.points) }),
+    ...(want.points && { points: JSON.stringify(want.points, (_, x) => (typeof x === "number" ? Number(x.toPrecision(6)) : x)) }),
   });
   const answer = await fetch(`api/image?${query}`, { cache: "no-store" });
   if (!answer.ok) {
     picture.notice = `No picture of step ${want.step}: ${(await answer.text()).trim() || answer.status}`;
-    // An unknown step stays unknown; any other failure may pass.
-    if (answer.status === 404) picture.refused = { ...want, size: Infinity, draft: false };
+    // What is unknown or refused stays so; a fault of the server's may pass.
+    if (answer.status < 500) picture.refused = { ...want, size: Infinity, draft: false };
     else retryPicture();
     return;
   }
@@ -214,7 +215,7 @@ function showPicture(bitmap, want, headers) {
   Object.assign(canvas.dataset, { step, size: want.size, renderMs });
   for (const key of ["azimuth", "elevation", "zoom"]) canvas.dataset[key] = Number(want[key].toFixed(4));
   Object.assign(picture, { shown: { ...want, step }, refused: null, retryAt: 0, notice: "" });
-  byId("rendered").textContent = `step ${step}, ${want.size} px in ${fixed(renderMs, 1)} ms`;
+  byId("rendered").textContent = `step ${step}, ${want.size} px in ${fixed(renderMs, 1)} ms${want.points ? ", own colours" : ""}`;
 }
 
 /** The stage takes the picture's background, if its corners agree on one, so that the square does not look cut out. */

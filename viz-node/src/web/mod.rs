@@ -26,7 +26,7 @@ pub struct Web {
     painter: Arc<Painter>,
     meter: Arc<Meter>,
     connected: Arc<AtomicBool>,
-    /// Pictures rendered at once: each uses all cores or the whole GPU already.
+    /// Steps decoded and pictures rendered at once: each uses all cores or the whole GPU already.
     renders: Arc<Semaphore>,
 }
 
@@ -134,7 +134,13 @@ struct TransferQuery {
 }
 
 async fn transfer(State(web): State<Web>, Query(query): Query<TransferQuery>) -> Response {
-    match tokio::task::spawn_blocking(move || web.store.prepared(query.step)).await {
+    let Ok(permit) = web.renders.acquire_owned().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
+    let work = move || {
+        // Decoding takes memory: one at a time.
+        let _permit = permit;
+        web.store.prepared(query.step)
+    };
+    match tokio::task::spawn_blocking(work).await {
         Ok(Ok(shown)) => match shown.transfer() {
             Some(function) => {
                 let parts = function.transparent_parts().into_iter();

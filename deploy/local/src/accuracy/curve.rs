@@ -17,6 +17,8 @@ pub enum Source {
     Vdi,
     /// The plain integrator: time of the sampled rays, scaled to a whole picture.
     Plain,
+    /// The base's VDI: time of drawing a whole picture of it.
+    Drawing,
     /// Measuring quality itself: time of reference and drawing, all views.
     Sample,
 }
@@ -28,6 +30,7 @@ impl Source {
             Self::Raycast => "raycast",
             Self::Vdi => "vdi",
             Self::Plain => "plain",
+            Self::Drawing => "drawing",
             Self::Sample => "sample",
         }
     }

@@ -52,6 +52,8 @@ pub const RESOLUTION: Knob =
 pub const COLOR: Knob =
     Knob { coarseness: halved_each, ..knob("color_bits", "Bits of colour and opacity", "bits a channel", Source::Vdi) };
 pub const DEPTH: Knob = Knob { coarseness: halved_each, ..knob("depth_bits", "Bits of depth", "bits", Source::Vdi) };
+pub const BLENDED: Knob =
+    Knob { coarseness: inverse, ..knob("blended", "Rays of the VDI for one of the picture", "rays", Source::Drawing) };
 pub const NEAREST: Knob =
     Knob { priced: false, coarseness: thinned, ..knob("nearest", "Nearest", "voxels apart", Source::Plain) };
 pub const TRILINEAR: Knob =

@@ -153,6 +153,7 @@ fn measure(
     }
     curves.extend(sweep::bits(&product, &base)?);
     say("bits of colour and depth");
+    curves.push(sweep::blended(&product, &base)?);
     let trials = product.trials();
     curves.push(sweep::sample(&product, &views, &base)?);
     let plain =

@@ -13,7 +13,7 @@ use lamina_model::Volume;
 use std::path::Path;
 
 /// Curves that belong together: heading, what is to be known of them, their keys.
-const GROUPS: [(&str, &str, &[&str]); 10] = [
+const GROUPS: [(&str, &str, &[&str]); 11] = [
     (
         "Sampling step: ray casting",
         "The product's ray caster; time is that of a whole picture. It ends rays at 100 dB.",
@@ -30,7 +30,13 @@ const GROUPS: [(&str, &str, &[&str]); 10] = [
         &["opacity_cutoff"],
     ),
     ("Gamma", "The interrupt parameter: samples join a supersegment while they differ by less.", &["gamma"]),
-    ("Resolution", "Rays of the VDI along each side. A novel view takes the nearest.", &["resolution"]),
+    ("Resolution", "Rays of the VDI along each side.", &["resolution"]),
+    (
+        "Blending",
+        "A novel view takes the nearest rays of the VDI, or blends those around, as all other figures here do; time is that of \
+         drawing a picture.",
+        &["blended"],
+    ),
     (
         "Stored bits of colour and opacity",
         "The base's VDI rounded before it is encoded. The codec stores 8 bits a channel whatever is asked for, so that fewer \

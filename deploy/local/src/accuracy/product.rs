@@ -135,9 +135,20 @@ impl<'a> Product<'a> {
     }
 
     fn seen(&self, value: f64, vdi: &PreparedVdi) -> anyhow::Result<Shot> {
-        let size = self.views.size();
-        let seen = self.views.gather(|camera, pixels| Ok(vdi.blended_pixels(camera, [size; 2], pixels)))?;
+        let (viewer, size) = (&self.backends.1, [self.views.size(); 2]);
+        let draw = |camera: &Camera, pixels: &[_]| Ok(viewer.vdi_pixels(vdi, camera, size, pixels, Detail::Blended)?);
+        let seen = self.views.gather(draw)?;
         Ok((self.point(value, &seen), seen))
+    }
+
+    /// What `vdi` looks like drawn with `detail`; the time is that of drawing a whole picture.
+    pub fn drawn(&self, value: f64, vdi: &PreparedVdi<&Vdi>, detail: Detail) -> anyhow::Result<Shot> {
+        let (viewer, size) = (&self.backends.1, self.views.size());
+        let seen =
+            self.views.gather(|camera, pixels| Ok(viewer.vdi_pixels(vdi, camera, [size; 2], pixels, detail)?))?;
+        let draw = || Ok(viewer.render_vdi(vdi, self.views.middle(), size, size, detail)?);
+        let (_, time_ms) = median_ms(|| timed(draw))?;
+        Ok((Point { time_ms, draw_ms: Some(time_ms), ..self.point(value, &seen) }, seen))
     }
 
     /// `vdi`, its colour and opacity rounded to `bits`.

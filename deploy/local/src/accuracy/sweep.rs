@@ -9,7 +9,7 @@ use super::scalars::{Interpolation, Scalars};
 use super::stored;
 use super::views::Views;
 use lamina_model::{GenerationParams, Ray, Volume};
-use lamina_viz_node::kernel::PreparedVdi;
+use lamina_viz_node::kernel::{Detail, PreparedVdi};
 
 /// Points with what they add by themselves, against the last, the finest.
 fn curve<A: Copy + Into<f64>>(knob: Knob, shots: Vec<(Point, Vec<[A; 3]>)>) -> Curve {
@@ -43,6 +43,18 @@ pub fn bits(product: &Product, base: &GenerationParams) -> anyhow::Result<[Curve
     let depth = (knobs::FEWEST_DEPTH_BITS.min(most)..=most)
         .map(|bits| Ok(of_base(product.encoded(bits.into(), &stored::with_depth_bits(&vdi, bits)?)?)));
     Ok([curve(knobs::COLOR, color), curve(knobs::DEPTH, depth.collect::<anyhow::Result<Vec<Shot>>>()?)])
+}
+
+/// The base's VDI, drawn by the nearest of its rays and by those around, blended.
+pub fn blended(product: &Product, base: &GenerationParams) -> anyhow::Result<Curve> {
+    let vdi = product.generate(base)?;
+    let vdi = PreparedVdi::new(&vdi);
+    let shot = |(rays, detail)| {
+        let (point, seen) = product.drawn(rays, &vdi, detail)?;
+        Ok((Point { params: Some(*base), ..point }, seen))
+    };
+    let shots = [(1.0, Detail::Nearest), (4.0, Detail::Blended)].map(shot).into_iter();
+    Ok(curve(knobs::BLENDED, shots.collect::<anyhow::Result<Vec<Shot>>>()?))
 }
 
 /// The plain integrator on the sampled rays.

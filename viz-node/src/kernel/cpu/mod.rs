@@ -37,7 +37,7 @@ pub(super) use index::Slabs;
 #[cfg(test)]
 pub(super) use spans::Span;
 
-use super::blend::{Detail, Displacement, drawn};
+use super::Displacement;
 use frame::Frame;
 use lamina_lanes::Level;
 use lamina_model::{Camera, Image, Invalid, Vdi};
@@ -87,7 +87,7 @@ impl<V: Deref<Target = Vdi>> PreparedVdi<V> {
         self.index.size_bytes()
     }
 
-    /// A picture from `camera`. The paper's I.
+    /// A picture from `camera`, of the nearest rays. The paper's I.
     ///
     /// # Errors
     /// If the picture's size is out of bounds.
@@ -118,16 +118,9 @@ impl<V: Deref<Target = Vdi>> PreparedVdi<V> {
     ) -> Vec<[f32; 3]> {
         listed(self.level, &Frame::new(&self.vdi, &self.index, camera, size, by), pixels)
     }
-
-    /// The same, neighbouring rays blended.
-    pub fn blended_pixels(&self, camera: &Camera, size: [u32; 2], pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
-        let never = |by| Ok::<_, std::convert::Infallible>(self.displaced_pixels(camera, size, pixels, by));
-        let Ok(colors) = drawn(Detail::Blended, never);
-        colors
-    }
 }
 
-/// A picture of `vdi` from `camera`. The paper's I. To draw more than once, keep a [`PreparedVdi`].
+/// A picture of `vdi` from `camera`, of the nearest rays. The paper's I. To draw more than once, keep a [`PreparedVdi`].
 ///
 /// # Errors
 /// If the picture's size is out of bounds.

@@ -1,6 +1,6 @@
 //! The fast path against the oracle, on VDIs made of random lists.
 
-use super::super::scalar;
+use super::super::{Backend, Detail, scalar};
 use super::*;
 use glam::DVec3;
 use lamina_model::{Aabb, GenerationParams, Supersegment, VdiHeader, psnr};
@@ -111,10 +111,9 @@ fn assert_agrees(vdi: &Arc<Vdi>, (camera, width, height): &(Camera, u32, u32)) -
 fn blending_changes_nothing_where_rays_are_the_vdis_own() {
     let vdi = random_vdi(outside(), 33, 0.7, 4);
     let prepared = PreparedVdi::new(vdi.clone());
-    let pixels: Vec<_> = (0..33).flat_map(|j| (0..33).map(move |i| (i, j))).collect();
-    let nearest = prepared.render(&outside(), 33, 33).unwrap();
-    let blended = prepared.blended_pixels(&outside(), [33; 2], &pixels);
-    let worst = nearest.pixels().as_flattened().iter().zip(blended.as_flattened());
+    let draw = |detail| Backend::default().render_vdi(&prepared, &outside(), 33, 33, detail).unwrap();
+    let [nearest, blended] = [Detail::Nearest, Detail::Blended].map(draw);
+    let worst = nearest.pixels().as_flattened().iter().zip(blended.pixels().as_flattened());
     let worst = worst.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     // The same lists; only how a place in the pixel is rounded differs.
     assert!(worst < 1e-5, "{worst:e}");
