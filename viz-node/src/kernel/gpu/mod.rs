@@ -45,6 +45,14 @@ pub struct GpuKernels {
     array_bytes: u64,
 }
 
+/// The rays of a picture.
+struct Shot<'a> {
+    camera: &'a Camera,
+    size: [u32; 2],
+    /// Displacement of the VDI's image.
+    by: Displacement,
+}
+
 /// A VDI and the rays of a picture, bound.
 struct Bound<'a> {
     gpu: &'a Gpu,
@@ -106,7 +114,7 @@ impl GpuKernels {
     ) -> Result<Vec<[f32; 3]>, GpuError> {
         Image::check_size(width, height)?;
         let whole = width as usize * height as usize;
-        self.with("a picture", vdi, camera, size, by, whole, |bound| {
+        self.with("a picture", vdi, &Shot { camera, size, by }, whole, |bound| {
             let mut colors = Vec::with_capacity(whole);
             let rows = (bound.at_a_time() / u64::from(width)).max(1) as u32;
             for first in (0..height).step_by(rows as usize) {
@@ -144,7 +152,7 @@ impl GpuKernels {
         by: Displacement,
     ) -> Result<Vec<[f32; 3]>, GpuError> {
         Image::check_size(size[0], size[1])?;
-        self.with("pixels of a picture", vdi, camera, size, by, pixels.len(), |bound| {
+        self.with("pixels of a picture", vdi, &Shot { camera, size, by }, pixels.len(), |bound| {
             let mut colors = Vec::with_capacity(pixels.len());
             for band in pixels.chunks(bound.at_a_time() as usize) {
                 // Sides of a picture fit 15 bits.
@@ -164,9 +172,7 @@ impl GpuKernels {
         &self,
         doing: &str,
         vdi: &PreparedVdi<V>,
-        camera: &Camera,
-        size: [u32; 2],
-        by: Displacement,
+        shot: &Shot<'_>,
         count: usize,
         work: impl FnOnce(&Bound<'_>) -> Result<Vec<[f32; 3]>, GpuError>,
     ) -> Result<Vec<[f32; 3]>, GpuError> {
@@ -178,7 +184,7 @@ impl GpuKernels {
         let mut residents = self.residents.lock().unwrap_or_else(PoisonError::into_inner);
         let done = gpu.run(doing, || {
             let resident = residents.get(gpu, vdi);
-            let view = View::new(vdi.vdi(), index, camera, size, by);
+            let view = View::new(vdi.vdi(), index, shot.camera, shot.size, shot.by);
             let view = gpu.upload("view", bytemuck::bytes_of(&view), BufferUsages::UNIFORM);
             let [stored, slots, spans, masks, ends, contents] = &resident.buffers;
             let vdi = gpu.bind(&pipelines.vdi, &[stored, &view, slots, spans, masks, ends, contents]);
