@@ -169,8 +169,7 @@ function listenToCurve(element) {
     return [event.clientX - box.left, event.clientY - box.top];
   };
   element.addEventListener("pointerdown", (event) => {
-    if (event.button !== 0) return;
-    if (held !== null) return;
+    if (event.button !== 0 || held !== null) return;
     const nearest = pointAt(place(event));
     if (nearest < 0) return;
     element.setPointerCapture(event.pointerId);

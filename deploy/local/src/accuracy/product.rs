@@ -9,6 +9,7 @@ use lamina_model::{Camera, GenerationParams, ParamsKey, Scene, Vdi, Volume};
 use lamina_viz_node::kernel::{self as viz, Detail, PreparedVdi};
 use lamina_wire::codec::{self, DecodeLimits, EncodeOptions};
 use std::collections::HashMap;
+use std::ops::Deref;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -111,7 +112,7 @@ impl<'a> Product<'a> {
     fn through_codec(&self, value: f64, vdi: &Vdi) -> anyhow::Result<(PreparedVdi, Shot)> {
         let (bytes, time) = timed(|| Ok(codec::encode(vdi, &EncodeOptions::default())?))?;
         let decoded = PreparedVdi::new(Arc::new(codec::decode(&bytes, &DecodeLimits::default())?));
-        let (point, seen) = self.seen(value, &decoded)?;
+        let (point, seen) = self.seen(value, &decoded, Detail::Blended)?;
         let (encode_ms, size_bytes) = (Some(1e3 * time.as_secs_f64()), Some(bytes.len() as u64));
         Ok((decoded, (Point { encode_ms, size_bytes, params: Some(vdi.header().params), ..point }, seen)))
     }
@@ -134,21 +135,19 @@ impl<'a> Product<'a> {
         Ok(self.through_codec(value, vdi)?.1)
     }
 
-    fn seen(&self, value: f64, vdi: &PreparedVdi) -> anyhow::Result<Shot> {
+    fn seen<V: Deref<Target = Vdi>>(&self, value: f64, vdi: &PreparedVdi<V>, detail: Detail) -> anyhow::Result<Shot> {
         let (viewer, size) = (&self.backends.1, [self.views.size(); 2]);
-        let draw = |camera: &Camera, pixels: &[_]| Ok(viewer.vdi_pixels(vdi, camera, size, pixels, Detail::Blended)?);
-        let seen = self.views.gather(draw)?;
+        let seen = self.views.gather(|camera, pixels| Ok(viewer.vdi_pixels(vdi, camera, size, pixels, detail)?))?;
         Ok((self.point(value, &seen), seen))
     }
 
     /// What `vdi` looks like drawn with `detail`; the time is that of drawing a whole picture.
     pub fn drawn(&self, value: f64, vdi: &PreparedVdi<&Vdi>, detail: Detail) -> anyhow::Result<Shot> {
-        let (viewer, size) = (&self.backends.1, self.views.size());
-        let seen =
-            self.views.gather(|camera, pixels| Ok(viewer.vdi_pixels(vdi, camera, [size; 2], pixels, detail)?))?;
-        let draw = || Ok(viewer.render_vdi(vdi, self.views.middle(), size, size, detail)?);
+        let size = self.views.size();
+        let (point, seen) = self.seen(value, vdi, detail)?;
+        let draw = || Ok(self.backends.1.render_vdi(vdi, self.views.middle(), size, size, detail)?);
         let (_, time_ms) = median_ms(|| timed(draw))?;
-        Ok((Point { time_ms, draw_ms: Some(time_ms), ..self.point(value, &seen) }, seen))
+        Ok((Point { time_ms, draw_ms: Some(time_ms), ..point }, seen))
     }
 
     /// `vdi`, its colour and opacity rounded to `bits`.
@@ -157,7 +156,7 @@ impl<'a> Product<'a> {
         match bits {
             8 => self.encoded(8.0, vdi),
             fewer if fewer < 8 => self.encoded(bits.into(), &stored::with_color_bits(vdi, fewer)?),
-            more => self.seen(bits.into(), &PreparedVdi::new(Arc::new(stored::with_color_bits(vdi, more)?))),
+            more => self.seen(bits.into(), &PreparedVdi::new(&stored::with_color_bits(vdi, more)?), Detail::Blended),
         }
     }
 

@@ -100,7 +100,6 @@ impl GpuKernels {
         width: u32,
         height: u32,
     ) -> Result<Image, GpuError> {
-        Image::check_size(width, height)?;
         Ok(Image::new(width, height, self.displaced(vdi, camera, [width, height], [0.0; 2])?)?)
     }
 
