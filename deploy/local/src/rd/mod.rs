@@ -34,7 +34,7 @@ const QUOTED_DB: [f64; 3] = [36.0, 40.0, 44.0];
 const VDI_CODINGS: [(&str, Layout, Detail); 3] = [
     ("VDI, plain", Layout::Plain, Detail::Nearest),
     ("VDI, columns", Layout::Columns, Detail::Nearest),
-    ("VDI, columns, blended", Layout::Columns, Detail::Blended),
+    ("VDI, blended", Layout::Columns, Detail::Blended),
 ];
 
 /// What is measured on.

@@ -25,7 +25,7 @@ pub struct Line {
 }
 
 /// Looks of the curves of one drawing, in their order.
-pub const CLASSES: [&str; 8] = ["c0", "c1", "c2", "c3", "c4", "c5", "c6", "c7"];
+pub const CLASSES: [&str; 10] = ["c0", "c1", "c2", "c3", "c4", "c5", "c6", "c7", "c8", "c9"];
 
 /// A drawing by itself.
 pub fn drawing(what: &str, x_name: &str, lines: &[Line]) -> String {
