@@ -2,7 +2,7 @@
 //!
 //! VDI-FORMAT.md in this crate's parent folder is the format's definition, byte by byte; `read_vdi.py` of the test suites
 //! is written from that page alone and compared with this module. Depths come back exactly; colours and opacities are
-//! rounded to 8 bits once ([`quantize`]), and encoding what was decoded gives the same bytes.
+//! rounded once, to 8 bits or fewer as gamma allows ([`quantize`]), and encoding what was decoded gives the same bytes.
 //!
 //! [`decode`] takes bytes from anyone: every claim is checked against the limits and the other claims before memory is
 //! set aside for it, and no block decompresses to more than its section says.
@@ -116,7 +116,7 @@ pub struct EncodedHeader {
     pub segments: u32,
 }
 
-/// Encodes a VDI, on all cores. Colours and opacities are rounded to 8 bits.
+/// Encodes a VDI, on all cores. Colours and opacities are rounded as [`quantize`] says, in [`Layout::Plain`] to 8 bits.
 ///
 /// # Errors
 /// If [`Layout::Plain`] is asked for and its 32-bit floats cannot hold the depths, or a compressor fails.

@@ -1,19 +1,29 @@
-//! Colour and opacity in 8 bits each.
+//! Colour and opacity in 8 bits each, or in fewer where gamma allows the error.
 //!
 //! Opacity goes by the square root of 1 - sqrt(T), T = exp(-optical depth): fine steps near transparent and near opaque.
+//! Gamma says how far a sample may be from its supersegment, in colour times opacity. Rounding stays within a quarter of
+//! that: what is faint needs few digits of colour, and codes that recur are what compressors live on ([`Scales`]). At
+//! gamma = 0 all 256 codes are in use.
 //!
 //! Rounding errors of many thin supersegments in a row all point the same way where the medium is uniform: 41 dB is all
 //! that plain rounding kept of a field whose opacity fell between two codes. So the error is summed along the ray, and
 //! once it exceeds [`SLACK`] the neighbouring code is taken that reduces it: 50 dB there, for a few percent more bytes
-//! elsewhere. Carrying every error on at once is better still but costs up to a third more bytes (VDI-FORMAT.md).
+//! elsewhere. Carrying every error on at once is better still but costs up to a third more bytes, and carrying those of
+//! colour a fifth (VDI-FORMAT.md).
 
-use lamina_model::{Supersegment, Vdi};
+use lamina_model::{Supersegment, Vdi, composite};
 use rayon::prelude::*;
 use std::sync::LazyLock;
 
 /// Optical depth by which a ray of thin supersegments may be off before a code is moved. At most this much of a colour
 /// is lost (1/128 is 42 dB), where all light passes.
 const SLACK: f64 = 1.0 / 128.0;
+
+/// Where gamma is above, rounding stays what it is here: 32 opacities, so that smooth media show no bands.
+const COARSEST: f64 = 1.0 / 31.0;
+
+/// The greatest codes of all scales, coarsest first.
+const SCALES: [f64; 6] = [7.0, 15.0, 31.0, 63.0, 127.0, 255.0];
 
 /// Red, green, blue, opacity code.
 pub(super) type Codes = [u8; 4];
@@ -27,7 +37,66 @@ static OPTICAL_DEPTH: LazyLock<[f32; 256]> = LazyLock::new(|| {
     })
 });
 
-/// The VDI as it comes back after [`super::encode`] with [`super::Layout::Columns`] and [`super::decode`].
+/// The greatest code of each scale: codes up to it are spread evenly over 0..=255, both ends among them.
+struct Scales {
+    opacity: f64,
+    /// For colours, by the opacity code of the supersegment.
+    color: [f64; 256],
+}
+
+impl Scales {
+    fn new(gamma: f64) -> Self {
+        let gamma = gamma.min(COARSEST);
+        // The opacity itself moves by up to 1.54 codes of 255 where its code moves by one.
+        let opacity_of = |depth: f32| composite::opacity_from_optical_depth(f64::from(depth));
+        let color = OPTICAL_DEPTH.map(|depth| greatest_code(0.5 * gamma / opacity_of(depth)));
+        Self { opacity: greatest_code(gamma), color }
+    }
+
+    fn ray(&self, list: &[Supersegment]) -> Vec<Codes> {
+        let mut carry = 0.0;
+        let coded = |s: &Supersegment| {
+            let opacity = self.opacity_code(f64::from(s.optical_depth), &mut carry);
+            let greatest = self.color[usize::from(opacity)];
+            let [r, g, b] = s.color.map(|c| spread((greatest * f64::from(c)).round(), greatest));
+            [r, g, b, opacity]
+        };
+        list.iter().map(coded).collect()
+    }
+
+    /// Rounds one optical depth; `carry` is how much of the ray's depth is still owed. Only ever chooses between the two
+    /// codes next to the depth, so that what a thick supersegment lost does not make a thin one behind it visible.
+    fn opacity_code(&self, optical_depth: f64, carry: &mut f64) -> u8 {
+        if optical_depth == 0.0 {
+            return 0;
+        }
+        let greatest = self.opacity;
+        let exact = greatest * position(optical_depth);
+        let (below, above) = (exact.floor().max(1.0), exact.ceil().max(1.0));
+        let depth_of = |code: f64| f64::from(OPTICAL_DEPTH[usize::from(spread(code, greatest))]);
+        // Steps this coarse belong to thick supersegments: their errors neither add up nor can be made good further back.
+        if depth_of(above) - depth_of(below) > 2.0 * SLACK || above == greatest {
+            *carry = 0.0;
+            return spread(exact.round().max(1.0), greatest);
+        }
+        let owed = if carry.abs() > SLACK { *carry } else { 0.0 };
+        let code = (greatest * position((optical_depth + owed).max(0.0))).round().clamp(below, above);
+        *carry += optical_depth - depth_of(code);
+        spread(code, greatest)
+    }
+}
+
+/// The greatest code of the coarsest scale whose steps are at most `step`, a share of the whole; of the finest if none is.
+fn greatest_code(step: f64) -> f64 {
+    SCALES.into_iter().find(|greatest| greatest * step >= 1.0).unwrap_or(255.0)
+}
+
+/// The code in 0..=255 of one on a scale up to `greatest`.
+fn spread(code: f64, greatest: f64) -> u8 {
+    (code * (255.0 / greatest)).round() as u8
+}
+
+/// The VDI as it comes back, rounded as its gamma allows, after [`super::encode`] with [`super::Layout::Columns`] and [`super::decode`].
 pub fn quantize(vdi: &Vdi) -> Vdi {
     let dequantize = |(s, c): (&Supersegment, Codes)| supersegment(s.start, s.end, c);
     let segments = vdi.segments().iter().zip(codes(vdi)).map(dequantize).collect();
@@ -36,7 +105,8 @@ pub fn quantize(vdi: &Vdi) -> Vdi {
 
 /// The codes of all supersegments.
 pub(super) fn codes(vdi: &Vdi) -> Vec<Codes> {
-    let list = |w: &[u32]| ray_codes(&vdi.segments()[w[0] as usize..w[1] as usize]);
+    let scales = Scales::new(vdi.header().params.gamma());
+    let list = |w: &[u32]| scales.ray(&vdi.segments()[w[0] as usize..w[1] as usize]);
     vdi.offsets().par_windows(2).flat_map_iter(list).collect()
 }
 
@@ -51,38 +121,9 @@ pub(super) fn color_codes(color: [f32; 3]) -> [u8; 3] {
     color.map(|c| (255.0 * c).round() as u8)
 }
 
-/// Position of an optical depth on the scale of codes.
+/// Position of an optical depth on the scale of codes, 0 to 1.
 fn position(optical_depth: f64) -> f64 {
-    255.0 * (-(-0.5 * optical_depth).exp_m1()).sqrt()
-}
-
-fn ray_codes(list: &[Supersegment]) -> Vec<Codes> {
-    let mut carry = 0.0;
-    let coded = |s: &Supersegment| {
-        let [r, g, b] = color_codes(s.color);
-        [r, g, b, opacity_code(f64::from(s.optical_depth), &mut carry)]
-    };
-    list.iter().map(coded).collect()
-}
-
-/// Rounds one optical depth; `carry` is how much of the ray's depth is still owed. Only ever chooses between the two codes
-/// next to the depth, so that what a thick supersegment lost does not make a thin one behind it visible.
-fn opacity_code(optical_depth: f64, carry: &mut f64) -> u8 {
-    if optical_depth == 0.0 {
-        return 0;
-    }
-    let exact = position(optical_depth);
-    let (below, above) = (exact.floor().max(1.0), exact.ceil().max(1.0));
-    let depth_of = |code: f64| f64::from(OPTICAL_DEPTH[code as usize]);
-    // Steps this coarse belong to thick supersegments: their errors neither add up nor can be made good further back.
-    if depth_of(above) - depth_of(below) > 2.0 * SLACK || above == 255.0 {
-        *carry = 0.0;
-        return exact.round().max(1.0) as u8;
-    }
-    let owed = if carry.abs() > SLACK { *carry } else { 0.0 };
-    let code = position((optical_depth + owed).max(0.0)).round().clamp(below, above);
-    *carry += optical_depth - depth_of(code);
-    code as u8
+    (-(-0.5 * optical_depth).exp_m1()).sqrt()
 }
 
 #[cfg(test)]
@@ -90,11 +131,46 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_code_comes_back_from_its_optical_depth_and_owes_nothing() {
-        for code in 0..=255_u8 {
-            let mut carry = 0.0;
-            assert_eq!(opacity_code(f64::from(OPTICAL_DEPTH[usize::from(code)]), &mut carry), code);
-            assert_eq!(carry, 0.0);
+    fn every_code_in_use_comes_back_from_its_optical_depth_and_owes_nothing() {
+        for gamma in [0.0, 0.003, 0.01, 0.02, 0.05, 0.26] {
+            let scales = Scales::new(gamma);
+            let in_use: Vec<u8> = (0..=scales.opacity as u8).map(|k| spread(f64::from(k), scales.opacity)).collect();
+            assert!(in_use.is_sorted_by(|a, b| a < b) && in_use[0] == 0 && in_use.last() == Some(&255));
+            for code in in_use {
+                let mut carry = 0.0;
+                let depth = f64::from(OPTICAL_DEPTH[usize::from(code)]);
+                assert_eq!((scales.opacity_code(depth, &mut carry), carry), (code, 0.0), "gamma {gamma}");
+                let greatest = scales.color[usize::from(code)];
+                (0..=greatest as u8).for_each(|k| {
+                    let color = spread(f64::from(k), greatest);
+                    let s =
+                        Supersegment { color: [f32::from(color) / 255.0; 3], ..supersegment(0, 1, [0, 0, 0, code]) };
+                    assert_eq!(scales.ray(&[s]), [[color, color, color, code]], "gamma {gamma}");
+                });
+            }
+        }
+    }
+
+    #[test]
+    fn rounding_changes_a_colour_by_a_quarter_of_gamma_and_the_opacity_by_less_than_gamma() {
+        for gamma in [0.004, 0.01, 0.03, 0.1, 0.26] {
+            let scales = Scales::new(gamma);
+            for n in 1..4000 {
+                let s = Supersegment {
+                    start: 0,
+                    end: 1,
+                    color: [n as f32 / 4000.0; 3],
+                    optical_depth: (n as f32 * 0.001).powi(2),
+                };
+                let [r, .., opacity] = scales.ray(&[s])[0];
+                let back = supersegment(0, 1, [r, r, r, opacity]);
+                // Codes are whole: a scale of fewer may be half a code off, and so is one of all.
+                let rounding = 1.01 / 255.0;
+                let change = f64::from((back.color[0] - s.color[0]).abs()) * back.opacity();
+                assert!(change <= 0.25 * gamma + rounding, "gamma {gamma}, {s:?}: {change}");
+                let change = (back.opacity() - s.opacity()).abs();
+                assert!(change <= 0.77 * gamma + 1.54 * rounding, "gamma {gamma}, {s:?}: {change}");
+            }
         }
     }
 
@@ -103,18 +179,20 @@ mod tests {
         // -2 ln(1 - 1/255^2) = 2/65025 + 1/65025^2 + ..
         assert!((f64::from(OPTICAL_DEPTH[1]) - 2.0 / 65025.0 - 1.0 / 65025.0_f64.powi(2)).abs() < 1e-11);
         assert_eq!(OPTICAL_DEPTH[255], f32::INFINITY);
-        assert_eq!(opacity_code(1e-30, &mut 0.0), 1);
-        assert_eq!(opacity_code(1e-30, &mut -1.0), 1);
-        assert_eq!(opacity_code(40.0, &mut 0.0), 255);
-        assert_eq!(opacity_code(f64::INFINITY, &mut 0.0), 255);
+        let code = |depth: f64, mut carry: f64| Scales::new(0.0).opacity_code(depth, &mut carry);
+        assert_eq!(code(1e-30, 0.0), 1);
+        assert_eq!(code(1e-30, -1.0), 1);
+        assert_eq!(code(40.0, 0.0), 255);
+        assert_eq!(code(f64::INFINITY, 0.0), 255);
     }
 
     #[test]
     fn along_a_uniform_ray_the_optical_depth_is_kept() {
+        let scales = Scales::new(0.0);
         for depth in [1e-3, 0.0157, 0.0153, 0.1, 0.3] {
             let mut carry = 0.0;
-            let sum: f64 =
-                (0..1000).map(|_| f64::from(OPTICAL_DEPTH[usize::from(opacity_code(depth, &mut carry))])).sum();
+            let codes = (0..1000).map(|_| scales.opacity_code(depth, &mut carry));
+            let sum: f64 = codes.map(|code| f64::from(OPTICAL_DEPTH[usize::from(code)])).sum();
             assert!((sum - 1000.0 * depth).abs() < 2.0 * SLACK, "{depth} x 1000 became {sum}");
         }
     }
