@@ -1,7 +1,7 @@
 //! The generator-node's configuration file.
 
 use lamina_device::Choice;
-use lamina_model::{GenerationParams, Invalid, SamplePlan, Scene};
+use lamina_model::{GenerationParams, Invalid, SamplePlan, Scene, Segmentation};
 use lamina_wire::codec::{Codec, EncodeOptions, Layout};
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
@@ -26,6 +26,8 @@ pub struct Config {
     pub params: GenerationParams,
     /// What casts the rays: `auto`, `cpu` or `gpu`.
     pub backend: Choice,
+    /// How samples become the supersegments of VDIs: `fitted`, or `greedy` as in the paper.
+    pub segmentation: Segmentation,
     /// Compressor of VDIs: `bzip2` or `zstd`.
     pub codec: CodecName,
     /// Byte layout of VDIs: `columns`, or `plain` (the paper's records) for comparison.
@@ -65,6 +67,7 @@ impl Default for Config {
             samples: SamplePlan::default(),
             params: default_params(),
             backend: Choice::Auto,
+            segmentation: Segmentation::Fitted,
             codec: CodecName::Bzip2,
             layout: LayoutName::Columns,
             scene: None,

@@ -5,7 +5,8 @@ use crate::publish::{Item, Publisher};
 use crate::schedule::{Schedule, Setting};
 use lamina_cast::{Backend, Field};
 use lamina_model::{
-    GenerationParams, Intermediate, Invalid, ReferenceSamples, Representation, SamplePlan, Scene, suggest::suggest,
+    GenerationParams, Intermediate, Invalid, ReferenceSamples, Representation, SamplePlan, Scene, Segmentation,
+    suggest::suggest,
 };
 use lamina_wire::codec::{self, EncodeOptions};
 use lamina_wire::reference;
@@ -24,6 +25,7 @@ pub struct Prepared {
     /// Simulation time.
     pub time: f64,
     backend: Backend,
+    segmentation: Segmentation,
     field: Field,
     reference: OnceLock<Result<ReferenceSamples, Invalid>>,
 }
@@ -31,7 +33,7 @@ pub struct Prepared {
 impl Prepared {
     /// What stands for the step, encoded, and what it cost.
     pub fn measure(&self, params: &GenerationParams, options: &EncodeOptions) -> Result<(Vec<u8>, v1::Cost), Invalid> {
-        let (intermediate, generation_time) = self.backend.represent(&self.field, params)?;
+        let (intermediate, generation_time) = self.backend.represent(&self.field, params, self.segmentation)?;
         encode(&intermediate, generation_time, options)
     }
 
@@ -42,7 +44,7 @@ impl Prepared {
         gammas: &[f64],
     ) -> Result<(Vec<Intermediate>, Duration), Invalid> {
         let start = Instant::now();
-        let all = self.backend.represent_all(&self.field, params, gammas)?;
+        let all = self.backend.represent_all(&self.field, params, gammas, self.segmentation)?;
         Ok((all, start.elapsed()))
     }
 
@@ -128,6 +130,8 @@ pub struct Shared {
     pub options: EncodeOptions,
     /// What casts the rays.
     pub backend: Backend,
+    /// How samples become supersegments.
+    pub segmentation: Segmentation,
     /// Which pixels are reference samples.
     pub plan: SamplePlan,
     /// One generation at a time, live or trial, so that each is timed with all cores to itself.
@@ -151,12 +155,23 @@ impl Shared {
         params: GenerationParams,
         options: EncodeOptions,
         backend: Backend,
+        segmentation: Segmentation,
         plan: SamplePlan,
         publisher: Arc<Publisher>,
     ) -> Self {
         let state = State { schedule: Schedule::new(params), newest: None, last_report: None };
         let reports = broadcast::Sender::new(256);
-        Self { params, options, backend, plan, kernel: Semaphore::new(1), reports, publisher, state: Mutex::new(state) }
+        Self {
+            params,
+            options,
+            backend,
+            segmentation,
+            plan,
+            kernel: Semaphore::new(1),
+            reports,
+            publisher,
+            state: Mutex::new(state),
+        }
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -269,8 +284,8 @@ impl Cycle {
         if field.empty_voxels() > 0 {
             tracing::warn!(step = number, voxels = field.empty_voxels(), "NaN or infinite voxels, drawn as empty");
         }
-        let backend = self.shared.backend.clone();
-        Ok(Prepared { run, step: number, time, backend, field, reference: OnceLock::new() })
+        let (backend, segmentation) = (self.shared.backend.clone(), self.shared.segmentation);
+        Ok(Prepared { run, step: number, time, backend, segmentation, field, reference: OnceLock::new() })
     }
 
     /// The step with the setting's parameters, or with the first fallback that keeps the size limit. Where none of them can be

@@ -31,6 +31,7 @@ pub async fn run(config: Config, backend: Backend, listener: TcpListener, shutdo
         config.params,
         config.encode_options(),
         backend,
+        config.segmentation,
         config.samples.clone(),
         publisher.clone(),
     ));

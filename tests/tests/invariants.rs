@@ -10,8 +10,8 @@ use lamina_device::testing;
 use lamina_model::camera::CameraFields;
 use lamina_model::composite::{Accumulator, TRANSMITTANCE_FLOOR};
 use lamina_model::{
-    Camera, ControlPoint, GenerationParams, Grid, Image, ScalarRange, Scale, Scene, Supersegment, TransferFunction,
-    Vdi, Volume, Voxels, psnr,
+    Camera, ControlPoint, GenerationParams, Grid, Image, Intermediate, ScalarRange, Scale, Scene, Segmentation,
+    Supersegment, TransferFunction, Vdi, Volume, Voxels, psnr,
 };
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
 use lamina_viz_node::kernel::gpu::GpuKernels as DrawKernels;
@@ -318,6 +318,18 @@ proptest! {
         prop_assert!(by_r.is_sorted_by(|a, b| a > b) && by_r[3] < 1e-5, "{by_r:?}");
         let own = [0.1, 0.01, 0.001, 0.0].map(|gamma| root_mean_square(&drawn(SIDE, gamma, &camera), &cast));
         prop_assert!(own.iter().all(|e| *e < 1e-5), "merging keeps the light of a whole ray: {own:?}");
+        let fitted = |gammas: &[f64]| {
+            let params = GenerationParams::new(SIDE, 0.0).unwrap();
+            Backend::cpu().represent_all(&field, &params, gammas, Segmentation::Fitted).unwrap()
+        };
+        for (gamma, all) in [0.1, 0.01, 0.001, 0.0].into_iter().zip(fitted(&[0.1, 0.01, 0.001, 0.0])) {
+            let params = GenerationParams::new(SIDE, gamma).unwrap();
+            let (one, _) = Backend::cpu().represent(&field, &params, Segmentation::Fitted).unwrap();
+            prop_assert!(one == all, "one march for all gammas, gamma {gamma}");
+            let Intermediate::Vdi(vdi) = one else { unreachable!() };
+            let image = PreparedVdi::new(&*vdi).render(&camera, SIDE, SIDE).unwrap();
+            prop_assert!(root_mean_square(&image, &cast) < 1e-5, "fitting keeps the light of a whole ray too");
+        }
 
         let novel = camera.rotated_about_y(angle_deg).unwrap();
         let limit = drawn(4 * SIDE, 0.0, &novel);

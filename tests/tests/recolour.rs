@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use lamina_cast::{Backend, Field};
-use lamina_model::{ControlPoint, GenerationParams, Image, Representation, Scene, TransferFunction};
+use lamina_model::{ControlPoint, GenerationParams, Image, Representation, Scene, Segmentation, TransferFunction};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube, transfer};
 use lamina_viz_node::kernel::{self as viz, Detail, Prepared};
 use lamina_wire::codec::{DecodeLimits, EncodeOptions, decode_any, encode_any};
@@ -14,7 +14,7 @@ const SIZE: u32 = 160;
 fn recorded(representation: Representation, bound: f64) -> Prepared {
     let field = Field::new(sampled_cube(48, clumps), &front_scene(clumps_transfer()));
     let params = GenerationParams::new(48, bound).unwrap().with_representation(representation);
-    let (intermediate, _) = Backend::cpu().represent(&field, &params).unwrap();
+    let (intermediate, _) = Backend::cpu().represent(&field, &params, Segmentation::Fitted).unwrap();
     let bytes = encode_any(&intermediate, &EncodeOptions::default()).unwrap();
     Prepared::new(decode_any(&bytes, &DecodeLimits::default()).unwrap())
 }

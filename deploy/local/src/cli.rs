@@ -3,7 +3,7 @@
 use crate::dims::Dims;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lamina_device::Choice;
-use lamina_model::{Representation, VoxelType};
+use lamina_model::{Representation, Segmentation, VoxelType};
 use lamina_tuner::Contract;
 use lamina_tuner::search::Grid;
 use lamina_tuner::units::{Bytes, Millis};
@@ -256,6 +256,9 @@ pub struct Generate {
     /// End rays at this opacity; 1 never
     #[arg(long, default_value_t = 1.0, value_name = "ALPHA")]
     pub opacity_cutoff: f64,
+    /// How samples become the supersegments of a VDI: fitted, or greedy as in the paper
+    #[arg(long, value_name = "NAME", default_value_t)]
+    pub segmentation: Segmentation,
     /// Byte layout: columns, or the paper's plain records
     #[arg(long, default_value = "columns")]
     pub layout: LayoutName,

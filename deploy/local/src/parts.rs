@@ -61,7 +61,8 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
         .with_step_voxels(scene.step_voxels)?
         .with_representation(arguments.representation);
     let field = prepare(volume, &scene);
-    let (intermediate, generation_time) = Backend::open(arguments.input.backend)?.represent(&field, &params)?;
+    let (intermediate, generation_time) =
+        Backend::open(arguments.input.backend)?.represent(&field, &params, arguments.segmentation)?;
     let generated = Instant::now();
     let layout = match arguments.layout {
         cli::LayoutName::Columns => Layout::Columns,

@@ -2,14 +2,21 @@
 
 use super::gpu::{GpuError, GpuKernels};
 use super::lanes::{self, Level, Shot};
-use super::{Field, reduce, scalar};
+use super::{Field, fit::fit, reduce, scalar};
 use lamina_device::{Choice, DeviceError, Gpu, Opened};
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
 use lamina_model::{
-    Camera, GenerationParams, Image, Intermediate, Invalid, ReferenceSamples, Representation, SamplePlan, Vdi,
+    Camera, GenerationParams, Image, Intermediate, Invalid, ReferenceSamples, Representation, SamplePlan, Segmentation,
+    Vdi,
 };
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+
+/// What is fitted has been clustered with so much less of gamma. From a quarter, pictures are within 0.2 dB of those from a
+/// 32nd, in half the time.
+const FINER: f64 = 4.0;
+/// Finer VDIs that are held at a time.
+const FINE_AT_ONCE: usize = 8;
 
 /// What casts the rays: chosen once, at start-up.
 ///
@@ -74,15 +81,28 @@ impl Backend {
         Ok((vdi, start.elapsed()))
     }
 
-    /// What `params` ask for, and the time it took.
+    /// What `params` ask for, VDIs with `segmentation`, and the time it took.
     ///
     /// # Errors
     /// As [`Self::generate`] and [`reduce`].
     #[doc(alias = "R")]
-    pub fn represent(&self, field: &Field, params: &GenerationParams) -> Result<(Intermediate, Duration), Invalid> {
+    pub fn represent(
+        &self,
+        field: &Field,
+        params: &GenerationParams,
+        segmentation: Segmentation,
+    ) -> Result<(Intermediate, Duration), Invalid> {
         match params.representation() {
             Representation::Vdi => {
-                self.generate(field, params).map(|(vdi, time)| (Intermediate::Vdi(Box::new(vdi)), time))
+                let (vdi, time) = match segmentation {
+                    Segmentation::Greedy => self.generate(field, params)?,
+                    Segmentation::Fitted => {
+                        let (fine, time) = self.generate(field, &params.with_gamma(params.gamma() / FINER)?)?;
+                        let start = Instant::now();
+                        (fit(fine, params.gamma(), unit_steps(field, params))?, time + start.elapsed())
+                    }
+                };
+                Ok((Intermediate::Vdi(Box::new(vdi)), time))
             }
             Representation::Volume => {
                 let start = Instant::now();
@@ -101,10 +121,14 @@ impl Backend {
         field: &Field,
         params: &GenerationParams,
         gammas: &[f64],
+        segmentation: Segmentation,
     ) -> Result<Vec<Intermediate>, Invalid> {
         match params.representation() {
             Representation::Vdi => {
-                let vdis = self.generate_all(field, params, gammas)?;
+                let vdis = match segmentation {
+                    Segmentation::Greedy => self.generate_all(field, params, gammas)?,
+                    Segmentation::Fitted => self.fit_all(field, params, gammas)?,
+                };
                 Ok(vdis.into_iter().map(|vdi| Intermediate::Vdi(Box::new(vdi))).collect())
             }
             // The bound is the encoder's matter.
@@ -140,6 +164,19 @@ impl Backend {
             }
         }
         Ok(vdis.into_iter().flatten().collect())
+    }
+
+    /// Few at a time: the finer VDIs take memory.
+    fn fit_all(&self, field: &Field, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Vdi>, Invalid> {
+        let unit_steps = unit_steps(field, params);
+        let mut vdis = Vec::with_capacity(gammas.len());
+        for some in gammas.chunks(FINE_AT_ONCE) {
+            let finer: Vec<f64> = some.iter().map(|gamma| gamma / FINER).collect();
+            for (fine, &gamma) in self.generate_all(field, params, &finer)?.into_iter().zip(some) {
+                vdis.push(fit(fine, gamma, unit_steps)?);
+            }
+        }
+        Ok(vdis)
     }
 
     /// A whole picture of `field`, `width` x `height` pixels.
@@ -214,6 +251,11 @@ impl Backend {
             }
         }
     }
+}
+
+/// The transfer function's unit length in steps.
+fn unit_steps(field: &Field, params: &GenerationParams) -> f64 {
+    field.unit_length() / (params.step_voxels() * field.grid().voxel_length())
 }
 
 fn shot(camera: &Camera, width: u32, height: u32) -> Shot<'_> {

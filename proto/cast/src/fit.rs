@@ -22,7 +22,11 @@ type Light = [f64; 4];
 ///
 /// # Errors
 /// If gamma is negative or not finite.
-pub fn fit(fine: &Vdi, gamma: f64, unit_steps: f64) -> Result<Vdi, Invalid> {
+pub fn fit(fine: Vdi, gamma: f64, unit_steps: f64) -> Result<Vdi, Invalid> {
+    // Everything differs from everything.
+    if gamma == 0.0 {
+        return Ok(fine);
+    }
     let params = fine.header().params.with_gamma(gamma)?;
     let price = (PRICE * gamma).powi(2) * unit_steps;
     let r = fine.resolution();
@@ -125,4 +129,132 @@ fn joined(run: &[Supersegment]) -> Supersegment {
         return Supersegment { start: run[0].start, end: run[run.len() - 1].end, color, optical_depth: depth as f32 };
     };
     *only
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+    use lamina_model::{Aabb, Camera, GenerationParams, composite::Accumulator};
+
+    const UNIT_STEPS: f64 = 2.0;
+
+    /// Lists of runs with gaps between: smooth ramps with what `seed` adds to them.
+    fn fine(seed: u64) -> Vdi {
+        let mut state = seed;
+        let mut random = move || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 40) as f32 / (1 << 24) as f32
+        };
+        let r = 6;
+        let (mut offsets, mut segments) = (vec![0], Vec::new());
+        for ray in 0..r * r {
+            let mut depth = 0;
+            for n in 0..ray % 12 {
+                let start = depth + u32::from(n % 5 == 4);
+                depth = start + 1 + (3.0 * random()) as u32;
+                let way = n as f32 / 12.0;
+                let color = [way, 1.0 - way, 0.3 + 0.2 * random()];
+                let optical_depth = if ray == 7 && n == 3 { f32::INFINITY } else { 0.3 * way + 0.1 * random() };
+                segments.push(Supersegment { start, end: depth, color, optical_depth });
+            }
+            offsets.push(segments.len() as u32);
+        }
+        let header = VdiHeader {
+            camera: Camera::new(DVec3::new(0.0, 0.0, 4.0), DVec3::ZERO, DVec3::Y, 30.0).unwrap(),
+            bounds: Aabb::new(DVec3::splat(-1.0), DVec3::ONE).unwrap(),
+            step_length: 0.01,
+            params: GenerationParams::new(r, 0.0).unwrap(),
+            transfer_id: 0,
+            background: [0.0; 3],
+        };
+        Vdi::new(header, offsets, segments).unwrap()
+    }
+
+    /// The error of standing for `run` by one medium, from its definition.
+    fn error(run: &[Supersegment]) -> f64 {
+        let light = |s: &Supersegment| {
+            let length = f64::from(s.end - s.start);
+            let opacity = 1.0 - (-f64::from(s.optical_depth) / length * UNIT_STEPS).exp();
+            let [r, g, b] = s.color.map(f64::from);
+            (length, [r * opacity, g * opacity, b * opacity, opacity])
+        };
+        let all: Vec<(f64, Light)> = run.iter().map(light).collect();
+        let length: f64 = all.iter().map(|(l, _)| l).sum();
+        let mean: Light = std::array::from_fn(|i| all.iter().map(|(l, x)| l * x[i]).sum::<f64>() / length);
+        let off = |x: &Light| (0..4).map(|i| (x[i] - mean[i]).powi(2)).sum::<f64>();
+        all.iter().map(|(l, x)| l * off(x)).sum()
+    }
+
+    /// The cost of the supersegments `found`, each of which stands for those of `run` that it covers.
+    fn cost(run: &[Supersegment], found: &[Supersegment], price: f64) -> f64 {
+        let covered = |f: &Supersegment| {
+            let part: Vec<_> = run.iter().filter(|s| f.start <= s.start && s.end <= f.end).copied().collect();
+            assert_eq!((part[0].start, part[part.len() - 1].end), (f.start, f.end));
+            error(&part) + price
+        };
+        found.iter().map(covered).sum()
+    }
+
+    /// The least cost of all 2^(n - 1) ways to cut `run`.
+    fn least(run: &[Supersegment], price: f64) -> f64 {
+        let cuts = run.len() - 1;
+        let way = |bits: u32| {
+            let (mut from, mut sum) = (0, 0.0);
+            for n in 0..=cuts {
+                if n == cuts || bits >> n & 1 == 1 {
+                    sum += error(&run[from..=n]) + price;
+                    from = n + 1;
+                }
+            }
+            sum
+        };
+        (0..1 << cuts).map(way).fold(f64::INFINITY, f64::min)
+    }
+
+    #[test]
+    fn no_other_way_to_join_costs_less() {
+        for seed in 0..4 {
+            let fine = fine(seed);
+            for gamma in [0.003, 0.02, 0.1] {
+                let price = (PRICE * gamma).powi(2) * UNIT_STEPS;
+                let fitted = fit(fine.clone(), gamma, UNIT_STEPS).unwrap();
+                assert_eq!(fitted.header().params.gamma(), gamma);
+                for ray in 0..36 {
+                    let (list, found) = (fine.list(ray % 6, ray / 6), fitted.list(ray % 6, ray / 6));
+                    for run in list.chunk_by(|a, b| a.end == b.start) {
+                        let inside = |s: &&Supersegment| run[0].start <= s.start && s.end <= run[run.len() - 1].end;
+                        let found: Vec<_> = found.iter().filter(inside).copied().collect();
+                        let (cost, least) = (cost(run, &found, price), least(run, price));
+                        assert!((cost - least).abs() < 1e-12, "gamma {gamma}, ray {ray}: {cost} where {least} can be");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_ray_keeps_its_light_and_its_gaps() {
+        let fine = fine(9);
+        let light = |list: &[Supersegment]| {
+            let mut light = Accumulator::default();
+            list.iter().for_each(|s| light.add(s.color.map(f64::from), f64::from(s.optical_depth)));
+            light.over([0.2, 0.4, 0.6])
+        };
+        let mut counts = Vec::new();
+        for gamma in [0.0, 1e-4, 0.01, 0.05, 10.0] {
+            let fitted = fit(fine.clone(), gamma, UNIT_STEPS).unwrap();
+            for ray in 0..36 {
+                let (list, found) = (fine.list(ray % 6, ray / 6), fitted.list(ray % 6, ray / 6));
+                let (a, b) = (light(list), light(found));
+                assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6), "gamma {gamma}, ray {ray}: {a:?} {b:?}");
+                let runs = list.chunk_by(|a, b| a.end == b.start).count();
+                assert!(found.chunk_by(|a, b| a.end == b.start).count() == runs);
+                assert!(gamma < 10.0 || found.len() == runs);
+            }
+            counts.push(fitted.segments().len());
+        }
+        assert!(counts[0] == fine.segments().len() && counts.is_sorted_by(|a, b| a >= b), "{counts:?}");
+        assert!(fit(fine, f64::NAN, UNIT_STEPS).is_err());
+    }
 }

@@ -14,6 +14,7 @@ mod backend;
 mod count;
 mod effects;
 mod field;
+mod fit;
 pub mod gpu;
 pub mod lanes;
 mod light;

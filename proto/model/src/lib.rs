@@ -23,7 +23,7 @@ pub use camera::{Aabb, Camera, Ray};
 pub use effects::Effects;
 pub use image::Image;
 pub use indicators::{Indicators, Quality, ViewError, decibels};
-pub use params::{GenerationParams, ParamsKey, Representation};
+pub use params::{GenerationParams, ParamsKey, Representation, Segmentation};
 pub use psnr::{SquaredError, psnr};
 pub use reduced::{Intermediate, ReducedVolume};
 pub use samples::{ReferenceSamples, SamplePlan};

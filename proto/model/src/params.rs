@@ -51,6 +51,41 @@ impl std::fmt::Display for Representation {
     }
 }
 
+/// How the samples of a ray become the supersegments of a VDI.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Segmentation {
+    /// Where the ray's error is least for their number, gamma being the price of one.
+    #[default]
+    Fitted,
+    /// The paper's: front to back, each sample joins the open one or opens the next.
+    Greedy,
+}
+
+impl Segmentation {
+    /// Its name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fitted => "fitted",
+            Self::Greedy => "greedy",
+        }
+    }
+}
+
+impl std::str::FromStr for Segmentation {
+    type Err = Invalid;
+    fn from_str(s: &str) -> Result<Self, Invalid> {
+        let unknown = || Invalid::new("segmentation", format!("\"{s}\" is neither fitted nor greedy"));
+        [Self::Fitted, Self::Greedy].into_iter().find(|r| r.name() == s).ok_or_else(unknown)
+    }
+}
+
+impl std::fmt::Display for Segmentation {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
 /// Generation parameters. The paper's P_M.
 #[doc(alias = "P_M")]
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -14,7 +14,7 @@ use crate::study::sample_plan;
 use anyhow::Context;
 use curve::{Curve, Sample, difference};
 use lamina_cast::{Backend, Field};
-use lamina_model::{GenerationParams, Intermediate, ReferenceSamples, Representation};
+use lamina_model::{GenerationParams, Intermediate, ReferenceSamples, Representation, Segmentation};
 use lamina_tuner::units::show_bytes;
 use lamina_viz_node::kernel::{self as viz, Detail, Prepared};
 use lamina_wire::codec::{self, Codec, DecodeLimits, EncodeOptions, Layout};
@@ -30,11 +30,12 @@ const BOUNDS: [f64; 12] = [0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025, 0.017, 0.01
 /// Decibels at which bytes are quoted.
 const QUOTED_DB: [f64; 3] = [36.0, 40.0, 44.0];
 
-/// The anchor of all comparisons, what the paper has, and what else is done with VDIs.
-const VDI_CODINGS: [(&str, Layout, Detail); 3] = [
-    ("VDI, plain", Layout::Plain, Detail::Nearest),
-    ("VDI, columns", Layout::Columns, Detail::Nearest),
-    ("VDI, blended", Layout::Columns, Detail::Blended),
+/// The anchor of all comparisons, what the paper has, and what else is done with VDIs, one thing after the other.
+const VDI_CODINGS: [(&str, Segmentation, Layout, Detail); 4] = [
+    ("VDI, plain", Segmentation::Greedy, Layout::Plain, Detail::Nearest),
+    ("VDI, columns", Segmentation::Greedy, Layout::Columns, Detail::Nearest),
+    ("VDI, blended", Segmentation::Greedy, Layout::Columns, Detail::Blended),
+    ("VDI, fitted", Segmentation::Fitted, Layout::Columns, Detail::Blended),
 ];
 
 /// What is measured on.
@@ -77,8 +78,8 @@ impl Bench {
         for r in RAYS {
             for gamma in GAMMAS {
                 let params = base.with_resolution(r)?.with_gamma(gamma)?;
-                let (vdi, time) = self.backend.represent(&self.field, &params)?;
-                for ((_, layout, detail), samples) in VDI_CODINGS.iter().zip(&mut samples) {
+                for ((_, segmentation, layout, detail), samples) in VDI_CODINGS.iter().zip(&mut samples) {
+                    let (vdi, time) = self.backend.represent(&self.field, &params, *segmentation)?;
                     samples.push(self.sample(&vdi, time.as_secs_f64() * 1e3, *layout, *detail)?);
                 }
             }
@@ -94,7 +95,7 @@ impl Bench {
         for share in SHARES {
             let params = base.with_resolution((side * share).round().max(2.0) as u32)?;
             let start = Instant::now();
-            let volumes = self.backend.represent_all(&self.field, &params, &BOUNDS)?;
+            let volumes = self.backend.represent_all(&self.field, &params, &BOUNDS, Segmentation::Fitted)?;
             let reduction_ms = start.elapsed().as_secs_f64() * 1e3;
             for volume in volumes {
                 samples.push(self.sample(&volume, reduction_ms, Layout::Columns, Detail::Blended)?);

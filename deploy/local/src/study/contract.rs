@@ -7,7 +7,7 @@ use crate::parts::{read_step, with_step};
 use crate::process::Used;
 use crate::source::{read_options, scene_of};
 use lamina_cast::Backend;
-use lamina_model::{GenerationParams, SamplePlan};
+use lamina_model::{GenerationParams, SamplePlan, Segmentation};
 use lamina_read::Series;
 use lamina_tuner::Contract;
 use lamina_tuner::interval::half_width_db;
@@ -25,7 +25,8 @@ pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
     let scene = with_step(scene_of(&series, input.scene.as_deref())?, input)?;
     let backends = (Backend::open(input.backend)?, viz::Backend::open(input.backend)?);
     let plan = SamplePlan { angles_deg: contract.angles_deg().unwrap_or(sample_plan().angles_deg), ..sample_plan() };
-    let mut trial = Local::new(input.time_step as u64, volume, &scene, &backends, &plan, Cache::in_memory())?;
+    let mut trial =
+        Local::new(input.time_step as u64, volume, &scene, &backends, &plan, Segmentation::Fitted, Cache::in_memory())?;
     let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
     let before = Used::now();
     let runtime = tokio::runtime::Builder::new_current_thread().build()?;

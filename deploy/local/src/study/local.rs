@@ -4,7 +4,9 @@ use super::cache::{Cache, Spent, Trial as Recorded};
 use crate::parts::prepare;
 use crate::process;
 use lamina_cast::{Backend, Field};
-use lamina_model::{GenerationParams, Intermediate, Invalid, Quality, ReferenceSamples, SamplePlan, Scene, Volume};
+use lamina_model::{
+    GenerationParams, Intermediate, Invalid, Quality, ReferenceSamples, SamplePlan, Scene, Segmentation, Volume,
+};
 use lamina_tuner::trial::{Cost, Measured, Trial, TrialError};
 use lamina_viz_node::kernel::{self as viz, Detail, Prepared};
 use lamina_wire::codec::{self, DecodeLimits, EncodeOptions};
@@ -14,6 +16,7 @@ use std::time::{Duration, Instant};
 pub struct Local {
     step: u64,
     field: Field,
+    segmentation: Segmentation,
     backend: Backend,
     viewer: viz::Backend,
     reference: ReferenceSamples,
@@ -23,7 +26,7 @@ pub struct Local {
 }
 
 impl Local {
-    /// Trials of `step`, which is `volume` under `scene`, on the pixels of `plan`.
+    /// Trials of `step`, which is `volume` under `scene`, on the pixels of `plan`; `cache` has VDIs of `segmentation`.
     ///
     /// # Errors
     /// If those cannot be cast.
@@ -33,11 +36,12 @@ impl Local {
         scene: &Scene,
         backends: &(Backend, viz::Backend),
         plan: &SamplePlan,
+        segmentation: Segmentation,
         cache: Cache,
     ) -> Result<Self, Invalid> {
         let (field, (backend, viewer)) = (prepare(volume, scene), backends.clone());
         let reference = backend.reference_samples(&field, plan, step)?;
-        Ok(Self { step, field, backend, viewer, reference, cache, held: None })
+        Ok(Self { step, field, segmentation, backend, viewer, reference, cache, held: None })
     }
 
     /// What has been measured so far, with what measuring took.
@@ -53,7 +57,7 @@ impl Local {
     /// Generates and encodes; what was encoded is what will be looked at.
     fn generate(&mut self, params: &GenerationParams) -> Result<(Cost, Spent), Invalid> {
         let start = clock();
-        let (intermediate, generation_time) = self.backend.represent(&self.field, params)?;
+        let (intermediate, generation_time) = self.backend.represent(&self.field, params, self.segmentation)?;
         let generated = clock();
         let (bytes, cost) = encode(&intermediate, generation_time)?;
         let encoded = clock();
@@ -130,7 +134,7 @@ impl Trial for Local {
 
     async fn sizes(&mut self, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {
         let start = Instant::now();
-        let all = self.backend.represent_all(&self.field, params, gammas)?;
+        let all = self.backend.represent_all(&self.field, params, gammas, self.segmentation)?;
         let generation_time = start.elapsed();
         all.iter().map(|one| Ok(encode(one, generation_time)?.1)).collect()
     }

@@ -22,7 +22,7 @@ use cache::Cache;
 use choices::Limits;
 use indicatif::{ProgressBar, ProgressStyle};
 use lamina_cast::Backend;
-use lamina_model::{GenerationParams, Representation, SamplePlan, Scene, Volume};
+use lamina_model::{GenerationParams, Representation, SamplePlan, Scene, Segmentation, Volume};
 use lamina_read::Series;
 use lamina_tuner::Contract;
 use lamina_tuner::search::Grid;
@@ -97,7 +97,7 @@ fn open(
     let backend = format!("{:?}", std::mem::discriminant(&backends.0));
     let fingerprint = cache::fingerprint(&volume, scene, &plan, &backend)?;
     let cache = Cache::open(&out.join("cache").join(format!("{name}-{step}-{fingerprint}.jsonl")))?;
-    Ok(Local::new(step, volume, scene, backends, &plan, cache)?)
+    Ok(Local::new(step, volume, scene, backends, &plan, Segmentation::Greedy, cache)?)
 }
 
 /// Every candidate of `grid`.
