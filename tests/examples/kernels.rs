@@ -5,7 +5,7 @@ use glam::DVec3;
 use lamina_cast::Field;
 use lamina_cast::lanes::{self, Level, Shot};
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
-use lamina_model::{GenerationParams, Scene, Vdi, Volume};
+use lamina_model::{GenerationParams, Scene, Segmentation, Vdi, Volume};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
 use lamina_viz_node::kernel::PreparedVdi;
 use std::hint::black_box;
@@ -67,7 +67,9 @@ fn run(kernel: &str, level: Level, volume: Volume, scene: &Scene) -> Result<(), 
         }
         "generate" => drop(measured(generate)?),
         "generate-all" => {
-            let all = measured(|| lanes::generate_all(level, &field, &params, &[0.001, 0.005, 0.021, 0.085, 0.257]));
+            let all = measured(|| {
+                lanes::generate_all(level, &field, &params, &[0.001, 0.005, 0.021, 0.085, 0.257], Segmentation::Greedy)
+            });
             drop(all.map_err(|e| e.to_string())?);
         }
         "prepare-vdi" => {

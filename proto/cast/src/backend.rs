@@ -2,7 +2,7 @@
 
 use super::gpu::{GpuError, GpuKernels};
 use super::lanes::{self, Level, Shot};
-use super::{Field, fit::fit, reduce, scalar};
+use super::{Field, reduce, scalar};
 use lamina_device::{Choice, DeviceError, Gpu, Opened};
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
 use lamina_model::{
@@ -11,12 +11,6 @@ use lamina_model::{
 };
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-
-/// What is fitted has been clustered with so much less of gamma. From a quarter, pictures are within 0.2 dB of those from a
-/// 32nd, in half the time.
-const FINER: f64 = 4.0;
-/// Finer VDIs that are held at a time.
-const FINE_AT_ONCE: usize = 8;
 
 /// What casts the rays: chosen once, at start-up.
 ///
@@ -64,19 +58,33 @@ impl Backend {
 
     /// The VDI of `field` from its scene's camera, and the time it took: on a GPU the device's own. The paper's tau.
     ///
-    /// Rays do not end where they become opaque, unless `params` says so: what is hidden now is seen from the side.
+    /// Rays do not end where they become opaque, unless `params` says so: what is hidden now is seen from the side. Samples
+    /// are clustered greedily, as in the paper.
     ///
     /// # Errors
     /// If the step is so short that rays would have too many of them, or the VDI too many supersegments (2^32).
     pub fn generate(&self, field: &Field, params: &GenerationParams) -> Result<(Vdi, Duration), Invalid> {
-        if let Some(done) = self.on_gpu(|gpu| gpu.generate(field, params)) {
+        self.generate_as(field, params, Segmentation::Greedy)
+    }
+
+    /// The same with `segmentation`.
+    ///
+    /// # Errors
+    /// As [`Self::generate`].
+    pub fn generate_as(
+        &self,
+        field: &Field,
+        params: &GenerationParams,
+        segmentation: Segmentation,
+    ) -> Result<(Vdi, Duration), Invalid> {
+        if let Some(done) = self.on_gpu(|gpu| gpu.generate_as(field, params, segmentation)) {
             return done;
         }
         let start = Instant::now();
         let vdi = if lanes::fits(field) {
-            lanes::generate(self.level(), field, params)?
+            lanes::generate_as(self.level(), field, params, segmentation)?
         } else {
-            scalar::generate(field, params)?
+            scalar::generate_as(field, params, segmentation)?
         };
         Ok((vdi, start.elapsed()))
     }
@@ -94,14 +102,7 @@ impl Backend {
     ) -> Result<(Intermediate, Duration), Invalid> {
         match params.representation() {
             Representation::Vdi => {
-                let (vdi, time) = match segmentation {
-                    Segmentation::Greedy => self.generate(field, params)?,
-                    Segmentation::Fitted => {
-                        let (fine, time) = self.generate(field, &params.with_gamma(params.gamma() / FINER)?)?;
-                        let start = Instant::now();
-                        (fit(fine, params.gamma(), unit_steps(field, params))?, time + start.elapsed())
-                    }
-                };
+                let (vdi, time) = self.generate_as(field, params, segmentation)?;
                 Ok((Intermediate::Vdi(Box::new(vdi)), time))
             }
             Representation::Volume => {
@@ -125,10 +126,7 @@ impl Backend {
     ) -> Result<Vec<Intermediate>, Invalid> {
         match params.representation() {
             Representation::Vdi => {
-                let vdis = match segmentation {
-                    Segmentation::Greedy => self.generate_all(field, params, gammas)?,
-                    Segmentation::Fitted => self.fit_all(field, params, gammas)?,
-                };
+                let vdis = self.generate_all_as(field, params, gammas, segmentation)?;
                 Ok(vdis.into_iter().map(|vdi| Intermediate::Vdi(Box::new(vdi))).collect())
             }
             // The bound is the encoder's matter.
@@ -148,35 +146,36 @@ impl Backend {
     /// # Errors
     /// As [`Self::generate`], or if a gamma is negative or not finite.
     pub fn generate_all(&self, field: &Field, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Vdi>, Invalid> {
+        self.generate_all_as(field, params, gammas, Segmentation::Greedy)
+    }
+
+    fn generate_all_as(
+        &self,
+        field: &Field,
+        params: &GenerationParams,
+        gammas: &[f64],
+        segmentation: Segmentation,
+    ) -> Result<Vec<Vdi>, Invalid> {
         if !lanes::fits(field) {
-            return gammas.iter().map(|&gamma| scalar::generate(field, &params.with_gamma(gamma)?)).collect();
+            let one = |&gamma| scalar::generate_as(field, &params.with_gamma(gamma)?, segmentation);
+            return gammas.iter().map(one).collect();
         }
         if field.effects().is_some() {
-            return gammas.iter().map(|&gamma| Ok(self.generate(field, &params.with_gamma(gamma)?)?.0)).collect();
+            let one = |&gamma| Ok(self.generate_as(field, &params.with_gamma(gamma)?, segmentation)?.0);
+            return gammas.iter().map(one).collect();
         }
         let mut order: Vec<usize> = (0..gammas.len()).collect();
         order.sort_by(|&a, &b| gammas[a].total_cmp(&gammas[b]));
         let mut vdis: Vec<Option<Vdi>> = gammas.iter().map(|_| None).collect();
         for some in order.chunks(lanes::MOST_GAMMAS) {
             let ascending: Vec<f64> = some.iter().map(|&n| gammas[n]).collect();
-            for (&n, vdi) in some.iter().zip(lanes::generate_all(self.level(), field, params, &ascending)?) {
+            for (&n, vdi) in
+                some.iter().zip(lanes::generate_all(self.level(), field, params, &ascending, segmentation)?)
+            {
                 vdis[n] = Some(vdi);
             }
         }
         Ok(vdis.into_iter().flatten().collect())
-    }
-
-    /// Few at a time: the finer VDIs take memory.
-    fn fit_all(&self, field: &Field, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Vdi>, Invalid> {
-        let unit_steps = unit_steps(field, params);
-        let mut vdis = Vec::with_capacity(gammas.len());
-        for some in gammas.chunks(FINE_AT_ONCE) {
-            let finer: Vec<f64> = some.iter().map(|gamma| gamma / FINER).collect();
-            for (fine, &gamma) in self.generate_all(field, params, &finer)?.into_iter().zip(some) {
-                vdis.push(fit(fine, gamma, unit_steps)?);
-            }
-        }
-        Ok(vdis)
     }
 
     /// A whole picture of `field`, `width` x `height` pixels.
@@ -251,11 +250,6 @@ impl Backend {
             }
         }
     }
-}
-
-/// The transfer function's unit length in steps.
-fn unit_steps(field: &Field, params: &GenerationParams) -> f64 {
-    field.unit_length() / (params.step_voxels() * field.grid().voxel_length())
 }
 
 fn shot(camera: &Camera, width: u32, height: u32) -> Shot<'_> {

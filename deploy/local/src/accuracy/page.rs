@@ -29,7 +29,7 @@ const GROUPS: [(&str, &str, &[&str]); 11] = [
         "Rays of the VDI end where they are this opaque; drawn from aside, what they left out is seen.",
         &["opacity_cutoff"],
     ),
-    ("Gamma", "The interrupt parameter: samples join a supersegment while they differ by less.", &["gamma"]),
+    ("Gamma", "The interrupt parameter: of supersegments that are fitted, as here, the price of one.", &["gamma"]),
     ("Resolution", "Rays of the VDI along each side.", &["resolution"]),
     (
         "Blending",
@@ -39,8 +39,8 @@ const GROUPS: [(&str, &str, &[&str]); 11] = [
     ),
     (
         "Stored bits of colour and opacity",
-        "The base's VDI rounded before it is encoded. The codec stores 8 bits a channel whatever is asked for, so that fewer \
-         save only what its compressor finds, and 10 and 12 are drawn without being encoded.",
+        "The base's VDI rounded before it is encoded, and not by the codec, which goes by gamma else. It stores 8 bits a channel, so \
+         that fewer save only what its compressor finds, and 10 and 12 are drawn without being encoded.",
         &["color_bits"],
     ),
     (

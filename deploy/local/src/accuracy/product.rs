@@ -5,7 +5,7 @@ use super::error::Error;
 use super::stored;
 use super::views::Views;
 use lamina_cast::{Backend, Field};
-use lamina_model::{Camera, GenerationParams, ParamsKey, Scene, Vdi, Volume};
+use lamina_model::{Camera, GenerationParams, ParamsKey, Scene, Segmentation, Vdi, Volume};
 use lamina_viz_node::kernel::{self as viz, Detail, PreparedVdi};
 use lamina_wire::codec::{self, DecodeLimits, EncodeOptions};
 use std::collections::HashMap;
@@ -90,7 +90,7 @@ impl<'a> Product<'a> {
     pub fn round(&mut self, params: &GenerationParams) -> anyhow::Result<()> {
         let mut trial = self.trials.remove(&params.key()).unwrap_or_default();
         if trial.generation.first().is_none_or(|&first| first < PATIENCE) {
-            let (vdi, time) = self.backends.0.generate(self.field, params)?;
+            let (vdi, time) = self.backends.0.generate_as(self.field, params, Segmentation::Fitted)?;
             trial.generation.push(time);
             let prepared = if trial.shot.is_some() {
                 PreparedVdi::new(Arc::new(vdi))
@@ -127,7 +127,7 @@ impl<'a> Product<'a> {
 
     /// The VDI of `params`.
     pub fn generate(&self, params: &GenerationParams) -> anyhow::Result<Vdi> {
-        Ok(self.backends.0.generate(self.field, params)?.0)
+        Ok(self.backends.0.generate_as(self.field, params, Segmentation::Fitted)?.0)
     }
 
     /// `vdi` through the codec and drawn as it comes back.
@@ -152,11 +152,12 @@ impl<'a> Product<'a> {
 
     /// `vdi`, its colour and opacity rounded to `bits`.
     pub fn with_color_bits(&self, vdi: &Vdi, bits: u32) -> anyhow::Result<Shot> {
-        // The codec stores eight bits: it rounds to them itself, and what has more is drawn as it is.
-        match bits {
-            8 => self.encoded(8.0, vdi),
-            fewer if fewer < 8 => self.encoded(bits.into(), &stored::with_color_bits(vdi, fewer)?),
-            more => self.seen(bits.into(), &PreparedVdi::new(&stored::with_color_bits(vdi, more)?), Detail::Blended),
+        // The codec stores eight bits: what has more is drawn as it is.
+        let rounded = stored::with_color_bits(vdi, bits)?;
+        if bits <= 8 {
+            self.encoded(bits.into(), &rounded)
+        } else {
+            self.seen(bits.into(), &PreparedVdi::new(&rounded), Detail::Blended)
         }
     }
 

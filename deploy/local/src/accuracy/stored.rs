@@ -1,8 +1,9 @@
-//! A VDI stored in fewer bits: what its codec's eight bits of colour and whole steps of depth are worth.
+//! A VDI stored in other bits: what those of colour and whole steps of depth are worth.
 
 use lamina_model::{Invalid, Supersegment, Vdi, VdiHeader};
 
-/// Colour and opacity rounded to `bits` each; opacity on the codec's scale, the square root of 1 - sqrt(T).
+/// Colour and opacity rounded to `bits` each; opacity on the codec's scale, the square root of 1 - sqrt(T). Its gamma is 0, so
+/// that the codec rounds no more than to 8.
 ///
 /// # Errors
 /// Never for bits of 1 to 24.
@@ -16,7 +17,9 @@ pub fn with_color_bits(vdi: &Vdi, bits: u32) -> Result<Vdi, Invalid> {
         let share = round(share).max(1.0 / most);
         Supersegment { color, optical_depth: (-2.0 * (-share * share).ln_1p()) as f32, ..*s }
     };
-    Vdi::new(*vdi.header(), vdi.offsets().to_vec(), vdi.segments().iter().map(rounded).collect())
+    let params = vdi.header().params.with_gamma(0.0)?;
+    let header = VdiHeader { params, ..*vdi.header() };
+    Vdi::new(header, vdi.offsets().to_vec(), vdi.segments().iter().map(rounded).collect())
 }
 
 /// Bits that the depths of `header`'s longest ray take.

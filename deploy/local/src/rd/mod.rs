@@ -78,9 +78,12 @@ impl Bench {
         for r in RAYS {
             for gamma in GAMMAS {
                 let params = base.with_resolution(r)?.with_gamma(gamma)?;
-                for ((_, segmentation, layout, detail), samples) in VDI_CODINGS.iter().zip(&mut samples) {
-                    let (vdi, time) = self.backend.represent(&self.field, &params, *segmentation)?;
-                    samples.push(self.sample(&vdi, time.as_secs_f64() * 1e3, *layout, *detail)?);
+                for segmentation in [Segmentation::Greedy, Segmentation::Fitted] {
+                    let (vdi, time) = self.backend.represent(&self.field, &params, segmentation)?;
+                    let codings = VDI_CODINGS.iter().zip(&mut samples);
+                    for ((.., layout, detail), samples) in codings.filter(|((_, s, ..), _)| *s == segmentation) {
+                        samples.push(self.sample(&vdi, time.as_secs_f64() * 1e3, *layout, *detail)?);
+                    }
                 }
             }
         }

@@ -119,7 +119,7 @@ pub(crate) fn vertical_axis(axis: &Axis, left: f64, right: f64) -> String {
         let y = axis.at(v);
         line("grid", &[(left, y), (right, y)]) + &text("tick", (left - 6.0, y + 4.0), "end", &significant(v, 6))
     };
-    axis.ticks(4).into_iter().map(tick).collect()
+    axis.ticks(6).into_iter().map(tick).collect()
 }
 
 /// Values and short strokes below `bottom`; `whole` leaves out ticks between whole numbers.

@@ -7,12 +7,13 @@ use super::layout::{Clustering, Segment, UNSURE};
 use super::scan::PrefixSum;
 use super::{BAND, Bound, GpuError, GpuKernels, Rays};
 use crate::Field;
+use crate::fit::Fit;
 use crate::rows::{Band, Join, header};
 use lamina_device::wgpu::{Buffer, BufferUsages};
 use lamina_model::composite::optical_depth_from_opacity;
-use lamina_model::{GenerationParams, Invalid, Supersegment, Vdi, VdiHeader};
+use lamina_model::{GenerationParams, Invalid, Segmentation, Supersegment, Vdi, VdiHeader};
 use std::ops::Range;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 const SEGMENT_BYTES: u64 = size_of::<Segment>() as u64;
 const RESULT: BufferUsages = BufferUsages::STORAGE.union(BufferUsages::COPY_SRC);
@@ -25,18 +26,38 @@ impl GpuKernels {
     /// or a ray's list does not fit the device, or the device fails.
     #[doc(alias = "R")]
     pub fn generate(&self, field: &Field, params: &GenerationParams) -> Result<(Vdi, Duration), GpuError> {
+        self.generate_as(field, params, Segmentation::Greedy)
+    }
+
+    /// The same with `segmentation`; the processor fits, which counts.
+    ///
+    /// # Errors
+    /// As [`Self::generate`].
+    pub fn generate_as(
+        &self,
+        field: &Field,
+        params: &GenerationParams,
+        segmentation: Segmentation,
+    ) -> Result<(Vdi, Duration), GpuError> {
         let header = header(field, params)?;
+        let fit = Fit::new(&header, segmentation, field.unit_length());
+        let gamma = fit.finer(params.gamma());
         let r = params.resolution();
         let rays = Rays { camera: &header.camera, width: r, height: r, step_length: header.step_length };
         self.with("a VDI", field, &rays, |bound| {
-            let work = Work { bound, header: &header, chunk_segments: (self.chunk_bytes / SEGMENT_BYTES).max(1) };
+            let work =
+                Work { bound, header: &header, gamma, chunk_segments: (self.chunk_bytes / SEGMENT_BYTES).max(1) };
             // One list more than rays, and whole rows; a row of the greatest resolution is 32 KB.
             let rows = (BAND.min(bound.gpu.max_binding_bytes() / 4 - 1) / u64::from(r)).max(1) as u32;
             let (mut join, mut time) = (Join::new((params.resolution() as usize).pow(2)), Duration::ZERO);
             for first_row in (0..r).step_by(rows as usize) {
                 let (band, took) = work.band(first_row, rows.min(r - first_row))?;
-                join.add(band);
+                let start = Instant::now();
+                join.add(fit.rows(first_row, band));
                 time += took;
+                if segmentation == Segmentation::Fitted {
+                    time += start.elapsed();
+                }
             }
             Ok((join.finish(header)?, time))
         })
@@ -47,6 +68,7 @@ impl GpuKernels {
 struct Work<'a> {
     bound: &'a Bound<'a>,
     header: &'a VdiHeader,
+    gamma: f64,
     /// Supersegments written at a time.
     chunk_segments: u64,
 }
@@ -106,7 +128,7 @@ impl Work<'_> {
         let params = &self.header.params;
         let cutoff = optical_depth_from_opacity(params.opacity_cutoff()).min(f32::MAX.into()) as f32;
         Clustering {
-            gamma: params.gamma().min(f32::MAX.into()) as f32,
+            gamma: self.gamma.min(f32::MAX.into()) as f32,
             cutoff,
             first_row,
             rows,

@@ -5,27 +5,47 @@ use super::march::{Lens, Packet, View, Visit};
 use super::tile::Tile;
 use crate::Field;
 use crate::field::{Stored, for_stored};
+use crate::fit::Fit;
 use crate::rows::{Band, Join, header, in_order};
 use crate::table::TransferTable;
 use lamina_lanes::{Floats, Ints, Job, Lanes, Level, Masks, Pair, SMALL, WIDTH, opacity, small_opacity};
 use lamina_model::composite::optical_depth_from_opacity;
-use lamina_model::{GenerationParams, Invalid, Supersegment, Vdi, VdiHeader};
+use lamina_model::{GenerationParams, Invalid, Segmentation, Supersegment, Vdi, VdiHeader};
 
 /// The VDI of `field`, which [fits](super::march::fits).
 ///
 /// # Errors
 /// As [`crate::Backend::generate`].
 pub fn generate(level: Level, field: &Field, params: &GenerationParams) -> Result<Vdi, Invalid> {
+    generate_as(level, field, params, Segmentation::Greedy)
+}
+
+/// The same with `segmentation`.
+///
+/// # Errors
+/// As [`crate::Backend::generate`].
+pub fn generate_as(
+    level: Level,
+    field: &Field,
+    params: &GenerationParams,
+    segmentation: Segmentation,
+) -> Result<Vdi, Invalid> {
     let header = header(field, params)?;
+    let fit = Fit::new(&header, segmentation, field.unit_length());
     let table = TransferTable::new(&field.scene().transfer, field.unit_length(), header.step_length);
     let rays = Rays::new(field, &header);
     let effects = Prepared::new(field, &header.camera, &table, header.step_length);
     let effects = effects.as_ref();
-    let gamma = params.gamma() as f32;
+    let gamma = fit.finer(params.gamma()) as f32;
     let mut join = Join::new((params.resolution() as usize).pow(2));
     for_stored!(field.stored(), v => {
         let view = View::new(field, v, &table);
-        let rows = |n: usize| level.run(Rows { view: &view, rays: &rays, effects, gamma, first_row: Tile::ROWS * n as u32 });
+        let rows = |n: usize| {
+            let first_row = Tile::ROWS * n as u32;
+            let rows = level.run(Rows { view: &view, rays: &rays, effects, gamma, first_row });
+            let mut number = first_row..;
+            rows.map(|row| fit.rows(number.next().unwrap_or_default(), row))
+        };
         in_order(rays.bands(), rows, |rows: [Band; 2]| rows.into_iter().for_each(|row| join.add(row)));
     });
     join.finish(header)

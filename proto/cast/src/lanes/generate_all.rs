@@ -10,16 +10,17 @@ use super::march::{Packet, View, Visit};
 use super::tile::Tile;
 use crate::Field;
 use crate::field::{Stored, for_stored};
+use crate::fit::Fit;
 use crate::rows::{Band, Join, header, in_order};
 use crate::table::TransferTable;
 use lamina_lanes::{Floats, Ints, Job, Lanes, Level, Masks, Pair, WIDTH, opacity};
-use lamina_model::{GenerationParams, Invalid, Supersegment, Vdi};
+use lamina_model::{GenerationParams, Invalid, Segmentation, Supersegment, Vdi};
 
 /// Gammas that share one march: one bit each.
 pub const MOST_GAMMAS: usize = 128;
 
 /// The VDI of `field`, which [fits](super::march::fits), for each of `gammas` (ascending, at most [`MOST_GAMMAS`]); the
-/// other parameters are those of `params`.
+/// other parameters are those of `params`; with `segmentation`.
 ///
 /// # Errors
 /// As [`super::generate`].
@@ -28,6 +29,7 @@ pub fn generate_all(
     field: &Field,
     params: &GenerationParams,
     gammas: &[f64],
+    segmentation: Segmentation,
 ) -> Result<Vec<Vdi>, Invalid> {
     assert!(gammas.len() <= MOST_GAMMAS && gammas.is_sorted());
     let headers: Vec<_> =
@@ -35,18 +37,28 @@ pub fn generate_all(
     let Some(first) = headers.first() else { return Ok(Vec::new()) };
     let table = TransferTable::new(&field.scene().transfer, field.unit_length(), first.step_length);
     let rays = Rays::new(field, first);
-    let gammas: Vec<f32> = gammas.iter().map(|&g| g as f32).collect();
+    let fits: Vec<Fit> = headers.iter().map(|h| Fit::new(h, segmentation, field.unit_length())).collect();
+    let gammas: Vec<f32> = gammas.iter().zip(&fits).map(|(&g, fit)| fit.finer(g) as f32).collect();
     // Of many VDIs one at a time outgrows its room: none is kept for each.
     let mut joins: Vec<Join> = gammas.iter().map(|_| Join::new(0)).collect();
     for_stored!(field.stored(), v => {
         let view = View::new(field, v, &table);
-        let rows = |n: usize| level.run(Rows { view: &view, rays: &rays, gammas: &gammas, first_row: Tile::ROWS * n as u32 });
+        let rows = |n: usize| {
+            let first_row = Tile::ROWS * n as u32;
+            let rows = level.run(Rows { view: &view, rays: &rays, gammas: &gammas, first_row });
+            let mut number = first_row..;
+            rows.map(|row| {
+                let j = number.next().unwrap_or_default();
+                row.into_iter().zip(&fits).map(|(band, fit)| fit.rows(j, band)).collect::<Vec<Band>>()
+            })
+        };
         in_order(rays.bands(), rows, |rows: [Vec<Band>; 2]| {
             for row in rows {
                 row.into_iter().zip(&mut joins).for_each(|(band, join)| join.add(band));
             }
         });
     });
+    drop(fits);
     joins.into_iter().zip(headers).map(|(join, header)| join.finish(header)).collect()
 }
 

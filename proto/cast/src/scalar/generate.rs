@@ -2,9 +2,10 @@
 
 use super::march::{March, Sample};
 use crate::Field;
+use crate::fit::Fit;
 use crate::rows::{Band, Join, header, in_order};
 use lamina_model::composite::opacity_from_optical_depth;
-use lamina_model::{GenerationParams, Invalid, Ray, Supersegment, Vdi};
+use lamina_model::{GenerationParams, Invalid, Ray, Segmentation, Supersegment, Vdi};
 use std::ops::ControlFlow;
 
 /// The VDI of `field` from the scene's camera. The paper's R.
@@ -15,7 +16,17 @@ use std::ops::ControlFlow;
 /// If the step is so short that rays would have too many of them, or the VDI too many supersegments (2^32).
 #[doc(alias = "R")]
 pub fn generate(field: &Field, params: &GenerationParams) -> Result<Vdi, Invalid> {
+    generate_as(field, params, Segmentation::Greedy)
+}
+
+/// The same with `segmentation`.
+///
+/// # Errors
+/// As [`generate`].
+pub fn generate_as(field: &Field, params: &GenerationParams, segmentation: Segmentation) -> Result<Vdi, Invalid> {
     let header = header(field, params)?;
+    let fit = Fit::new(&header, segmentation, field.unit_length());
+    let params = &params.with_gamma(fit.finer(params.gamma()))?;
     let march = March::new(field, header.step_length);
     let r = params.resolution();
     let row = |j: usize| {
@@ -25,7 +36,7 @@ pub fn generate(field: &Field, params: &GenerationParams) -> Result<Vdi, Invalid
             cluster_ray(&march, params, &header.camera.pixel_ray(i, j as u32, r, r), &mut band.segments);
             band.counts.push((band.segments.len() - before) as u32);
         }
-        band
+        fit.rows(j as u32, band)
     };
     let mut join = Join::new(r as usize * r as usize);
     in_order(r as usize, row, |band| join.add(band));
