@@ -331,4 +331,29 @@ mod tests {
             (0.3, 36)
         );
     }
+
+    #[test]
+    fn the_shorter_last_step_of_a_uniform_ray_is_no_reason_to_cut() {
+        let empty = fine(0);
+        let header = VdiHeader { params: empty.header().params.with_gamma(1e-3).unwrap(), ..*empty.header() };
+        let mut shorter = 0;
+        for n in 0..36 {
+            let Some((t_in, t_out)) = header.ray_span(n % 6, n / 6) else { continue };
+            let (length, steps) = ((t_out - t_in) / header.step_length, header.steps(t_out - t_in));
+            shorter += u32::from(length + 0.5 < f64::from(steps));
+            let piece = |start: u32, end: u32| Supersegment {
+                start,
+                end,
+                color: [0.2, 0.5, 0.9],
+                optical_depth: (0.1 * (length.min(end.into()) - f64::from(start))) as f32,
+            };
+            // The ray's whole row, so that its number counts.
+            let mut counts = vec![0; 6];
+            counts[n as usize % 6] = 2;
+            let band = Band { counts, segments: vec![piece(0, steps - 1), piece(steps - 1, steps)] };
+            let fitted = Fit::new(&header, Segmentation::Fitted, UNIT_STEPS * header.step_length).rows(n / 6, band);
+            assert_eq!(fitted.segments.len(), 1, "ray {n}: {length} steps");
+        }
+        assert!(shorter > 5, "{shorter}");
+    }
 }

@@ -4,7 +4,7 @@ use super::Grid;
 use crate::trial::{Trial, TrialError};
 use lamina_model::{GenerationParams, Invalid, Representation};
 
-/// Gammas looked at, evenly on a logarithmic scale. Greedily, all samples join at 1.
+/// Gammas looked at, evenly on a logarithmic scale. Greedily, all samples join above 1.
 const WIDEST: (f64, f64) = (1e-4, 2.0);
 const LOOKED_AT: usize = 24;
 /// Gammas found.

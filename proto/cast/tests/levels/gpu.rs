@@ -7,7 +7,9 @@ use glam::DVec3;
 use lamina_cast::gpu::{GpuError, GpuKernels};
 use lamina_cast::{Field, scalar};
 use lamina_device::{Choice, Gpu, Opened, testing};
-use lamina_model::{Camera, Effects, GenerationParams, Grid, Scale, Scene, TransferFunction, Volume, Voxels};
+use lamina_model::{
+    Camera, Effects, GenerationParams, Grid, Scale, Scene, Segmentation, TransferFunction, Volume, Voxels,
+};
 use std::sync::OnceLock;
 
 fn open() -> Option<GpuKernels> {
@@ -47,6 +49,9 @@ fn vdis_equal_the_oracles() {
             let (ours, time) = gpu.generate(&field, &params).unwrap();
             assert!(time > std::time::Duration::ZERO);
             compare(&format!("{name}, gamma {gamma}"), &ours, &scalar::generate(&field, &params).unwrap());
+            let (fitted, _) = gpu.generate_as(&field, &params, Segmentation::Fitted).unwrap();
+            let oracle = scalar::generate_as(&field, &params, Segmentation::Fitted).unwrap();
+            compare(&format!("{name}, fitted, gamma {gamma}"), &fitted, &oracle);
         }
     }
 }

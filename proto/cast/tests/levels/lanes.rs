@@ -6,7 +6,7 @@ use crate::fields::{field, fields, values};
 use lamina_cast::lanes::{self, Level, Shot};
 use lamina_cast::{Backend, Field, scalar};
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
-use lamina_model::{GenerationParams, Image, Scale, Voxels};
+use lamina_model::{GenerationParams, Image, Scale, Segmentation, Voxels};
 
 const SIZE: [u32; 2] = [61, 47];
 
@@ -58,6 +58,9 @@ fn vdis_equal_the_oracles() {
             let params = params.with_opacity_cutoff(cutoff).unwrap();
             let ours = lanes::generate(Level::detect(), &field, &params).unwrap();
             compare(&format!("{name}, gamma {gamma}"), &ours, &scalar::generate(&field, &params).unwrap());
+            let fitted = lanes::generate_as(Level::detect(), &field, &params, Segmentation::Fitted).unwrap();
+            let oracle = scalar::generate_as(&field, &params, Segmentation::Fitted).unwrap();
+            compare(&format!("{name}, fitted, gamma {gamma}"), &fitted, &oracle);
         }
     }
 }

@@ -3,14 +3,15 @@
 //! Opacity goes by the square root of 1 - sqrt(T), T = exp(-optical depth): fine steps near transparent and near opaque.
 //! Gamma is taken for the share of light that a supersegment may be off. Its opacity has 1/gamma codes, so that rounding
 //! moves it by at most 0.77 gamma; the steps of its colour are at most gamma / 2 where it is opaque, and longer the less it
-//! shows: colour times opacity moves by a quarter of gamma. (Or by half a code of 256, where that is more.) Codes that recur
+//! shows: colour times opacity moves by a quarter of gamma. (Or by half a code of 256, where that is more; and by up to twice as
+//! much where a code is moved for what a ray owes.) Codes that recur
 //! are what compressors live on. At gamma = 0 all 256 are in use.
 //!
 //! Rounding errors of many thin supersegments in a row all point the same way where the medium is uniform: 41 dB is all
 //! that plain rounding kept of a field whose opacity fell between two codes. So the error is summed along the ray, and
 //! once it exceeds [`SLACK`] the neighbouring code is taken that reduces it: 50 dB there, for a few percent more bytes
 //! elsewhere. Carrying every error on at once is better still but costs up to a third more bytes (VDI-FORMAT.md). Colour is
-//! treated likewise, once the light that a ray is off exceeds gamma.
+//! treated likewise, once the light that a ray is off exceeds gamma or 1/128.
 
 use lamina_model::{Supersegment, Vdi, composite};
 use rayon::prelude::*;
@@ -91,23 +92,29 @@ impl Scales {
         if optical_depth == 0.0 {
             return 0;
         }
-        let position = position(optical_depth);
         // What is fainter than the first code of a coarse scale keeps the finest: it may be all that a ray has.
-        let (greatest, last) = if self.opacity * position < 1.0 {
-            (FINEST, f64::from(spread(1.0, self.opacity)))
-        } else {
-            (self.opacity, self.opacity)
-        };
-        let at = |depth: f64| greatest * self::position(depth);
-        let (below, above) = (at(optical_depth).floor().max(1.0), at(optical_depth).ceil().clamp(1.0, last));
+        let first = f64::from(spread(1.0, self.opacity));
+        let (greatest, last) =
+            if FINEST * position(optical_depth) < first { (FINEST, first) } else { (self.opacity, self.opacity) };
+        let at = |depth: f64| greatest * position(depth);
+        let exact = at(optical_depth);
         if optical_depth > THICK {
             *carry = 0.0;
-            return spread(at(optical_depth).round().clamp(1.0, last), greatest);
+            return spread(exact.round().clamp(1.0, last), greatest);
+        }
+        let depth_of = |code: f64| f64::from(OPTICAL_DEPTH[usize::from(spread(code, greatest))]);
+        let (mut below, mut above) = (exact.floor().max(1.0), exact.ceil().clamp(1.0, last));
+        // Codes are whole: one may be on the other side of the depth than its place on the scale is.
+        if depth_of(below) > optical_depth {
+            below = (below - 1.0).max(1.0);
+        }
+        if depth_of(above) < optical_depth {
+            above = (above + 1.0).min(last);
         }
         let owed = if carry.abs() > SLACK { *carry } else { 0.0 };
-        let code = spread(at((optical_depth + owed).max(0.0)).round().clamp(below, above), greatest);
-        *carry += optical_depth - f64::from(OPTICAL_DEPTH[usize::from(code)]);
-        code
+        let code = at((optical_depth + owed).max(0.0)).round().clamp(below, above);
+        *carry += optical_depth - depth_of(code);
+        spread(code, greatest)
     }
 }
 
@@ -222,12 +229,12 @@ mod tests {
     fn along_a_uniform_ray_the_optical_depth_is_kept() {
         for gamma in [0.0, 0.01, 0.02, 0.05] {
             let scales = Scales::new(gamma);
-            for depth in [1e-3, 0.0157, 0.0153, 0.1, 0.3, 0.8] {
+            for depth in [2.08e-4, 1e-3, 3.18e-3, 0.0157, 0.0153, 0.1, 0.3, 0.8] {
                 let mut carry = 0.0;
                 let codes = (0..1000).map(|_| scales.opacity_code(depth, &mut carry));
                 let sum: f64 = codes.map(|code| f64::from(OPTICAL_DEPTH[usize::from(code)])).sum();
                 // Less than the slack and the last code's own rounding, which is half a step of the scale.
-                let step = 4.0 * gamma.max(1.0 / 255.0);
+                let step = 4.0 * gamma.clamp(1.0 / 255.0, COARSEST);
                 assert!(
                     (sum - 1000.0 * depth).abs() < 2.0 * SLACK + step,
                     "gamma {gamma}: {depth} x 1000 became {sum}"
