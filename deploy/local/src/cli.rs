@@ -38,7 +38,8 @@ pub enum Command {
     Bench(Bench),
     /// Find the best parameters of a volume under a contract
     Tune(Tune),
-    /// Measure every (gamma, resolution) of a grid, greedily segmented as in the paper, and report what is best under which limit
+    /// Measure every (gamma, resolution) of a grid, greedily segmented as in the paper, and report what is best under which
+    /// limit
     Study(Study),
     /// Measure what each step of accuracy costs for a volume: error, time and bytes
     Accuracy(Accuracy),
@@ -250,7 +251,8 @@ pub struct Generate {
     /// Rays per side; of a volume, the most sample points on a side
     #[arg(long, default_value_t = 256, value_name = "R")]
     pub resolution: u32,
-    /// Interrupt parameter, how much supersegments may leave out: 0 keeps every sample. Of a volume, the greatest error of a value, 1 being the range shown
+    /// Interrupt parameter, how much supersegments may leave out: 0 keeps every sample. Of a volume, the greatest error of a
+    /// value, 1 being the range shown
     #[arg(long, default_value_t = 0.02, value_name = "G", allow_negative_numbers = true)]
     pub gamma: f64,
     /// End rays at this opacity; 1 never

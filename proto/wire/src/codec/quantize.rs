@@ -3,9 +3,9 @@
 //! Opacity goes by the square root of 1 - sqrt(T), T = exp(-optical depth): fine steps near transparent and near opaque.
 //! Gamma is taken for the share of light that a supersegment may be off. Its opacity has 1/gamma codes, so that rounding
 //! moves it by at most 0.77 gamma; the steps of its colour are at most gamma / 2 where it is opaque, and longer the less it
-//! shows: colour times opacity moves by a quarter of gamma. (Or by half a code of 256, where that is more; and by up to twice as
-//! much where a code is moved for what a ray owes.) Codes that recur
-//! are what compressors live on. At gamma = 0 all 256 are in use.
+//! shows: colour times opacity moves by a quarter of gamma. (Or by half a code of 256, where that is more; and by up to
+//! twice as much where a code is moved for what a ray owes.) Codes that recur are what compressors live on. At gamma = 0
+//! all 256 are in use.
 //!
 //! Rounding errors of many thin supersegments in a row all point the same way where the medium is uniform: 41 dB is all
 //! that plain rounding kept of a field whose opacity fell between two codes. So the error is summed along the ray, and
