@@ -3,7 +3,7 @@
 use crate::ingest::{CompleteStep, Ingest};
 use crate::publish::{Item, Publisher};
 use crate::schedule::{Schedule, Setting};
-use lamina_cast::{Backend, Field};
+use lamina_cast::{Backend, Field, most_points};
 use lamina_model::{
     GenerationParams, Intermediate, Invalid, ReferenceSamples, Representation, SamplePlan, Scene, Segmentation,
     suggest::suggest,
@@ -48,9 +48,9 @@ impl Prepared {
         Ok((all, start.elapsed()))
     }
 
-    /// The most sample points on a side of the step's volume.
+    /// The most sample points on a side of a reduced volume of the step; 0 if none can stand for it.
     pub fn longest_side(&self) -> u32 {
-        self.field.grid().longest_side()
+        most_points(&self.field)
     }
 
     /// The step's reference samples, cast once.
@@ -280,6 +280,7 @@ impl Cycle {
             }
         };
         self.run = Some((run.clone(), scene.clone()));
+        scene.check_fields(&volume)?;
         let field = Field::new(volume, &scene);
         if field.empty_voxels() > 0 {
             tracing::warn!(step = number, voxels = field.empty_voxels(), "NaN or infinite voxels, drawn as empty");

@@ -140,7 +140,10 @@ fn effects_of_a_scene_are_seen_everywhere() {
         ("[effects]\nfog = 1.0\n", &["fog", "shading"][..]),
         ("[effects]\nshading = {}\n", &["effects.light"]),
         ("[effects]\nlight = [0.0, 0.0, 1.0]\nshadows = 3.0\n", &["effects.shadows"]),
-        ("[effects]\ncolor_field = \"temperature\"\n", &["color_field"]),
+        (
+            "[effects.color_field]\nname = \"temperature\"\nrange = { lo = 0.0, hi = 1.0, scale = \"linear\" }\n",
+            &["temperature", ".vti"],
+        ),
     ] {
         let path = scene("bad.toml", body);
         refused(&["raycast", &series, "--scene", &path, "--out", &file("x.png")], words);

@@ -61,7 +61,7 @@ pub trait Trial: Send {
     /// Batches of sampled pixels that there are.
     fn batches(&self) -> u32;
 
-    /// The most sample points on a side of the step's volume.
+    /// The most sample points on a side of a reduced volume of the step; 0 if none can stand for it.
     fn longest_side(&self) -> u32;
 
     /// Costs for each of `gammas` from one march; the other parameters are those of `params`. Their generation time is the

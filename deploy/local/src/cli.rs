@@ -68,7 +68,7 @@ pub struct Live {
     /// Which clumps: another number, another field
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Terms of the example simulation beyond the gas itself; a tracer is watched instead of density
+    /// Terms of the example simulation beyond the gas itself; a tracer of the gas that was in the blast gives the colours
     #[arg(long, value_name = "TERM,..", value_delimiter = ',')]
     pub terms: Vec<Term>,
     #[command(flatten)]

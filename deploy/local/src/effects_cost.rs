@@ -3,7 +3,7 @@
 use crate::cli;
 use crate::parts::open;
 use lamina_cast::{Backend, Field};
-use lamina_model::effects::{ClipPlane, DepthCue, Effects, Isosurface, Shading};
+use lamina_model::effects::{ClipPlane, ColorField, DepthCue, Effects, Isosurface, Shading};
 use lamina_model::{GenerationParams, Image, Scale, Scene, Volume, psnr};
 use std::time::{Duration, Instant};
 
@@ -19,6 +19,9 @@ fn all(scene: &Scene, volume: &Volume) -> Vec<(&'static str, Effects)> {
     };
     let surface = Isosurface { value, color: [0.9, 0.85, 0.8], opacity: 0.8 };
     let plane = ClipPlane { normal: toward_eye, offset: toward_eye.dot(bounds.center()) };
+    // A second field whatever the first: itself.
+    let (range, points) = (*range, ColorField::cool_to_warm());
+    let color_field = Some(ColorField { name: ITSELF.into(), range, points });
     let none = Effects::default;
     vec![
         ("shading", Effects { light, shading: Some(Shading::default()), ..none() }),
@@ -28,8 +31,12 @@ fn all(scene: &Scene, volume: &Volume) -> Vec<(&'static str, Effects)> {
         ("clip_planes", Effects { clip_planes: vec![plane], ..none() }),
         ("pre_integrated", Effects { pre_integrated: true, ..none() }),
         ("depth_cue", Effects { depth_cue: Some(DepthCue { color: [0.0; 3], strength: 0.7 }), ..none() }),
+        ("color_field", Effects { color_field, ..none() }),
     ]
 }
+
+/// The name of the volume as its own second field.
+const ITSELF: &str = "itself";
 
 /// What one set takes.
 struct Cost {
@@ -71,6 +78,8 @@ fn cost(arguments: &cli::Bench, backend: &Backend, volume: &Volume, scene: &Scen
 /// Prints the table: medians, and the PSNR of each picture against the one without effects.
 pub fn print(arguments: &cli::Bench) -> anyhow::Result<()> {
     let (volume, scene) = open(&arguments.input)?;
+    let itself = volume.voxels().clone();
+    let volume = volume.with_color_field(ITSELF, itself)?;
     let backend = Backend::open(arguments.input.backend)?;
     let with = |effects: Effects| Scene { effects, ..scene.clone() }.check();
     let none = cost(arguments, &backend, &volume, &with(Effects::default())?)?;

@@ -3,7 +3,7 @@
 use crate::cli;
 use crate::picture_file;
 use crate::scene_file::scene_for;
-use crate::source::read_options;
+use crate::source::{read_options, with_colors};
 use anyhow::{Context, ensure};
 use lamina_cast::{Backend, Field};
 use lamina_model::{GenerationParams, Representation, Scene, Volume, psnr};
@@ -17,7 +17,7 @@ pub fn open(input: &cli::Input) -> anyhow::Result<(Volume, Scene)> {
     let series = Series::open(&input.input, &read_options(&input.raw))?;
     let volume = read_step(&series, input)?;
     let scene = with_step(scene_for(input.scene.as_deref(), &[&volume])?, input)?;
-    Ok((volume, scene))
+    Ok((with_colors(&series, input.time_step, volume, &scene)?, scene))
 }
 
 /// The step that `--time-step` names.

@@ -14,8 +14,7 @@ struct SceneFile {
     #[serde(default)]
     background: [f32; 3],
     step_voxels: Option<f64>,
-    #[serde(default)]
-    effects: Effects,
+    effects: Option<Effects>,
 }
 
 /// The scene in `file`, completed for `volumes`, or all of it chosen for them.
@@ -34,7 +33,7 @@ pub fn scene_for(file: Option<&Path>, volumes: &[&Volume]) -> anyhow::Result<Sce
             camera: stated.camera.unwrap_or(suggested.camera),
             background: stated.background,
             step_voxels: stated.step_voxels.unwrap_or(GenerationParams::DEFAULT_STEP_VOXELS),
-            effects: stated.effects,
+            effects: stated.effects.unwrap_or(suggested.effects),
         }
         .check()
     };

@@ -5,7 +5,10 @@ use crate::scene_file::scene_for;
 use anyhow::Context;
 use glam::DVec3;
 use lamina_example::{Config, Simulation};
-use lamina_model::{ControlPoint, Effects, Grid, ScalarRange, Scale, Scene, TransferFunction, Volume, Voxels, suggest};
+use lamina_model::{
+    ColorField, ControlPoint, Effects, Grid, Invalid, ScalarRange, Scale, Scene, TransferFunction, Volume, Voxels,
+    suggest,
+};
 use lamina_read::{Options, RawSpec, Series};
 use std::path::Path;
 
@@ -44,18 +47,26 @@ impl Example {
             }
         }
         let simulation = Simulation::new(config)?;
-        let chosen = scene_file.is_some() || config.tracer;
-        let scene = if chosen { scene_for(scene_file, &[&shown(&simulation)?])? } else { example_scene(&simulation)? };
+        let scene = match scene_file {
+            Some(file) => scene_for(Some(file), &[&shown(&simulation)?])?,
+            None => example_scene(&simulation)?,
+        };
         Ok(Self { simulation, started: false, elapsed: 0.0, scene })
     }
 }
 
-/// The tracer of a run that has one, else density.
+/// Name of the example's second field.
+const TRACER: &str = "blast gas";
+
+/// Density, and the tracer of a run that has one.
 fn shown(simulation: &Simulation) -> anyhow::Result<Volume> {
     let (h, o) = (simulation.spacing(), simulation.origin());
     let grid = Grid::new([simulation.cells(); 3], DVec3::splat(h), DVec3::splat(o))?;
-    let voxels = simulation.tracer().map_or_else(|| simulation.density(), <[f32]>::to_vec);
-    Ok(Volume::new(grid, Voxels::F32(voxels))?)
+    let volume = Volume::new(grid, Voxels::F32(simulation.density()))?;
+    Ok(match simulation.tracer() {
+        Some(tracer) => volume.with_color_field(TRACER, Voxels::F32(tracer.to_vec()))?,
+        None => volume,
+    })
 }
 
 /// Density over four decades: the hot cavity a thin blue, undisturbed gas (density 1) clear, the swept-up shell red, clumps
@@ -75,7 +86,13 @@ fn example_scene(simulation: &Simulation) -> anyhow::Result<Scene> {
     let transfer = TransferFunction::new(ScalarRange::new(0.01, 100.0, Scale::Log10)?, Some(1.0 / 24.0), points)?;
     let volume = shown(simulation)?;
     let camera = suggest::suggest_camera(&volume.grid().bounds())?;
-    Ok(Scene { transfer, camera, background: [0.0; 3], step_voxels: 0.5, effects: Effects::default() })
+    // The share of gas that was in the blast.
+    let color_field = volume.color_field().map(|(name, _)| {
+        let range = ScalarRange::new(0.0, 1.0, Scale::Linear)?;
+        Ok::<_, Invalid>(ColorField { name: name.to_owned(), range, points: ColorField::cool_to_warm() })
+    });
+    let effects = Effects { color_field: color_field.transpose()?, ..Effects::default() };
+    Ok(Scene { transfer, camera, background: [0.0; 3], step_voxels: 0.5, effects })
 }
 
 impl Source for Example {
@@ -83,7 +100,7 @@ impl Source for Example {
         "blast"
     }
     fn field(&self) -> &str {
-        if self.simulation.tracer().is_some() { "blast gas" } else { "density" }
+        "density"
     }
     fn len(&self) -> Option<u64> {
         None
@@ -129,6 +146,14 @@ pub fn scene_of(series: &Series, file: Option<&Path>) -> anyhow::Result<Scene> {
     scene_for(file, &volumes.iter().collect::<Vec<_>>())
 }
 
+/// `volume`, which is step `n`, with the second field that `scene` takes colours from, if it does.
+pub fn with_colors(series: &Series, n: usize, volume: Volume, scene: &Scene) -> anyhow::Result<Volume> {
+    match &scene.effects.color_field {
+        None => Ok(volume),
+        Some(second) => Ok(series.with_color_field(n, &second.name, volume)?),
+    }
+}
+
 impl Recorded {
     /// The series at `path`; its scene suits first, middle and last step.
     pub fn open(path: &Path, options: &Options, scene_file: Option<&Path>) -> anyhow::Result<Self> {
@@ -159,6 +184,6 @@ impl Source for Recorded {
         let n = self.next;
         self.next += 1;
         let volume = self.series.read(n).with_context(|| format!("step {n}"))?;
-        Ok(Some((self.series.time(n), volume)))
+        Ok(Some((self.series.time(n), with_colors(&self.series, n, volume, &self.scene)?)))
     }
 }

@@ -49,13 +49,16 @@ fn connect(source: &dyn Source, volume: &Volume, generator: &str, policy: FullPo
         scene: Some(source.scene().clone()),
         // Blocking is consent to wait: for as long as a study of the tuner may take.
         deadline: if policy == FullPolicy::Block { Duration::from_secs(600) } else { Duration::from_secs(5) },
+        color_field: volume.color_field().map(|(name, voxels)| (name.to_owned(), voxels.voxel_type())),
         ..RunOptions::new(generator, source.name(), source.field(), *volume.grid(), volume.voxels().voxel_type())
     };
     Client::connect(options)
 }
 
 fn push(client: &mut Client, step: u64, time: f64, volume: &Volume) -> Result<(), ClientError> {
-    client.push(step, time, &Brick::new([0; 3], volume.grid().dims(), volume.voxels())).map(drop)
+    let brick = Brick::new([0; 3], volume.grid().dims(), volume.voxels());
+    let brick = volume.color_field().map_or(brick, |(_, voxels)| brick.with_colors(voxels));
+    client.push(step, time, &brick).map(drop)
 }
 
 /// Only the simulation: the nodes run elsewhere.
@@ -110,7 +113,7 @@ fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume) -> anyhow::Result
         backend: options.backend,
         angles_deg,
         // Room for two waiting steps: more would only show the past.
-        memory_bytes: 4 * volume.size_bytes() as u64 + 12 * voxels + (1 << 20),
+        memory_bytes: 4 * volume.size_bytes() as u64 + 24 * voxels + (1 << 20),
         params: GenerationParams::new(resolution, gamma)?
             .with_step_voxels(scene.step_voxels)?
             .with_representation(options.representation.first().copied().unwrap_or_default()),

@@ -103,6 +103,27 @@ impl Series {
     }
 }
 
+impl Series {
+    /// `volume`, which is step `index`, with the array `name` of the same file as its second field.
+    ///
+    /// # Errors
+    /// If there is no such array, it lies on other points, or it cannot be read.
+    pub fn with_color_field(&self, index: usize, name: &str, volume: Volume) -> Result<Volume, ReadError> {
+        let (path, reason) = match self.steps.get(index).map(|s| &s.source) {
+            Some(Source::Vti(path)) => {
+                let second = vti::read(path, Some(name))?;
+                if second.grid() == volume.grid() {
+                    let (_, voxels, _) = second.into_parts();
+                    return volume.with_color_field(name, voxels).map_err(|e| ReadError::grid(path, e));
+                }
+                (path, format!("array \"{name}\" lies on other points than \"{}\"", self.field))
+            }
+            _ => (&self.path, format!("there is no array \"{name}\": a .vti can hold several")),
+        };
+        Err(ReadError::Field { path: path.clone(), reason, present: self.field.clone() })
+    }
+}
+
 fn open_collection(path: &Path, wanted: Option<&str>) -> Result<(String, Vec<Step>), ReadError> {
     let entries = read_collection(path)?;
     // A file that is missing is reported before a long run starts, not in its middle.

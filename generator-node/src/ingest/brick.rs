@@ -1,6 +1,6 @@
-//! A rank's part of a time step, and bricks joined to a volume.
+//! A rank's part of a time step, and bricks joined to a whole grid.
 
-use lamina_model::{Grid, Invalid, Volume, VoxelType, Voxels};
+use lamina_model::{Grid, Invalid, VoxelType, Voxels};
 
 /// An index box of a grid, checked to lie inside it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,14 +37,11 @@ impl Brick {
     }
 }
 
-/// The volume that bricks with these bytes make up. They must cover the grid and hold `voxel_type` numbers.
-///
-/// # Errors
-/// If the bytes are not as many as the grid needs.
-pub fn join(grid: &Grid, voxel_type: VoxelType, mut bricks: Vec<(Brick, Vec<u8>)>) -> Result<Volume, Invalid> {
+/// The voxels that bricks with these bytes make up. They must cover the grid and hold `voxel_type` numbers.
+pub fn join(grid: &Grid, voxel_type: VoxelType, mut bricks: Vec<(Brick, Vec<u8>)>) -> Voxels {
     if bricks.len() == 1 {
         let (_, bytes) = bricks.remove(0);
-        return Volume::new(*grid, Voxels::from_le_bytes(voxel_type, &bytes));
+        return Voxels::from_le_bytes(voxel_type, &bytes);
     }
     let size = voxel_type.size_bytes();
     let [nx, ny, _] = grid.dims();
@@ -59,7 +56,7 @@ pub fn join(grid: &Grid, voxel_type: VoxelType, mut bricks: Vec<(Brick, Vec<u8>)
             }
         }
     }
-    Volume::new(*grid, Voxels::from_le_bytes(voxel_type, &whole))
+    Voxels::from_le_bytes(voxel_type, &whole)
 }
 
 #[cfg(test)]
@@ -85,7 +82,7 @@ mod tests {
             VoxelType::U16,
             vec![cut([0, 0, 0], [1, 3, 2]), cut([1, 0, 0], [3, 3, 1]), cut([1, 0, 1], [3, 3, 1])],
         );
-        assert_eq!(joined.unwrap(), join(&grid, VoxelType::U16, vec![cut([0, 0, 0], [4, 3, 2])]).unwrap());
+        assert_eq!(joined, join(&grid, VoxelType::U16, vec![cut([0, 0, 0], [4, 3, 2])]));
     }
 
     #[test]

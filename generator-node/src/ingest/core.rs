@@ -20,6 +20,8 @@ pub struct RunSpec {
     pub grid: Grid,
     /// Type of the voxels.
     pub voxel_type: VoxelType,
+    /// Name and type of a second field, for colours.
+    pub color_field: Option<(String, VoxelType)>,
     /// Number of ranks, each with its own brick.
     pub ranks: u32,
     /// What happens when memory is full.
@@ -29,13 +31,20 @@ pub struct RunSpec {
 }
 
 impl RunSpec {
-    fn step_bytes(&self) -> u64 {
-        self.grid.voxels() as u64 * self.voxel_type.size_bytes() as u64
+    /// Bytes of one sample point, of both fields.
+    fn point_bytes(&self) -> usize {
+        self.voxel_type.size_bytes() + self.color_field.as_ref().map_or(0, |(_, t)| t.size_bytes())
     }
 
-    /// Bytes besides waiting steps: one step's bricks and joined volume, and three fields (in work, newest, in trials).
+    fn step_bytes(&self) -> u64 {
+        self.grid.voxels() as u64 * self.point_bytes() as u64
+    }
+
+    /// Bytes besides waiting steps: one step's bricks and joined volume, and three fields (in work, newest, in trials), each
+    /// with its colours.
     fn working_bytes(&self) -> u64 {
-        2 * self.step_bytes() + 3 * 4 * self.grid.voxels() as u64
+        let fields = 3 * (1 + u64::from(self.color_field.is_some()));
+        2 * self.step_bytes() + fields * 4 * self.grid.voxels() as u64
     }
 }
 
@@ -72,7 +81,17 @@ impl CompleteStep {
     /// # Errors
     /// If the bricks do not make up the grid.
     pub fn into_volume(self) -> Result<Volume, Invalid> {
-        brick::join(&self.spec.grid, self.spec.voxel_type, self.bricks)
+        let RunSpec { grid, voxel_type, color_field, .. } = self.spec;
+        let Some((name, color_type)) = color_field else {
+            return Volume::new(grid, brick::join(&grid, voxel_type, self.bricks));
+        };
+        let split = |(brick, mut bytes): (Brick, Vec<u8>)| {
+            let second = bytes.split_off(brick.voxels() * voxel_type.size_bytes());
+            ((brick, bytes), (brick, second))
+        };
+        let (first, second) = self.bricks.into_iter().map(split).unzip();
+        Volume::new(grid, brick::join(&grid, voxel_type, first))?
+            .with_color_field(&name, brick::join(&grid, color_type, second))
     }
 }
 
@@ -136,7 +155,7 @@ impl Core {
             if (resumes || joins) && run.spec != spec {
                 let name = &spec.name;
                 return Err(Status::failed_precondition(format!(
-                    "run \"{name}\": rank {rank} describes it differently (grid, type, field, ranks, policy or scene) than the ranks before"
+                    "run \"{name}\": rank {rank} describes it differently (grid, type, fields, ranks, policy or scene) than the ranks before"
                 )));
             }
             if resumes || joins {
@@ -200,7 +219,7 @@ impl Core {
         let run = self.run(run_id)?;
         run.last_heard = now;
         let brick = run.check_push(offer)?;
-        let bytes = brick.voxels() * run.spec.voxel_type.size_bytes();
+        let bytes = brick.voxels() * run.spec.point_bytes();
         if run.cannot_complete(step) {
             run.last_step[rank as usize] = Some(step);
             run.drop_step(step);
@@ -401,6 +420,18 @@ fn check_spec(spec: &RunSpec, rank: u32, memory_bytes: u64) -> Result<(), Status
         let ranks = spec.ranks;
         return Err(Status::invalid_argument(format!(
             "rank {rank} of {ranks}: ranks must be 1 to 1048576, counted from 0"
+        )));
+    }
+    let second = spec.color_field.as_ref().map(|(name, _)| name.as_str());
+    if second.is_some_and(|name| name.is_empty() || name.len() > 200) {
+        return Err(Status::invalid_argument("the color field's name must have 1 to 200 bytes"));
+    }
+    if let Some(asked) = spec.scene.as_ref().and_then(|s| s.effects.color_field.as_ref())
+        && second != Some(asked.name.as_str())
+    {
+        let (asked, pushed) = (&asked.name, second.map_or("none".to_owned(), |name| format!("\"{name}\"")));
+        return Err(Status::invalid_argument(format!(
+            "the scene takes colours from \"{asked}\", but the run's second field is {pushed}; name it in color_field of the run's options"
         )));
     }
     let need = spec.step_bytes().saturating_add(spec.working_bytes());

@@ -2,6 +2,7 @@
 
 use super::{Admit, CompleteStep, Core, Offer, RunSpec};
 use futures::{Stream, StreamExt};
+use lamina_model::{Invalid, VoxelType};
 use lamina_wire::v1::{self, ingest_server, push_part::Part};
 use lamina_wire::{chunks::CHUNK_BYTES, invalid, required};
 use std::pin::Pin;
@@ -162,7 +163,7 @@ impl ingest_server::Ingest for IngestService {
     }
 }
 
-fn spec_from(r: &v1::OpenRequest) -> Result<RunSpec, lamina_model::Invalid> {
+fn spec_from(r: &v1::OpenRequest) -> Result<RunSpec, Invalid> {
     let full_policy = match r.full_policy() {
         v1::FullPolicy::Unspecified => v1::FullPolicy::DropOldest,
         stated => stated,
@@ -172,10 +173,15 @@ fn spec_from(r: &v1::OpenRequest) -> Result<RunSpec, lamina_model::Invalid> {
         field: r.field.clone(),
         grid: required(r.grid, "grid")?.try_into()?,
         voxel_type: r.voxel_type().try_into()?,
+        color_field: r.color_field.as_ref().map(second_field).transpose()?,
         ranks: r.ranks,
         full_policy,
         scene: r.scene.clone().map(TryInto::try_into).transpose()?,
     })
+}
+
+fn second_field(f: &v1::SecondField) -> Result<(String, VoxelType), Invalid> {
+    Ok((f.name.clone(), f.voxel_type().try_into()?))
 }
 
 /// Name and time: sorts by age, unique per machine and run, and safe as a folder's name.

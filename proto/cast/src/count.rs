@@ -3,9 +3,9 @@
 #[cfg(test)]
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// Values, gradients, light.
+/// Values, gradients, light, colours.
 #[cfg(test)]
-static COUNTS: [AtomicU64; 3] = [const { AtomicU64::new(0) }; 3];
+static COUNTS: [AtomicU64; 4] = [const { AtomicU64::new(0) }; 4];
 
 macro_rules! counter {
     ($(#[$doc:meta])* $name:ident, $n:literal) => {
@@ -33,11 +33,16 @@ counter!(
     light,
     2
 );
+counter!(
+    /// The second field looked up.
+    color,
+    3
+);
 
 /// Counts since the last call.
 #[cfg(test)]
-pub fn take() -> [u64; 3] {
-    [0, 1, 2].map(|n| COUNTS[n].swap(0, Relaxed))
+pub fn take() -> [u64; 4] {
+    [0, 1, 2, 3].map(|n| COUNTS[n].swap(0, Relaxed))
 }
 
 #[cfg(test)]
@@ -45,11 +50,11 @@ mod tests {
     use super::*;
     use crate::{Backend, Field};
     use glam::DVec3;
-    use lamina_model::effects::{Isosurface, Shading};
+    use lamina_model::effects::{ColorField, Isosurface, Shading};
     use lamina_model::{Camera, ControlPoint, Effects, GenerationParams, Grid, ScalarRange, Scale, Scene};
     use lamina_model::{TransferFunction, Volume, Voxels};
 
-    fn counts(effects: Effects) -> [u64; 3] {
+    fn counts(effects: Effects) -> [u64; 4] {
         let grid = Grid::new([8; 3], DVec3::ONE, DVec3::ZERO).unwrap();
         let voxels = Voxels::F32((0..512).map(|n| (n % 8) as f32 / 7.0).collect());
         let point = |at, opacity| ControlPoint { at, color: [0.5; 3], opacity };
@@ -57,7 +62,8 @@ mod tests {
         let transfer = TransferFunction::new(range, None, vec![point(0.0, 0.1), point(1.0, 0.2)]).unwrap();
         let camera = Camera::new(DVec3::new(3.5, 4.0, 30.0), DVec3::splat(3.5), DVec3::Y, 30.0).unwrap();
         let scene = Scene { transfer, camera, background: [0.0; 3], step_voxels: 0.5, effects };
-        let field = Field::new(Volume::new(grid, voxels).unwrap(), &scene);
+        let volume = Volume::new(grid, voxels.clone()).unwrap().with_color_field("second", voxels).unwrap();
+        let field = Field::new(volume, &scene);
         take();
         let lanes = Backend::cpu();
         lanes.raycast(&field, &camera, 16, 16).unwrap();
@@ -70,18 +76,23 @@ mod tests {
     #[test]
     fn what_is_not_asked_for_is_not_looked_up() {
         let light = Some(DVec3::new(1.0, 2.0, 3.0));
-        assert_eq!(counts(Effects { light, ..Effects::default() }), [0; 3]);
-        let [values, gradients, lights] =
-            counts(Effects { light, shading: Some(Shading::default()), ..Effects::default() });
-        assert!(gradients > 100 && (values, lights) == (0, 0), "{values} {gradients} {lights}");
-        let [values, gradients, lights] = counts(Effects { light, shadows: Some(0.5), ..Effects::default() });
-        assert!(lights > 100 && (values, gradients) == (0, 0), "{values} {gradients} {lights}");
-        let [values, gradients, lights] = counts(Effects { ambient_occlusion: Some(0.5), ..Effects::default() });
-        assert!(lights > 100 && (values, gradients) == (0, 0), "{values} {gradients} {lights}");
+        let none = Effects::default;
         let surface = Isosurface { value: 0.4, color: [1.0; 3], opacity: 1.0 };
-        let [values, gradients, lights] = counts(Effects { isosurfaces: vec![surface], ..Effects::default() });
-        assert!(values > 100 && (gradients, lights) == (0, 0), "{values} {gradients} {lights}");
-        let [values, gradients, lights] = counts(Effects { pre_integrated: true, ..Effects::default() });
-        assert!(values > 100 && (gradients, lights) == (0, 0), "{values} {gradients} {lights}");
+        let range = ScalarRange::new(0.0, 9.0, Scale::Linear).unwrap();
+        let second = ColorField { name: "second".into(), range, points: ColorField::cool_to_warm() };
+        // What is looked up: values, gradients, light, colours.
+        for (effects, asked) in [
+            (Effects { light, ..none() }, [false; 4]),
+            (Effects { isosurfaces: vec![surface], ..none() }, [true, false, false, false]),
+            (Effects { pre_integrated: true, ..none() }, [true, false, false, false]),
+            (Effects { light, shading: Some(Shading::default()), ..none() }, [false, true, false, false]),
+            (Effects { light, shadows: Some(0.5), ..none() }, [false, false, true, false]),
+            (Effects { ambient_occlusion: Some(0.5), ..none() }, [false, false, true, false]),
+            (Effects { color_field: Some(second), ..none() }, [false, false, false, true]),
+        ] {
+            let found = counts(effects.clone());
+            let right = found.iter().zip(asked).all(|(&n, asked)| if asked { n > 100 } else { n == 0 });
+            assert!(right, "{effects:?}: {found:?}");
+        }
     }
 }

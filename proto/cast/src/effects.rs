@@ -1,10 +1,12 @@
 //! Effects in the units that kernels count in: positions in sample points, values in the transfer function's range.
 
+use super::colors::Colors;
 use super::light::LightVolume;
 use glam::DVec3;
 use lamina_model::composite::optical_depth_from_opacity;
 use lamina_model::effects::{DepthCue, Shading};
 use lamina_model::{Grid, Scene};
+use std::sync::Arc;
 
 /// Below this gradient, in shares of the range per voxel, less than half of the shading applies.
 pub const WEAK_GRADIENT: f64 = 0.01;
@@ -34,6 +36,8 @@ pub struct Effects {
     pub pre_integrated: bool,
     /// Colours fade with distance.
     pub cue: Option<DepthCue>,
+    /// Where the medium's colours come from instead of the transfer function.
+    pub colors: Option<Arc<Colors>>,
 }
 
 /// An isosurface.
@@ -48,8 +52,14 @@ pub struct Surface {
 }
 
 impl Effects {
-    /// The effects of `scene` on `grid`; `None` if it asks for nothing. `extinction` is the field's at an index.
-    pub fn new(scene: &Scene, grid: &Grid, extinction: impl Fn(DVec3) -> f64 + Sync) -> Option<Self> {
+    /// The effects of `scene` on `grid`, whose second field is `colors`; `None` if it asks for nothing. `extinction` is the
+    /// field's at an index.
+    pub fn new(
+        scene: &Scene,
+        grid: &Grid,
+        colors: Option<Arc<Colors>>,
+        extinction: impl Fn(DVec3) -> f64 + Sync,
+    ) -> Option<Self> {
         let asked = &scene.effects;
         if asked.is_none() {
             return None;
@@ -86,6 +96,7 @@ impl Effects {
             half_spaces,
             pre_integrated: asked.pre_integrated,
             cue: asked.depth_cue,
+            colors,
         })
     }
 

@@ -7,8 +7,9 @@
 //! is the logarithm, so that a steep front keeps its decades. Voxels that are not finite are NaN, and any sample whose
 //! cell touches one is empty.
 
+use super::colors::Colors;
 use super::effects::Effects;
-use super::skip::{self, SkipMap};
+use super::skip::{Scalar, SkipMap};
 use glam::DVec3;
 use half::f16;
 use lamina_model::{
@@ -61,23 +62,26 @@ macro_rules! for_stored {
 pub(super) use for_stored;
 
 impl Field {
-    /// Maps `volume` into the range of the scene's transfer function, and finds what the function leaves empty.
+    /// Maps `volume` into the range of the scene's transfer function, and finds what the function leaves empty. A second
+    /// field is kept if the scene asks for one of that name ([`Scene::check_fields`]).
     pub fn new(volume: Volume, scene: &Scene) -> Self {
-        let grid = *volume.grid();
+        let (grid, voxels, second) = volume.into_parts();
         let range = scene.transfer.range();
-        let ((stored, is_moved), empty_voxels) = stored(volume.into_voxels(), range);
+        let asked = scene.effects.color_field.as_ref().zip(second).filter(|(asked, (name, _))| asked.name == *name);
+        let colors = asked.map(|(map, (_, voxels))| Arc::new(Colors::new(&grid, voxels, map)));
+        let ((stored, is_moved), empty_voxels) = stored(voxels, range);
         let moved = if is_moved { f64::from(i16::MIN) } else { 0.0 };
         let (scale, offset) = match stored {
             Stored::F32(_) => (1.0, 0.0),
             _ => (1.0 / (range.hi() - range.lo()), (moved - range.lo()) / (range.hi() - range.lo())),
         };
-        Self { empty_voxels, ..Self::of(grid, scene.clone(), Arc::new(stored), [scale, offset]) }
+        Self { empty_voxels, ..Self::of(grid, scene.clone(), Arc::new(stored), [scale, offset], colors) }
     }
 
     /// A reduced volume, ready to be drawn.
     pub fn of_reduced(volume: ReducedVolume) -> Self {
         let (grid, scene, units) = volume.into_parts();
-        Self::of(grid, scene, Arc::new(Stored::F32(units)), [1.0, 0.0])
+        Self::of(grid, scene, Arc::new(Stored::F32(units)), [1.0, 0.0], None)
     }
 
     /// The same voxels, of which main memory holds one copy, under another transfer function over the same range.
@@ -89,11 +93,18 @@ impl Field {
             return Err(Invalid::new("transfer.range", "not the one the voxels were brought to"));
         }
         let scene = Scene { transfer, ..self.scene.clone() };
-        let field = Self::of(self.grid, scene, self.stored.clone(), [self.scale, self.offset]);
+        let colors = self.effects().and_then(|e| e.colors.clone());
+        let field = Self::of(self.grid, scene, self.stored.clone(), [self.scale, self.offset], colors);
         Ok(Self { empty_voxels: self.empty_voxels, ..field })
     }
 
-    fn of(grid: Grid, scene: Scene, stored: Arc<Stored>, [scale, offset]: [f64; 2]) -> Self {
+    fn of(
+        grid: Grid,
+        scene: Scene,
+        stored: Arc<Stored>,
+        [scale, offset]: [f64; 2],
+        colors: Option<Arc<Colors>>,
+    ) -> Self {
         static FIELDS: AtomicU64 = AtomicU64::new(0);
         let id = FIELDS.fetch_add(1, Ordering::Relaxed);
         let unit = |x: f32| (scale * f64::from(x) + offset) as f32;
@@ -104,7 +115,7 @@ impl Field {
             !scene.transfer.is_transparent(lo, hi) || surfaces.iter().any(|s| (lo..=hi).contains(s))
         }));
         let mut field = Self { id, grid, scene, stored, scale, offset, empty_voxels: 0, skip, effects: None };
-        field.effects = Effects::new(&field.scene, &grid, |p| field.extinction(p));
+        field.effects = Effects::new(&field.scene, &grid, colors, |p| field.extinction(p));
         field
     }
 
@@ -162,32 +173,34 @@ impl Field {
     /// fast levels are compared with.
     #[inline]
     pub fn sample(&self, index: DVec3) -> f32 {
-        let dims = self.grid.dims();
-        let mut base = 0;
-        let mut stride = 1;
-        let mut next = [0; 3];
-        let mut w = [0.0; 3];
-        for axis in 0..3 {
-            let last = dims[axis] - 1;
-            let x = index[axis].clamp(0.0, last as f64);
-            let cell = (x as usize).min(last.saturating_sub(1));
-            w[axis] = x - cell as f64;
-            base += cell * stride;
-            next[axis] = if last > 0 { stride } else { 0 };
-            stride *= dims[axis];
-        }
-        let lerp = |a: f64, b: f64, w: f64| a + w * (b - a);
-        let value = for_stored!(&*self.stored, v => {
-            let along_x = |i: usize| lerp(skip::Scalar::wide(v[i]), skip::Scalar::wide(v[i + next[0]]), w[0]);
-            let along_y = |i: usize| lerp(along_x(i), along_x(i + next[1]), w[1]);
-            lerp(along_y(base), along_y(base + next[2]), w[2])
-        });
+        let value = for_stored!(&*self.stored, v => trilinear(self.grid.dims(), v, index));
         (self.scale * value + self.offset) as f32
     }
 }
 
+/// The trilinear value of `values`, x fastest, at `index` (units of sample points), which is clamped into the grid.
+#[inline]
+pub fn trilinear<T: Scalar>(dims: [usize; 3], values: &[T], index: DVec3) -> f64 {
+    let mut base = 0;
+    let mut stride = 1;
+    let mut next = [0; 3];
+    let mut w = [0.0; 3];
+    for axis in 0..3 {
+        let last = dims[axis] - 1;
+        let x = index[axis].clamp(0.0, last as f64);
+        let cell = (x as usize).min(last.saturating_sub(1));
+        w[axis] = x - cell as f64;
+        base += cell * stride;
+        next[axis] = if last > 0 { stride } else { 0 };
+        stride *= dims[axis];
+    }
+    let lerp = |a: f64, b: f64, w: f64| a + w * (b - a);
+    let along_x = |i: usize| lerp(values[i].wide(), values[i + next[0]].wide(), w[0]);
+    let along_y = |i: usize| lerp(along_x(i), along_x(i + next[1]), w[1]);
+    lerp(along_y(base), along_y(base + next[2]), w[2])
+}
+
 /// The scalars to keep and whether they were moved up, and how many are not finite.
-#[expect(clippy::useless_conversion, reason = "one body for all voxel types, f64 among them")]
 fn stored(voxels: Voxels, range: &ScalarRange) -> ((Stored, bool), u64) {
     let width = range.hi() - range.lo();
     // 65536 voxel values and rows of a table: positions as rows stay far below the greatest single.
@@ -206,7 +219,16 @@ fn stored(voxels: Voxels, range: &ScalarRange) -> ((Stored, bool), u64) {
             Voxels::F32(_) | Voxels::F64(_) => {}
         }
     }
-    let mapped = match voxels {
+    let mapped = units(voxels, range);
+    let empty = mapped.par_iter().filter(|x| x.is_nan()).count() as u64;
+    ((Stored::F32(mapped), false), empty)
+}
+
+/// Positions in `range`; NaN for what is not finite. Single precision is mapped in place.
+#[expect(clippy::useless_conversion, reason = "one body for all voxel types, f64 among them")]
+pub fn units(voxels: Voxels, range: &ScalarRange) -> Vec<f32> {
+    let width = range.hi() - range.lo();
+    match voxels {
         Voxels::F32(mut v) if range.scale() == Scale::Linear && (1.0 / width).is_finite() => {
             let (lo, per_range, most) = (range.lo(), 1.0 / width, f64::from(ScalarRange::FARTHEST));
             v.par_chunks_mut(1 << 14).for_each(|chunk| {
@@ -222,7 +244,5 @@ fn stored(voxels: Voxels, range: &ScalarRange) -> ((Stored, bool), u64) {
             v
         }
         other => for_voxels!(&other, v => v.par_iter().map(|&x| range.unit_from_value(x.into())).collect()),
-    };
-    let empty = mapped.par_iter().filter(|x| x.is_nan()).count() as u64;
-    ((Stored::F32(mapped), false), empty)
+    }
 }

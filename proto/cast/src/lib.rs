@@ -11,6 +11,7 @@
 //! lists equal on 99 rays of 100. The lane levels agree among themselves to the bit: none fuses multiply and add.
 
 mod backend;
+mod colors;
 mod count;
 mod effects;
 mod field;
@@ -26,4 +27,4 @@ mod table;
 
 pub use backend::Backend;
 pub use field::Field;
-pub use reduce::reduce;
+pub use reduce::{most_points, reduce};

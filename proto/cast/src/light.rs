@@ -5,6 +5,7 @@
 //! of two cells in all 26 directions. Shadows are as soft as that grid is coarse. Isosurfaces cast none, and what clipping takes away casts
 //! none either.
 
+use super::field::trilinear;
 use glam::DVec3;
 use lamina_model::Grid;
 use rayon::prelude::*;
@@ -61,19 +62,8 @@ impl LightVolume {
 
     /// Transmittance and openness at `index`, in units of the field's sample points.
     pub fn at(&self, index: DVec3) -> [f64; 2] {
-        let (mut base, mut stride, mut next, mut w) = (0, 1, [0; 3], [0.0; 3]);
-        for a in 0..3 {
-            let x = (index[a] * self.scale[a]).clamp(0.0, (self.dims[a] - 1) as f64);
-            let cell = (x as usize).min(self.dims[a] - 2);
-            (w[a], next[a]) = (x - cell as f64, stride);
-            base += cell * stride;
-            stride *= self.dims[a];
-        }
-        [&self.transmittance, &self.openness].map(|values| {
-            let x = |i: usize| f64::from(values[i]) * (1.0 - w[0]) + f64::from(values[i + next[0]]) * w[0];
-            let y = |i: usize| x(i) * (1.0 - w[1]) + x(i + next[1]) * w[1];
-            y(base) * (1.0 - w[2]) + y(base + next[2]) * w[2]
-        })
+        let index = index * DVec3::from_array(self.scale);
+        [&self.transmittance, &self.openness].map(|values| trilinear(self.dims, values, index))
     }
 }
 

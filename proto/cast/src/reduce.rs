@@ -19,12 +19,9 @@ const FARTHEST: f32 = 8.0;
 /// of them.
 ///
 /// # Errors
-/// If voxels are NaN or infinite: a reduced volume has no word for nothing.
+/// If none can stand for it: voxels are NaN or infinite, for which it has no word, or colours come from a second field.
 pub fn reduce(field: &Field, params: &GenerationParams) -> Result<ReducedVolume, Invalid> {
-    if field.empty_voxels() > 0 {
-        let reason = format!("{} voxels are NaN or infinite, which a reduced volume cannot hold", field.empty_voxels());
-        return Err(Invalid::new("representation", reason));
-    }
+    check_reducible(field)?;
     let (grid, dims) = (field.grid(), field.grid().dims());
     let (scale, offset) = field.unit_from_stored();
     let (least, most) = ends(field);
@@ -40,6 +37,22 @@ pub fn reduce(field: &Field, params: &GenerationParams) -> Result<ReducedVolume,
     let transfer = field.scene().transfer.with_unit_length(field.unit_length());
     let scene = Scene { transfer, ..field.scene().clone() };
     ReducedVolume::new(Grid::new(fewer, spacing, grid.origin())?, scene, *params, units)
+}
+
+/// The most sample points on a side that a reduced volume of `field` may have; 0 if none can stand for it.
+pub fn most_points(field: &Field) -> u32 {
+    check_reducible(field).map_or(0, |()| field.grid().longest_side())
+}
+
+fn check_reducible(field: &Field) -> Result<(), Invalid> {
+    let reason = match (field.empty_voxels(), &field.scene().effects.color_field) {
+        (0, None) => return Ok(()),
+        (0, Some(second)) => {
+            format!("a reduced volume holds one field, and colours come from \"{}\"; send VDIs", second.name)
+        }
+        (empty, _) => format!("{empty} voxels are NaN or infinite, which a reduced volume cannot hold; send VDIs"),
+    };
+    Err(Invalid::new("representation", reason))
 }
 
 /// The ends of the values kept.

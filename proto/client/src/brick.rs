@@ -80,31 +80,54 @@ pub struct Brick<'a> {
     pub(crate) start: [usize; 3],
     pub(crate) dims: [usize; 3],
     voxels: VoxelSlice<'a>,
+    colors: Option<VoxelSlice<'a>>,
 }
 
 impl<'a> Brick<'a> {
     /// The box of `dims` sample points from `start` on.
     pub fn new(start: [usize; 3], dims: [usize; 3], voxels: impl Into<VoxelSlice<'a>>) -> Self {
-        Self { start, dims, voxels: voxels.into() }
+        Self { start, dims, voxels: voxels.into(), colors: None }
+    }
+
+    /// The same with the voxels of the run's second field.
+    #[must_use]
+    pub fn with_colors(self, colors: impl Into<VoxelSlice<'a>>) -> Self {
+        Self { colors: Some(colors.into()), ..self }
     }
 
     /// Refuses, before anything is sent, what cannot belong to the run.
     pub(crate) fn check(&self, run: &RunOptions) -> Result<(), Invalid> {
-        let (have, want) = (self.voxels.len(), self.dims.iter().product::<usize>());
-        if have != want || want == 0 {
-            return Err(Invalid::new("brick", format!("{have} voxels given for a box of {:?}", self.dims)));
+        let check = |field: &str, voxels: &VoxelSlice, of_run: VoxelType| {
+            let (have, want) = (voxels.len(), self.dims.iter().product::<usize>());
+            if have != want || want == 0 {
+                return Err(Invalid::new("brick", format!("{have} voxels of {field} for a box of {:?}", self.dims)));
+            }
+            let given = voxels.voxel_type();
+            if given != of_run {
+                return Err(Invalid::new("brick", format!("{given} voxels of {field}; the run has {of_run}")));
+            }
+            Ok(())
+        };
+        check(&run.field, &self.voxels, run.voxel_type)?;
+        match (&self.colors, &run.color_field) {
+            (None, None) => Ok(()),
+            (Some(colors), Some((name, voxel_type))) => check(name, colors, *voxel_type),
+            (None, Some((name, _))) => {
+                Err(Invalid::new("brick", format!("no voxels of {name}; add them by with_colors")))
+            }
+            (Some(_), None) => {
+                let reason = "voxels of a second field, which the run's options do not name (color_field)";
+                Err(Invalid::new("brick", reason))
+            }
         }
-        if self.voxels.voxel_type() != run.voxel_type {
-            let (given, run) = (self.voxels.voxel_type(), run.voxel_type);
-            return Err(Invalid::new("brick", format!("{given} voxels given, the run has {run}")));
-        }
-        Ok(())
     }
 
-    /// Its bytes in pieces of about `chunk_bytes`, converted one at a time.
+    /// Its bytes, those of the second field last, in pieces of about `chunk_bytes`, converted one at a time.
     pub(crate) fn chunks(&self, chunk_bytes: usize) -> impl Iterator<Item = Vec<u8>> + '_ {
-        let per_chunk = (chunk_bytes / self.voxels.voxel_type().size_bytes()).max(1);
-        let len = self.voxels.len();
-        (0..len).step_by(per_chunk).map(move |start| self.voxels.le_bytes(start..len.min(start + per_chunk)))
+        std::iter::once(&self.voxels).chain(&self.colors).flat_map(move |voxels| {
+            let per_chunk = (chunk_bytes / voxels.voxel_type().size_bytes()).max(1);
+            let len = voxels.len();
+            (0..len).step_by(per_chunk).map(move |start| voxels.le_bytes(start..len.min(start + per_chunk)))
+        })
     }
 }

@@ -41,6 +41,8 @@ pub struct RunOptions {
     pub grid: Grid,
     /// Type of the voxels.
     pub voxel_type: VoxelType,
+    /// Name and type of a second field, from which a scene may take its colours; every brick then carries both. Default: none.
+    pub color_field: Option<(String, VoxelType)>,
     /// This process among `ranks`, counted from 0.
     pub rank: u32,
     /// Processes that push bricks of every step.
@@ -63,6 +65,7 @@ impl RunOptions {
             field: field.to_owned(),
             grid,
             voxel_type,
+            color_field: None,
             rank: 0,
             ranks: 1,
             full_policy: FullPolicy::DropOldest,

@@ -37,6 +37,10 @@ impl Session {
             full_policy: options.full_policy.into(),
             scene: options.scene.as_ref().map(Into::into),
             resume_run_id: run_id.to_owned(),
+            color_field: options.color_field.as_ref().map(|(name, voxel_type)| v1::SecondField {
+                name: name.clone(),
+                voxel_type: v1::VoxelType::from(*voxel_type).into(),
+            }),
         };
         let reply = ingest.open(request).await?.into_inner();
         let chunk_bytes = (reply.chunk_bytes as usize).clamp(1 << 12, lamina_wire::MAX_MESSAGE_BYTES / 2);

@@ -1,5 +1,6 @@
 //! What a scene may ask for beyond emission and absorption. What it does not ask for is not computed.
 
+pub use crate::color_field::{ColorField, ColorPoint};
 use crate::{Invalid, ScalarRange, Scale};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -7,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// The effects of a scene; none of them by default.
 ///
 /// For each step of a ray, in this order: clipping cuts the step, the transfer function is applied to its middle or
-/// integrated over it, isosurfaces are met inside it, light is applied to both, then the depth cue.
+/// integrated over it, a second field gives the colour there, isosurfaces are met inside it, light is applied to both, then the depth cue.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Effects {
@@ -39,6 +40,9 @@ pub struct Effects {
     /// Colours fade with distance.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub depth_cue: Option<DepthCue>,
+    /// Colours come from a second field.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub color_field: Option<ColorField>,
 }
 
 /// Light from one direction: colour x (ambient + diffuse |n.l|) + specular |n.h|^shininess, both sides alike; h halves the
@@ -134,6 +138,7 @@ impl Effects {
             clip_box: self.clip_box.or(other.clip_box),
             pre_integrated: self.pre_integrated || other.pre_integrated,
             depth_cue: self.depth_cue.or(other.depth_cue),
+            color_field: self.color_field.clone().or_else(|| other.color_field.clone()),
         }
     }
 
@@ -197,7 +202,7 @@ impl Effects {
         if let Some(cue) = self.depth_cue {
             cue.color.iter().chain([&cue.strength]).try_for_each(|x| share("effects.depth_cue", *x))?;
         }
-        Ok(())
+        self.color_field.as_ref().map_or(Ok(()), ColorField::check)
     }
 
     /// True if samples are taken beside the middle of a step: at its ends, or in the middle of what clipping leaves.

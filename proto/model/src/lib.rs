@@ -5,6 +5,7 @@
 //! "Auto-Tuning Intermediate Representations for In Situ Visualization", NYSDS 2016.
 
 pub mod camera;
+mod color_field;
 pub mod composite;
 pub mod effects;
 pub mod image;
@@ -20,7 +21,7 @@ pub mod vdi;
 pub mod volume;
 
 pub use camera::{Aabb, Camera, Ray};
-pub use effects::Effects;
+pub use effects::{ColorField, Effects};
 pub use image::Image;
 pub use indicators::{Indicators, Quality, ViewError, decibels};
 pub use params::{GenerationParams, ParamsKey, Representation, Segmentation};

@@ -1,6 +1,6 @@
 //! What is looked at and how: the paper's S_A.
 
-use crate::{Camera, Effects, GenerationParams, Grid, Invalid, TransferFunction};
+use crate::{Camera, Effects, GenerationParams, Grid, Invalid, TransferFunction, Volume};
 use serde::{Deserialize, Serialize};
 
 /// Transfer function, generation camera, background, sampling step and effects. The paper's S_A.
@@ -41,6 +41,21 @@ impl Scene {
         self.effects.check(self.transfer.range())?;
         self.effects.check_step(self.step_voxels)?;
         Ok(self)
+    }
+
+    /// Passes a volume that has the second field that colours are to come from, if they are.
+    ///
+    /// # Errors
+    /// If it has none, or one of another name.
+    pub fn check_fields(&self, volume: &Volume) -> Result<(), Invalid> {
+        let Some(asked) = &self.effects.color_field else { return Ok(()) };
+        let name = &asked.name;
+        let reason = match volume.color_field() {
+            Some((given, _)) if given == name => return Ok(()),
+            Some((given, _)) => format!("the scene asks for \"{name}\", the data's second field is \"{given}\""),
+            None => format!("the scene asks for \"{name}\", the data has no second field"),
+        };
+        Err(Invalid::new("effects.color_field", reason))
     }
 
     /// World length of one sampling step on `grid`.

@@ -4,7 +4,8 @@
 //! differs shows. Ends are percentiles, so that single hot voxels change nothing; data over decades goes by logarithm.
 
 use crate::{
-    Aabb, Camera, ControlPoint, GenerationParams, Invalid, ScalarRange, Scale, Scene, TransferFunction, Volume,
+    Aabb, Camera, ColorField, ControlPoint, Effects, GenerationParams, Invalid, ScalarRange, Scale, Scene,
+    TransferFunction, Volume, Voxels,
 };
 use glam::DVec3;
 
@@ -19,13 +20,22 @@ const MEAN_OPTICAL_DEPTH: f64 = 1.0;
 /// If `volumes` is empty.
 pub fn suggest(volumes: &[&Volume]) -> Result<Scene, Invalid> {
     let first = volumes.first().ok_or_else(|| Invalid::new("series", "is empty; nothing to choose a scene for"))?;
+    let values = finite_values(volumes.iter().map(|v| v.voxels()));
     Ok(Scene {
-        transfer: suggest_transfer(&finite_values(volumes), mean_side_voxels(first))?,
+        transfer: suggest_transfer(&values, mean_side_voxels(first))?,
         camera: suggest_camera(&first.grid().bounds())?,
         background: [0.0; 3],
         step_voxels: GenerationParams::DEFAULT_STEP_VOXELS,
-        effects: crate::Effects::default(),
+        effects: Effects { color_field: suggest_color_field(volumes)?, ..Effects::default() },
     })
+}
+
+/// Colours over the range of the second field, where the volumes have one.
+fn suggest_color_field(volumes: &[&Volume]) -> Result<Option<ColorField>, Invalid> {
+    let fields: Vec<(&str, &Voxels)> = volumes.iter().filter_map(|v| v.color_field()).collect();
+    let Some(&(name, _)) = fields.first() else { return Ok(None) };
+    let range = suggest_range(&finite_values(fields.iter().map(|(_, voxels)| *voxels)))?;
+    Ok(Some(ColorField { name: name.to_owned(), range, points: ColorField::cool_to_warm() }))
 }
 
 /// A camera on +z that sees all of `bounds` from every rotation about +y (35 degrees of view).
@@ -46,12 +56,12 @@ fn mean_side_voxels(volume: &Volume) -> f64 {
     volume.grid().dims().iter().map(|&d| d as f64).product::<f64>().cbrt()
 }
 
-fn finite_values(volumes: &[&Volume]) -> Vec<f64> {
+fn finite_values<'a>(volumes: impl Iterator<Item = &'a Voxels>) -> Vec<f64> {
     let mut values = Vec::new();
     for v in volumes {
         // An odd stride does not fall into step with the grid's even sides.
-        let stride = (v.voxels().len() / MAX_VALUES) | 1;
-        values.extend((0..v.voxels().len()).step_by(stride).map(|i| v.voxels().get(i)).filter(|x| x.is_finite()));
+        let stride = (v.len() / MAX_VALUES) | 1;
+        values.extend((0..v.len()).step_by(stride).map(|i| v.get(i)).filter(|x| x.is_finite()));
     }
     values.sort_unstable_by(f64::total_cmp);
     values
@@ -133,7 +143,7 @@ fn most_common(units: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Grid, Voxels};
+    use crate::Grid;
 
     fn volume(f: impl Fn(usize) -> f32) -> Volume {
         let grid = Grid::new([16; 3], DVec3::ONE, DVec3::ZERO).unwrap();
@@ -160,6 +170,20 @@ mod tests {
         let opacity = |v: f64| s.transfer.at(s.transfer.range().unit_from_value(v)).1;
         assert_eq!(opacity(0.0), 0.0);
         assert!(opacity(-4.0) > 0.01 && opacity(3.0) > 0.01);
+    }
+
+    #[test]
+    fn a_second_field_gives_the_colours() {
+        let v = volume(|i| i as f32);
+        let second = Voxels::F32((0..4096).map(|i| 300.0 + i as f32 / 4.096).collect());
+        let scene = suggest(&[&v.clone().with_color_field("temperature", second).unwrap()]).unwrap();
+        let colors = scene.effects.color_field.as_ref().unwrap();
+        assert!(colors.name == "temperature" && colors.range.lo() < 302.0 && colors.range.hi() > 1298.0);
+        let check = |v: &Volume| scene.check_fields(v).map_err(|e| e.reason);
+        assert!(check(&v).unwrap_err().contains("no second field"));
+        let other = v.with_color_field("pressure", Voxels::U8(vec![0; 4096])).unwrap();
+        assert!(check(&other).unwrap_err().contains("\"pressure\""));
+        assert!(suggest(&[&other]).unwrap().check_fields(&other).is_ok());
     }
 
     #[test]

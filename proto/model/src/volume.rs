@@ -241,11 +241,13 @@ impl Voxels {
     }
 }
 
-/// A scalar field on a grid.
+/// A scalar field on a grid, and perhaps a second one, for colours.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Volume {
     grid: Grid,
     voxels: Voxels,
+    /// Its name and scalars.
+    color_field: Option<(String, Voxels)>,
 }
 
 impl Volume {
@@ -254,14 +256,18 @@ impl Volume {
     /// # Errors
     /// If there are not as many scalars as grid points.
     pub fn new(grid: Grid, voxels: Voxels) -> Result<Self, Invalid> {
-        if voxels.len() != grid.voxels() {
-            let (have, want) = (voxels.len(), grid.voxels());
-            return Err(Invalid::new(
-                "volume",
-                format!("{have} voxels given, a grid of {:?} needs {want}", grid.dims()),
-            ));
-        }
-        Ok(Self { grid, voxels })
+        check_number("volume", &grid, &voxels)?;
+        Ok(Self { grid, voxels, color_field: None })
+    }
+
+    /// The same with a second field called `name`, from which a scene may take its colours
+    /// ([`ColorField`](crate::effects::ColorField)).
+    ///
+    /// # Errors
+    /// If there are not as many scalars as grid points.
+    pub fn with_color_field(self, name: &str, voxels: Voxels) -> Result<Self, Invalid> {
+        check_number("color field", &self.grid, &voxels)?;
+        Ok(Self { color_field: Some((name.to_owned(), voxels)), ..self })
     }
 
     /// Where the voxels lie.
@@ -272,14 +278,27 @@ impl Volume {
     pub fn voxels(&self) -> &Voxels {
         &self.voxels
     }
-    /// The scalars, owned.
-    pub fn into_voxels(self) -> Voxels {
-        self.voxels
+    /// The second field's name and scalars, if there is one.
+    pub fn color_field(&self) -> Option<(&str, &Voxels)> {
+        self.color_field.as_ref().map(|(name, voxels)| (name.as_str(), voxels))
     }
-    /// Bytes of the scalars.
+    /// Grid, scalars and second field, owned.
+    pub fn into_parts(self) -> (Grid, Voxels, Option<(String, Voxels)>) {
+        (self.grid, self.voxels, self.color_field)
+    }
+    /// Bytes of the scalars, those of the second field among them.
     pub fn size_bytes(&self) -> usize {
-        self.voxels.len() * self.voxels.voxel_type().size_bytes()
+        let bytes = |v: &Voxels| v.len() * v.voxel_type().size_bytes();
+        bytes(&self.voxels) + self.color_field().map_or(0, |(_, v)| bytes(v))
     }
+}
+
+fn check_number(thing: &'static str, grid: &Grid, voxels: &Voxels) -> Result<(), Invalid> {
+    let (have, want) = (voxels.len(), grid.voxels());
+    if have == want {
+        return Ok(());
+    }
+    Err(Invalid::new(thing, format!("{have} voxels given, a grid of {:?} needs {want}", grid.dims())))
 }
 
 #[cfg(test)]

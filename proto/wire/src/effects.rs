@@ -1,8 +1,8 @@
 //! Effects as messages, and back.
 
 use crate::{required, v1};
-use lamina_model::effects::{ClipBox, ClipPlane, DepthCue, Effects, Isosurface, Shading};
-use lamina_model::{Invalid, Scene};
+use lamina_model::effects::{ClipBox, ClipPlane, ColorField, ColorPoint, DepthCue, Effects, Isosurface, Shading};
+use lamina_model::{Invalid, ScalarRange, Scale, Scene};
 
 impl From<&Effects> for v1::Effects {
     fn from(e: &Effects) -> Self {
@@ -29,7 +29,37 @@ impl From<&Effects> for v1::Effects {
             clip_box: e.clip_box.map(|b| v1::ClipBox { min: Some(b.min.into()), max: Some(b.max.into()) }),
             pre_integrated: e.pre_integrated,
             depth_cue: e.depth_cue.map(cue),
+            color_field: e.color_field.as_ref().map(Into::into),
         }
+    }
+}
+
+impl From<&ColorField> for v1::ColorField {
+    fn from(f: &ColorField) -> Self {
+        let point = |p: &ColorPoint| {
+            let [red, green, blue] = p.color;
+            v1::ColorPoint { at: p.at, red, green, blue }
+        };
+        Self {
+            name: f.name.clone(),
+            lo: f.range.lo(),
+            hi: f.range.hi(),
+            log10: f.range.scale() == Scale::Log10,
+            points: f.points.iter().map(point).collect(),
+        }
+    }
+}
+
+impl TryFrom<v1::ColorField> for ColorField {
+    type Error = Invalid;
+    fn try_from(f: v1::ColorField) -> Result<Self, Invalid> {
+        let scale = if f.log10 { Scale::Log10 } else { Scale::Linear };
+        let point = |p: v1::ColorPoint| ColorPoint { at: p.at, color: [p.red, p.green, p.blue] };
+        Ok(Self {
+            range: ScalarRange::new(f.lo, f.hi, scale)?,
+            points: f.points.into_iter().map(point).collect(),
+            name: f.name,
+        })
     }
 }
 
@@ -64,6 +94,7 @@ impl TryFrom<v1::Effects> for Effects {
             clip_box: e.clip_box.map(clip_box).transpose()?,
             pre_integrated: e.pre_integrated,
             depth_cue: e.depth_cue.map(cue),
+            color_field: e.color_field.map(TryInto::try_into).transpose()?,
         })
     }
 }
@@ -90,6 +121,11 @@ mod tests {
             clip_box: Some(ClipBox { min: DVec3::ZERO, max: DVec3::ONE }),
             pre_integrated: true,
             depth_cue: Some(DepthCue { color: [0.5, 0.6, 0.7], strength: 0.8 }),
+            color_field: Some(ColorField {
+                name: "temperature".into(),
+                range: ScalarRange::new(3.0, 4e8, Scale::Log10).unwrap(),
+                points: ColorField::cool_to_warm(),
+            }),
         };
         for effects in [all, Effects::default()] {
             assert_eq!(Effects::try_from(v1::Effects::from(&effects)), Ok(effects));

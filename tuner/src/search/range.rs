@@ -38,7 +38,7 @@ const VOLUME_BOUNDS: usize = 28;
 /// What may be tried on this step: volumes first, because they take less time to measure; what they cannot beat is soon known.
 ///
 /// # Errors
-/// If a node stops answering, or the grid is none.
+/// If a node stops answering, the grid is none, or only volumes may be tried and none can stand for the step.
 pub async fn candidates(
     trial: &mut impl Trial,
     representations: &[Representation],
@@ -46,8 +46,13 @@ pub async fn candidates(
     base: &GenerationParams,
 ) -> Result<Vec<GenerationParams>, TrialError> {
     let mut all = Vec::new();
-    if representations.contains(&Representation::Volume) {
+    let volumes_can = trial.longest_side() > 0;
+    if representations.contains(&Representation::Volume) && volumes_can {
         all.extend(volumes(trial.longest_side(), base)?);
+    }
+    if !volumes_can && !representations.contains(&Representation::Vdi) {
+        let reason = "no reduced volume can stand for this step: voxels are missing, or colours come from a second field; allow VDIs";
+        return Err(Invalid::new("representations", reason).into());
     }
     if representations.contains(&Representation::Vdi) {
         all.extend(vdis(trial, grid, base).await?);

@@ -32,7 +32,7 @@ impl Scalars {
         let grid = *volume.grid();
         let (lo, hi) = (range.lo(), range.hi());
         if range.scale() == Scale::Linear {
-            return Self { grid, voxels: volume.into_voxels(), lo, per_range: 1.0 / (hi - lo) };
+            return Self { grid, voxels: volume.into_parts().1, lo, per_range: 1.0 / (hi - lo) };
         }
         let unit = |i: usize| match volume.voxels().get(i) {
             v if !v.is_finite() => f64::NAN,

@@ -114,8 +114,10 @@ pub fn fingerprint(volume: &Volume, scene: &Scene, plan: &SamplePlan, backend: &
     let grid = volume.grid();
     // Plane by plane, so that no copy of the volume is made.
     let plane = grid.dims()[0] * grid.dims()[1];
-    for z in 0..grid.dims()[2] {
-        hash.update(volume.voxels().to_le_bytes(z * plane..(z + 1) * plane));
+    for voxels in std::iter::once(volume.voxels()).chain(volume.color_field().map(|(_, voxels)| voxels)) {
+        for z in 0..grid.dims()[2] {
+            hash.update(voxels.to_le_bytes(z * plane..(z + 1) * plane));
+        }
     }
     hash.update(serde_json::to_vec(&(grid.dims(), grid.spacing(), grid.origin(), scene, plan, backend))?);
     let mut name = String::new();

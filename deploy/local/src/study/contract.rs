@@ -5,7 +5,7 @@ use super::{Local, sample_plan};
 use crate::cli;
 use crate::parts::{read_step, with_step};
 use crate::process::Used;
-use crate::source::{read_options, scene_of};
+use crate::source::{read_options, scene_of, with_colors};
 use lamina_cast::Backend;
 use lamina_model::{GenerationParams, SamplePlan, Segmentation};
 use lamina_read::Series;
@@ -23,6 +23,7 @@ pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
     let series = Series::open(&input.input, &read_options(&input.raw))?;
     let volume = read_step(&series, input)?;
     let scene = with_step(scene_of(&series, input.scene.as_deref())?, input)?;
+    let volume = with_colors(&series, input.time_step, volume, &scene)?;
     let backends = (Backend::open(input.backend)?, viz::Backend::open(input.backend)?);
     let plan = SamplePlan { angles_deg: contract.angles_deg().unwrap_or(sample_plan().angles_deg), ..sample_plan() };
     let mut trial =

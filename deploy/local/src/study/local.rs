@@ -3,7 +3,7 @@
 use super::cache::{Cache, Spent, Trial as Recorded};
 use crate::parts::prepare;
 use crate::process;
-use lamina_cast::{Backend, Field};
+use lamina_cast::{Backend, Field, most_points};
 use lamina_model::{
     GenerationParams, Intermediate, Invalid, Quality, ReferenceSamples, SamplePlan, Scene, Segmentation, Volume,
 };
@@ -129,7 +129,7 @@ impl Trial for Local {
     }
 
     fn longest_side(&self) -> u32 {
-        self.field.grid().longest_side()
+        most_points(&self.field)
     }
 
     async fn sizes(&mut self, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {

@@ -16,7 +16,7 @@ pub use contract::tune as contract;
 pub use local::Local;
 
 use crate::cli;
-use crate::source::{read_options, scene_of};
+use crate::source::{read_options, scene_of, with_colors};
 use anyhow::{Context, ensure};
 use cache::Cache;
 use choices::Limits;
@@ -65,7 +65,8 @@ pub fn study(arguments: &cli::Study) -> anyhow::Result<()> {
         let scene = scene_of(&series, arguments.scene.as_deref())?;
         for step in chosen {
             let name = series.name().to_owned();
-            let trial = open(&name, step as u64, series.read(step)?, &scene, &backends, &arguments.out)?;
+            let volume = with_colors(&series, step, series.read(step)?, &scene)?;
+            let trial = open(&name, step as u64, volume, &scene, &backends, &arguments.out)?;
             all.push(measure(name, step as u64, &scene, trial, &arguments.grid)?);
             // What is there is written after every step: the next may take an hour.
             csv::measurements(&arguments.out, &all)?;

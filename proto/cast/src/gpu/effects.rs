@@ -8,7 +8,7 @@ use crate::effects::cue_range;
 use crate::table::{Integral, OPAQUE};
 use bytemuck::Zeroable;
 use lamina_device::Gpu;
-use lamina_device::wgpu::{Buffer, BufferUsages};
+use lamina_device::wgpu::{Buffer, BufferUsages, TextureView};
 use lamina_model::Camera;
 
 /// What a kernel is compiled for.
@@ -22,6 +22,7 @@ pub struct Set {
     shaded: Option<u32>,
     lit: bool,
     cued: bool,
+    colored: bool,
 }
 
 impl Set {
@@ -36,11 +37,12 @@ impl Set {
             shaded: effects.and_then(|e| e.shading).map(|s| s.shininess.trailing_zeros()),
             lit: effects.is_some_and(|e| e.volume.is_some()),
             cued: effects.is_some_and(|e| e.cue.is_some()),
+            colored: effects.is_some_and(|e| e.colors.is_some()),
         }
     }
 
     /// The same as constants of the shader.
-    pub fn constants(self) -> [(&'static str, f64); 8] {
+    pub fn constants(self) -> [(&'static str, f64); 9] {
         let on = |b: bool| f64::from(u8::from(b));
         [
             ("EFFECTS", on(self.any)),
@@ -51,6 +53,7 @@ impl Set {
             ("SHININESS", self.shaded.unwrap_or(0).into()),
             ("LIT", on(self.lit)),
             ("CUED", on(self.cued)),
+            ("COLORED", on(self.colored)),
         ]
     }
 }
@@ -61,6 +64,7 @@ pub struct Resources {
     pub uniform: Buffer,
     pub sums: Buffer,
     pub light: Buffer,
+    pub colors: TextureView,
 }
 
 impl Resources {
@@ -78,6 +82,7 @@ impl Resources {
             uniform: gpu.upload("effects", bytemuck::bytes_of(&uniform), BufferUsages::UNIFORM),
             sums: gpu.upload("sums", bytemuck::cast_slice(&sums), BufferUsages::STORAGE),
             light: resident.light.clone(),
+            colors: resident.colors.clone(),
         }
     }
 }
@@ -119,6 +124,13 @@ fn uniform(field: &Field, integral: Option<&Integral>, camera: &Camera, step_len
         let [r, g, b] = s.color.map(|c| c as f32);
         out.levels[n][0] = s.at as f32;
         out.surfaces[n] = [r, g, b, s.optical_depth.min(OPAQUE) as f32];
+    }
+    if let Some(colors) = &effects.colors {
+        out.color_points = colors.points().len() as u32;
+        for (corner, p) in out.color_map.iter_mut().zip(colors.points()) {
+            let [r, g, b] = p.color.map(|c| c as f32);
+            *corner = [r, g, b, p.at as f32];
+        }
     }
     out.planes = effects.half_spaces.len() as u32;
     for (plane, (normal, offset)) in out.half_spaces.iter_mut().zip(&effects.half_spaces) {

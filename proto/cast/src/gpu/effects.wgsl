@@ -8,12 +8,15 @@ override SHADED: bool = false;
 override SHININESS: u32 = 0u;
 override LIT: bool = false;
 override CUED: bool = false;
+override COLORED: bool = false;
 
 @group(2) @binding(0) var<uniform> effects: Effects;
 // Integral: sums of a step's optical depth x (red, green, blue, 1).
 @group(2) @binding(1) var<storage, read> sums: array<vec4f>;
 // LightVolume: transmittance and openness of each point.
 @group(2) @binding(2) var<storage, read> light_volume: array<vec2f>;
+// The second field: positions in the range of its map, single precision.
+@group(2) @binding(3) var color_voxels: texture_3d<u32>;
 
 // A step cut shorter than this share of itself is nothing; effects::SHORTEST.
 const SHORTEST: f32 = 1e-4;
@@ -112,6 +115,9 @@ fn look(span: Span, course: Course, s: Sample) -> Look {
         }
     }
     if depth > 0.0 {
+        if COLORED {
+            own_color(span.entry + middle * span.delta, &color);
+        }
         color = seen(color, span, course, middle);
     }
     if SURFACES > 0u {
@@ -120,6 +126,29 @@ fn look(span: Span, course: Course, s: Sample) -> Look {
         }
     }
     return Look(color, depth, size);
+}
+
+// The medium's colour at `index`, before light; it stays where a point around is not a number.
+fn own_color(index: vec3f, color: ptr<function, vec3f>) {
+    let cell = cell_at(index, volume.last);
+    var u = 0.0;
+    for (var n = 0u; n < 8u; n++) {
+        let corner = vec3u(n & 1u, (n >> 1u) & 1u, n >> 2u);
+        let bits = textureLoad(color_voxels, min(cell.base + corner, volume.last), 0).x;
+        if (bits & 0x7f800000u) == 0x7f800000u {
+            return;
+        }
+        let w = select(1.0 - cell.weight, cell.weight, corner == vec3u(1u));
+        u += w.x * w.y * w.z * bitcast<f32>(bits);
+    }
+    var before = effects.color_map[0];
+    var mapped = before.xyz;
+    for (var n = 1u; n < effects.color_points; n++) {
+        let next = effects.color_map[n];
+        mapped += clamp((u - before.w) / (next.w - before.w), 0.0, 1.0) * (next.xyz - mapped);
+        before = next;
+    }
+    *color = mapped;
 }
 
 // The sums up to position `u` of the range, which go on as they end outside of it.

@@ -56,12 +56,13 @@ pub struct Effects {
     pub cue_per_step: f32,
     pub cue_strength: f32,
     pub planes: u32,
-    pub pad0: u32,
+    pub color_points: u32,
     pub before: [f32; 4],
     pub beyond: [f32; 4],
     pub levels: [[f32; 4]; 4],
     pub surfaces: [[f32; 4]; 4],
     pub half_spaces: [[f32; 4]; 14],
+    pub color_map: [[f32; 4]; 16],
 }
 
 /// Which pixels of a picture a dispatch colours.

@@ -64,7 +64,8 @@ struct Effects {
     cue_per_step: f32,
     cue_strength: f32,
     planes: u32,
-    pad0: u32,
+    // Corners of the second field's map.
+    color_points: u32,
     // Summands of the integral at both ends of the range.
     before: vec4f,
     beyond: vec4f,
@@ -74,6 +75,8 @@ struct Effects {
     surfaces: array<vec4f, 4>,
     // Normal, and offset in w.
     half_spaces: array<vec4f, 14>,
+    // Colour, and position in w.
+    color_map: array<vec4f, 16>,
 }
 
 // Which pixels of a picture a dispatch colours.

@@ -62,7 +62,7 @@ impl Pipelines {
         let pipeline = |entry| gpu.pipeline(&module, entry, &[&scan], &[]);
         Self {
             field: gpu.layout("field", &[UNIFORM, UNIFORM, VOXELS, READ, READ, READ]),
-            effects: gpu.layout("effects", &[UNIFORM, READ, READ]),
+            effects: gpu.layout("effects", &[UNIFORM, READ, READ, VOXELS]),
             raycast: gpu.layout("raycast", &[UNIFORM, READ, WRITE]),
             generate: gpu.layout("generate", &[UNIFORM, WRITE, WRITE, WRITE]),
             scan_blocks: pipeline("scan_blocks"),
@@ -88,7 +88,13 @@ impl Pipelines {
 
     /// Group 2 of every march.
     pub fn bind_effects(&self, gpu: &Gpu, effects: &Resources) -> BindGroup {
-        gpu.bind(&self.effects, &[&effects.uniform, &effects.sums, &effects.light])
+        let resources = [
+            effects.uniform.as_entire_binding(),
+            effects.sums.as_entire_binding(),
+            effects.light.as_entire_binding(),
+            BindingResource::TextureView(&effects.colors),
+        ];
+        gpu.bind_all(&self.effects, resources)
     }
 
     /// Group 0 of every march.

@@ -32,6 +32,8 @@ pub struct Resident {
     pub distances: Buffer,
     /// The light volume.
     pub light: Buffer,
+    /// The second field; one point where there is none.
+    pub colors: TextureView,
     tables: Vec<Tables>,
 }
 
@@ -71,6 +73,7 @@ impl Resident {
             volume: gpu.upload("volume", bytemuck::bytes_of(&volume(field)), BufferUsages::UNIFORM),
             distances: gpu.upload("distances", &distances, BufferUsages::STORAGE),
             light: gpu.upload("light", bytemuck::cast_slice(&super::effects::light(field)), BufferUsages::STORAGE),
+            colors: colors(gpu, field),
             tables: Vec::new(),
         }
     }
@@ -130,6 +133,14 @@ fn volume(field: &Field) -> Volume {
         scale: scale as f32,
         high,
         offset: offset as f32,
+    }
+}
+
+fn colors(gpu: &Gpu, field: &Field) -> TextureView {
+    let format = TextureFormat::R32Uint;
+    match field.effects().and_then(|e| e.colors.as_ref()) {
+        None => voxels(gpu, [1; 3], format, &[0; 4]),
+        Some(colors) => voxels(gpu, field.grid().dims().map(|d| d as u32), format, bytemuck::cast_slice(&colors.units)),
     }
 }
 

@@ -11,6 +11,7 @@ use crate::{Field, count};
 use glam::DVec3;
 use lamina_lanes::{Floats, Ints, Lanes, Masks, Pair, SMALL, WIDTH, opacity, small_opacity};
 use lamina_model::Camera;
+use lamina_model::effects::ColorPoint;
 
 /// Where samples come from: from the transfer function alone, or with effects.
 pub trait Source<L: Lanes> {
@@ -44,6 +45,8 @@ pub struct Prepared<'a> {
     light: [f32; 3],
     /// Steps from the eye to where colours begin to fade, and how much they do in a step.
     cue: Option<(f64, f32)>,
+    /// The second field, and the corners of its map: position and colour.
+    colors: Option<(View<'a, f32>, Vec<(f32, [f32; 3])>)>,
 }
 
 /// [`Integral`] in single precision.
@@ -54,7 +57,7 @@ struct Sums {
 
 impl<'a> Prepared<'a> {
     /// `None` if the scene asks for nothing.
-    pub fn new(field: &'a Field, camera: &Camera, table: &TransferTable, step_length: f64) -> Option<Self> {
+    pub fn new(field: &'a Field, camera: &Camera, table: &'a TransferTable, step_length: f64) -> Option<Self> {
         let effects = field.effects()?;
         let integral = effects.pre_integrated.then(|| {
             let exact = Integral::new(&field.scene().transfer, field.unit_length(), step_length);
@@ -78,6 +81,10 @@ impl<'a> Prepared<'a> {
             gradient: (0.5 * field.grid().voxel_length() / (rows * field.grid().spacing())).as_vec3().to_array(),
             light: effects.light.as_vec3().to_array(),
             cue: effects.cue.map(|cue| (near / step_length, per_step(cue.strength))),
+            colors: effects.colors.as_ref().map(|colors| {
+                let corner = |p: &ColorPoint| (p.at as f32, p.color.map(|c| c as f32));
+                (View::scaled(field, &colors.units, table, [1.0, 0.0]), colors.points().iter().map(corner).collect())
+            }),
         })
     }
 }
@@ -162,6 +169,7 @@ impl<L: Lanes, V: Pair> Source<L> for WithEffects<'_, L, V> {
         } else if !shown.any() {
             return None;
         }
+        self.own_color(packet.at(middle), &mut color);
         self.light_and_surfaces(packet, [from, length], ends, live, &mut color, &mut depth);
         let unit = exact_opacity::<L>(depth * s(table.unit_steps).div(length));
         let shown = live & s(0.0).lt(unit);
@@ -175,6 +183,29 @@ impl<L: Lanes, V: Pair> Source<L> for WithEffects<'_, L, V> {
 }
 
 impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
+    /// The medium's colour at `p`, before light, where a second field gives it.
+    #[inline(always)]
+    fn own_color(&self, p: [L::F; 3], color: &mut [L::F; 3]) {
+        let Some((view, points)) = &self.prepared.colors else { return };
+        count::color();
+        let u = view.sample::<L>(p);
+        // Fails for NaN.
+        let there = L::F::splat(0.0).le(u.abs());
+        let mut before = points[0].0;
+        let mut mapped = points[0].1.map(L::F::splat);
+        for &(at, next) in &points[1..] {
+            let w = (u - L::F::splat(before)) * L::F::splat((at - before).recip());
+            let w = w.max(L::F::splat(0.0)).min(L::F::splat(1.0));
+            for (mapped, next) in mapped.iter_mut().zip(next) {
+                *mapped = *mapped + w * (L::F::splat(next) - *mapped);
+            }
+            before = at;
+        }
+        for (color, mapped) in color.iter_mut().zip(mapped) {
+            *color = L::F::select(there, mapped, *color);
+        }
+    }
+
     /// Where the ends of a step are apart, what the transfer function comes to between them.
     #[inline(always)]
     fn integrate(&self, [u, v]: [L::F; 2], length: L::F, live: L::M, color: &mut [L::F; 3], depth: &mut L::F) {

@@ -63,7 +63,7 @@ pub struct View<'a, V> {
     huge: bool,
     row: usize,
     slice: usize,
-    /// From stored scalars to rows of the table.
+    /// From stored scalars to samples: rows of the table.
     scale: f32,
     offset: f32,
     bricks: [i32; 3],
@@ -81,17 +81,24 @@ pub fn fits(field: &Field) -> bool {
 impl<'a, V: Pair> View<'a, V> {
     /// `voxels` are `field`'s, and the field [`fits`].
     pub fn new(field: &'a Field, voxels: &'a [V], table: &'a TransferTable) -> Self {
+        let (scale, offset) = field.unit_from_stored();
+        let rows = table.bins() as f64;
+        let offset = (offset * rows + f64::from(table.below)) as f32;
+        Self::scaled(field, voxels, table, [(scale * rows) as f32, offset])
+    }
+
+    /// Other voxels on the grid of `field`, which [`fits`]: samples are `scale` times theirs plus `offset`.
+    pub fn scaled(field: &'a Field, voxels: &'a [V], table: &'a TransferTable, [scale, offset]: [f32; 2]) -> Self {
         let dims = field.grid().dims();
         assert!(fits(field) && voxels.len() == dims.iter().product::<usize>());
-        let (scale, offset) = field.unit_from_stored();
         Self {
             corners: [0, 1, dims[1], dims[1] + 1].map(|row| &voxels[row * dims[0]..]),
             last: dims.map(|n| ((n - 1) as f32).next_down()),
             huge: voxels.len() >= 1 << 31,
             row: dims[0],
             slice: dims[0] * dims[1],
-            scale: (scale * table.bins() as f64) as f32,
-            offset: (offset * table.bins() as f64 + f64::from(table.below)) as f32,
+            scale,
+            offset,
             bricks: field.skip().dims().map(|n| n as i32),
             distances: field.skip().distances(),
             table,

@@ -58,6 +58,7 @@ impl March<'_> {
                 }
                 _ => field.scene().transfer.classify(field.sample(course.at(middle)), unit_length),
             };
+            let whole = Classified { color: course.own_color(whole, middle), ..whole };
             let extinction = course.light_and_surfaces(whole, [a, b], ends);
             let Some((color, optical_depth)) = extinction else { continue };
             let extinction = optical_depth / length;
@@ -78,6 +79,15 @@ impl Course<'_> {
     fn value(&self, t: f64) -> f64 {
         count::value();
         f64::from(self.field.sample(self.at(t)))
+    }
+
+    /// The medium's colour at `t`, before light.
+    fn own_color(&self, medium: Classified, t: f64) -> [f64; 3] {
+        let Some(colors) = self.effects.colors.as_ref().filter(|_| medium.extinction > 0.0) else {
+            return medium.color;
+        };
+        count::color();
+        colors.at(self.at(t)).unwrap_or(medium.color)
     }
 
     /// Straight colour and optical depth of the step from `a` to `b`; `None` if there is nothing.

@@ -6,7 +6,7 @@ use glam::DVec3;
 use lamina_cast::gpu::GpuKernels;
 use lamina_cast::{Backend, Field, lanes::Level, scalar};
 use lamina_device::testing;
-use lamina_model::effects::{ClipBox, ClipPlane, DepthCue, Effects, Isosurface, Shading};
+use lamina_model::effects::{ClipBox, ClipPlane, ColorField, ColorPoint, DepthCue, Effects, Isosurface, Shading};
 use lamina_model::{Camera, ControlPoint, GenerationParams, Grid, ScalarRange, Scale, Scene};
 use lamina_model::{TransferFunction, Volume, Voxels};
 
@@ -19,7 +19,17 @@ fn effects() -> Vec<(&'static str, Effects)> {
     // In the middle of the test field's box.
     let plane = ClipPlane { normal: DVec3::new(1.0, 0.4, -0.3), offset: 5.0 + 44.0 - 5.0 };
     let clip_box = ClipBox { min: DVec3::new(-1.0, 103.0, 8.0), max: DVec3::new(11.5, 116.0, 21.0) };
+    let corner = |at, color| ColorPoint { at, color };
+    let map = vec![
+        corner(0.1, [0.9, 0.1, 0.2]),
+        corner(0.4, [0.1, 0.8, 0.9]),
+        corner(0.41, [0.7, 0.2, 0.9]),
+        corner(0.9, [1.0; 3]),
+    ];
+    let range = ScalarRange::new(1.0, 1000.0, Scale::Log10).unwrap();
+    let second = ColorField { name: "second".into(), range, points: map };
     vec![
+        ("colours", Effects { color_field: Some(second), ..none() }),
         ("shading", Effects { light, shading: Some(Shading::default()), ..none() }),
         ("shadows", Effects { light, shadows: Some(0.8), ..none() }),
         ("occlusion", Effects { ambient_occlusion: Some(0.9), ..none() }),
@@ -41,20 +51,27 @@ fn sets() -> Vec<(String, Effects)> {
     sets
 }
 
-/// The test field with effects: bytes, and f32 with holes.
+/// The test field with effects: bytes, and f32 with holes; a second field over three decades, whole and with other holes.
 fn fields(effects: &Effects) -> Vec<Field> {
     let v = values(DIMS);
     let u8s = Voxels::U8(v.iter().map(|x| (255.0 * x).round() as u8).collect());
     let holes = |(n, x): (usize, &f64)| if n % 997 == 5 { f32::NAN } else { *x as f32 };
     let f32s = Voxels::F32(v.iter().enumerate().map(holes).collect());
-    let with = |voxels: Voxels, hi: f64| {
+    let decades =
+        |n: usize| 1000.0_f64.powf(((n % DIMS[0]) as f64 / 16.0 + (n / DIMS[0] % DIMS[1]) as f64 / 32.0) / 2.0);
+    let whole = Voxels::U16((0..v.len()).map(|n| decades(n).round() as u16).collect());
+    let torn = (0..v.len()).map(|n| if n % 1009 == 7 { f64::INFINITY } else { decades(n) });
+    let torn = Voxels::F64(torn.collect());
+    let with = |voxels: Voxels, hi: f64, second: Voxels| {
         let plain = field(DIMS, voxels.clone(), hi, Scale::Linear, 1.3);
         let mut effects = effects.clone();
         effects.isosurfaces.iter_mut().for_each(|s| s.value *= hi);
         let scene = Scene { effects, ..plain.scene().clone() }.check().unwrap();
-        Field::new(Volume::new(*plain.grid(), voxels).unwrap(), &scene)
+        let volume = Volume::new(*plain.grid(), voxels).unwrap().with_color_field("second", second).unwrap();
+        scene.check_fields(&volume).unwrap();
+        Field::new(volume, &scene)
     };
-    vec![with(u8s, 255.0), with(f32s, 1.0)]
+    vec![with(u8s, 255.0, whole), with(f32s, 1.0, torn)]
 }
 
 fn params() -> GenerationParams {
@@ -202,6 +219,38 @@ fn shadows_and_cues_have_closed_forms() {
     let exact = 0.8 * (1.0 - e) - 0.05 * ((1.0 - e) / k - 8.0 * e);
     assert!((faded(8.0) - 0.4).abs() < 1e-12);
     near(center(&ramp(0.25, [0.05; 2], Effects { depth_cue: Some(cue), ..Effects::default() }))[0], exact, 1e-3);
+}
+
+#[test]
+fn a_second_field_gives_the_colour_of_every_depth() {
+    // The second field is z, black at 0 and red at 8; the eye on +z. The picture is the integral of that over 0.95^depth.
+    let range = ScalarRange::new(0.0, 8.0, Scale::Linear).unwrap();
+    let points = vec![ColorPoint { at: 0.0, color: [0.0; 3] }, ColorPoint { at: 1.0, color: [1.0, 0.0, 0.0] }];
+    let color_field = Some(ColorField { name: "z".into(), range, points });
+    let look = |name: &str, second: Voxels, backend: Option<Backend>| {
+        let plain = ramp(0.25, [0.05; 2], Effects { color_field: color_field.clone(), ..Effects::default() });
+        let voxels = Voxels::F32(vec![0.5; 17 * 81]);
+        let volume = Volume::new(*plain.grid(), voxels).unwrap().with_color_field(name, second).unwrap();
+        let (field, camera) = (Field::new(volume, plain.scene()), plain.scene().camera);
+        let pixels = [(1, 1)];
+        backend.map_or_else(
+            || scalar::raycast_pixels(&field, &camera, 3, 3, &pixels)[0],
+            |b| b.raycast_pixels(&field, &camera, 3, 3, &pixels).unwrap()[0],
+        )
+    };
+    let heights = Voxels::U8((0..17 * 81).map(|n| (n / 17 / 9) as u8).collect());
+    let k = -(0.95_f64.ln());
+    let e = (-k * 8.0_f64).exp();
+    let exact = (1.0 - e) - ((1.0 - e) / k - 8.0 * e) / 8.0;
+    for backend in Level::available().into_iter().map(|l| Some(Backend::Cpu(l))).chain([None]) {
+        let [red, green, blue] = look("z", heights.clone(), backend.clone());
+        near(red, exact, 2e-5);
+        assert_eq!([green, blue], [0.0; 2]);
+        // Not finite, or another field: the transfer function's own.
+        let own = 0.8 * (1.0 - e);
+        near(look("z", Voxels::F32(vec![f32::NAN; 17 * 81]), backend.clone())[1], own, 1e-5);
+        near(look("time", heights.clone(), backend)[1], own, 1e-5);
+    }
 }
 
 #[test]

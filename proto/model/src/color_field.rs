@@ -1,0 +1,115 @@
+//! A second field mapped to colour.
+
+use crate::{Invalid, ScalarRange};
+use serde::{Deserialize, Serialize};
+
+/// Where the colours of a scene come from another field than its opacities: density shows where, temperature in which colour.
+///
+/// The field is interpolated trilinearly like the first, after its range (the logarithm, if that is its scale). Where it is
+/// not finite, the transfer function's colour stays.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ColorField {
+    /// The field's name in the run, or of the array in a file.
+    pub name: String,
+    /// The scalars that map to 0 and 1.
+    pub range: ScalarRange,
+    /// Corners of the piecewise-linear map, by ascending position; constant beyond the first and last. Without: blue by grey
+    /// to red.
+    #[serde(default = "ColorField::cool_to_warm")]
+    pub points: Vec<ColorPoint>,
+}
+
+/// One corner.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ColorPoint {
+    /// Position in the range, 0..1.
+    pub at: f64,
+    /// Red, green, blue, each 0..1.
+    pub color: [f64; 3],
+}
+
+impl ColorField {
+    /// The most corners: kernels go through all of them.
+    pub const MOST_POINTS: usize = 16;
+    /// Corners nearer to each other than this are one in single precision.
+    pub const NEAREST_POINTS: f64 = 1e-4;
+
+    /// Blue by light grey to red, equally bright at both ends (Moreland, Diverging Color Maps for Scientific Visualization,
+    /// 2009).
+    pub fn cool_to_warm() -> Vec<ColorPoint> {
+        let point = |at, color| ColorPoint { at, color };
+        vec![point(0.0, [0.230, 0.299, 0.754]), point(0.5, [0.865, 0.865, 0.865]), point(1.0, [0.706, 0.016, 0.150])]
+    }
+
+    /// Passes a map that can be drawn.
+    ///
+    /// # Errors
+    /// If it has no name, no point or too many, or one out of bounds or order.
+    pub fn check(&self) -> Result<(), Invalid> {
+        if self.name.is_empty() || self.name.len() > 200 {
+            return Err(Invalid::new("effects.color_field.name", "must have 1 to 200 bytes"));
+        }
+        let (n, most) = (self.points.len(), Self::MOST_POINTS);
+        if n == 0 || n > most {
+            return Err(Invalid::new("effects.color_field.points", format!("{n} given; one to {most} are needed")));
+        }
+        for p in &self.points {
+            if !p.color.iter().chain([&p.at]).all(|x| (0.0..=1.0).contains(x)) {
+                let reason = format!("{p:?}: every number must lie in 0..1");
+                return Err(Invalid::new("effects.color_field.points", reason));
+            }
+        }
+        if let Some(w) = self.points.windows(2).find(|w| w[1].at - w[0].at < Self::NEAREST_POINTS) {
+            let (a, b) = (w[0].at, w[1].at);
+            let reason =
+                format!("{b} follows {a}; list them by ascending `at`, {} or more apart", Self::NEAREST_POINTS);
+            return Err(Invalid::new("effects.color_field.points", reason));
+        }
+        Ok(())
+    }
+
+    /// The colour at position `u` of the range; of a field that has been checked.
+    pub fn at(&self, u: f64) -> [f64; 3] {
+        let next = self.points.partition_point(|p| p.at <= u);
+        let (Some(a), Some(b)) = (next.checked_sub(1).map(|i| &self.points[i]), self.points.get(next)) else {
+            return self.points[next.saturating_sub(1)].color;
+        };
+        let w = (u - a.at) / (b.at - a.at);
+        std::array::from_fn(|c| a.color[c] + w * (b.color[c] - a.color[c]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Scale;
+
+    fn field(at: &[f64]) -> ColorField {
+        let points = at.iter().map(|&at| ColorPoint { at, color: [at, 1.0 - at, 0.5] }).collect();
+        ColorField { name: "t".into(), range: ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap(), points }
+    }
+
+    #[test]
+    fn colours_are_linear_between_corners_and_constant_beyond() {
+        let f = field(&[0.25, 0.5, 1.0]);
+        f.check().unwrap();
+        for (u, red) in [(-1e30, 0.25), (0.25, 0.25), (0.375, 0.375), (0.5, 0.5), (0.875, 0.875), (7.0, 1.0)] {
+            assert_eq!(f.at(u), [red, 1.0 - red, 0.5], "{u}");
+        }
+        assert_eq!(field(&[0.3]).at(0.9), field(&[0.3]).at(0.1));
+    }
+
+    #[test]
+    fn maps_that_cannot_be_drawn_are_refused_by_name() {
+        let thing = |f: ColorField| f.check().unwrap_err().thing;
+        assert_eq!(thing(ColorField { name: String::new(), ..field(&[0.0]) }), "effects.color_field.name");
+        let many: Vec<f64> = (0..17).map(|n| f64::from(n) / 16.0).collect();
+        for at in [&[][..], &many, &[0.5, 0.5], &[0.5, 0.4], &[-0.1], &[f64::NAN]] {
+            assert_eq!(thing(field(at)), "effects.color_field.points", "{at:?}");
+        }
+        let text = r#"{"name": "t", "range": {"lo": 0, "hi": 1, "scale": "linear"}}"#;
+        serde_json::from_str::<ColorField>(text).unwrap().check().unwrap();
+    }
+}
