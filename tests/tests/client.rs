@@ -8,7 +8,8 @@ use glam::DVec3;
 use lamina_cast::Backend;
 use lamina_client::{Brick, Client, ClientError, FullPolicy, Receipt, RunOptions, Summary};
 use lamina_generator_node::Config;
-use lamina_model::{GenerationParams, Grid, VoxelType};
+use lamina_model::suggest::suggest;
+use lamina_model::{ColorField, Effects, GenerationParams, Grid, ScalarRange, Scale, Scene, Volume, VoxelType, Voxels};
 use lamina_wire::v1::{self, control_client::ControlClient, ingest_client::IngestClient, push_part::Part};
 use std::future::{Future, pending};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
@@ -196,6 +197,41 @@ fn every_voxel_type_arrives() {
     push(VoxelType::I16, vec![-1_i16; VOXELS]);
     push(VoxelType::F32, vec![f32::NAN; VOXELS]);
     push(VoxelType::F64, vec![1e300_f64; VOXELS]);
+}
+
+#[test]
+fn a_second_field_arrives_with_the_first_and_must_be_the_one_the_scene_asks_for() {
+    let node = Node::generator(8);
+    let color_field = Some(("temperature".to_owned(), VoxelType::U8));
+    let named = |name: &str| {
+        let range = ScalarRange::new(0.0, 255.0, Scale::Linear).unwrap();
+        let colors = ColorField { name: name.into(), range, points: ColorField::cool_to_warm() };
+        let (grid, voxels) = (cube(SIDE), Voxels::F32((0..VOXELS).map(|n| n as f32).collect()));
+        let scene = suggest(&[&Volume::new(grid, voxels).unwrap()]).unwrap();
+        Some(Scene { effects: Effects { color_field: Some(colors), ..Effects::default() }, ..scene })
+    };
+    let open = |scene, color_field: &Option<(String, VoxelType)>| {
+        Client::connect(RunOptions { scene, color_field: color_field.clone(), ..options(&node.url()) })
+    };
+    let message = refusal(open(named("temperature"), &None).map(drop));
+    assert!(message.contains("\"temperature\"") && message.contains("color_field"), "{message}");
+    let message = refusal(open(named("pressure"), &color_field).map(drop));
+    assert!(message.contains("\"pressure\"") && message.contains("\"temperature\""), "{message}");
+
+    let mut client = open(named("temperature"), &color_field).unwrap();
+    let (density, heat) = (vec![1.0_f32; VOXELS], vec![7_u8; VOXELS]);
+    let brick = Brick::new([0; 3], [SIDE; 3], &density);
+    for (step, (brick, words)) in
+        [(brick, "no voxels of temperature"), (brick.with_colors(&heat[1..]), "511 voxels of temperature")]
+            .into_iter()
+            .enumerate()
+    {
+        match client.push(step as u64, 0.0, &brick) {
+            Err(ClientError::Invalid(e)) => assert!(e.reason.contains(words), "{e}"),
+            other => panic!("{other:?}"),
+        }
+    }
+    assert_eq!(client.push(2, 0.0, &brick.with_colors(&heat)).unwrap(), admitted(true));
 }
 
 // ---- Memory is full. Steps that wait for a rank that never comes hold it, so nothing here depends on speed.
@@ -397,10 +433,12 @@ fn bricks_of_the_wrong_type_or_length_are_refused_before_anything_is_sent() {
     let (node, records) = Recorder::start(Verdict::Admit);
     let mut client = Client::connect(options(&node.url())).unwrap();
     let (doubles, short) = (vec![0.0_f64; VOXELS], vec![0.0_f32; VOXELS - 1]);
+    let right = vec![0.0_f32; VOXELS];
     let wrong = [
-        (Brick::new([0; 3], [SIDE; 3], &doubles), "float64 voxels given, the run has float32"),
-        (Brick::new([0; 3], [SIDE; 3], &short), "511 voxels given for a box of [8, 8, 8]"),
-        (Brick::new([0; 3], [0, SIDE, SIDE], &short[..0]), "0 voxels given"),
+        (Brick::new([0; 3], [SIDE; 3], &right).with_colors(&doubles), "options do not name"),
+        (Brick::new([0; 3], [SIDE; 3], &doubles), "float64 voxels of density; the run has float32"),
+        (Brick::new([0; 3], [SIDE; 3], &short), "511 voxels of density for a box of [8, 8, 8]"),
+        (Brick::new([0; 3], [0, SIDE, SIDE], &short[..0]), "0 voxels of density"),
     ];
     for (step, (brick, words)) in wrong.into_iter().enumerate() {
         match client.push(step as u64, 0.0, &brick) {
@@ -409,7 +447,7 @@ fn bricks_of_the_wrong_type_or_length_are_refused_before_anything_is_sent() {
         }
     }
     assert_eq!(push_whole(&mut client, 9).unwrap(), admitted(true));
-    assert_eq!(client.close(), Summary { pushed: 1, dropped: 0, lost: 3, run_dropped_steps: Some(0) });
+    assert_eq!(client.close(), Summary { pushed: 1, dropped: 0, lost: 4, run_dropped_steps: Some(0) });
     assert_eq!(records.recv_timeout(LONG).unwrap(), (9, STEP_BYTES), "the first that the node heard of");
 }
 

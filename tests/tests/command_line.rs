@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used)]
 
+use glam::DVec3;
+use lamina_model::{Grid, Representation, Volume, Voxels};
 use lamina_tests::processes::{recorded_series, run};
 use lamina_viz_node::store::StepRow;
 use std::path::Path;
@@ -148,6 +150,53 @@ fn effects_of_a_scene_are_seen_everywhere() {
         let path = scene("bad.toml", body);
         refused(&["raycast", &series, "--scene", &path, "--out", &file("x.png")], words);
     }
+}
+
+/// A second array gives the colours of pictures, of VDIs and of a run; a reduced volume is never made of it.
+#[test]
+fn a_second_field_colours_what_is_shown() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| text(&folder.path().join(name));
+    let config = lamina_example::Config { cells: 32, tracer: true, ..Default::default() };
+    let mut simulation = lamina_example::Simulation::new(config).unwrap();
+    (0..6).for_each(|_| simulation.advance());
+    let grid = Grid::new([32; 3], DVec3::splat(simulation.spacing()), DVec3::splat(simulation.origin())).unwrap();
+    let volume = Volume::new(grid, Voxels::F32(simulation.density())).unwrap();
+    let volume = volume.with_color_field("gas", Voxels::F32(simulation.tracer().unwrap().to_vec())).unwrap();
+    let data = file("blast.vti");
+    lamina_read::write_vti(Path::new(&data), &volume, "density").unwrap();
+    let scene = file("scene.toml");
+    let body = "[effects.color_field]\nname = \"gas\"\nrange = { lo = 0.0, hi = 1.0, scale = \"linear\" }\n\
+                points = [{ at = 0.0, color = [0.0, 1.0, 0.0] }, { at = 1.0, color = [1.0, 0.0, 1.0] }]\n";
+    std::fs::write(&scene, body).unwrap();
+    let (plain, colored, vdi, drawn) = (file("a.pfm"), file("b.pfm"), file("x.vdi"), file("c.pfm"));
+    let common = [data.as_str(), "--scene", &scene];
+    lamina(&["raycast", &data, "--size", "96", "--out", &plain]);
+    lamina(&[&["raycast"], &common[..], &["--size", "96", "--out", &colored]].concat());
+    lamina(&[&["generate"], &common[..], &["--resolution", "96", "--gamma", "0.001", "--out", &vdi]].concat());
+    lamina(&["render", &vdi, "--size", "96", "--out", &drawn]);
+    let db = |a: &str, b: &str| figure(lamina(&["compare", a, b]).lines().last().unwrap(), "psnr_db ");
+    assert!(db(&colored, &drawn) > 40.0, "{}", db(&colored, &drawn));
+    assert!(db(&colored, &plain) < 35.0, "{}", db(&colored, &plain));
+
+    // Through client, nodes and tuner: what was recorded is what is cast here from the file.
+    let out = folder.path().join("run");
+    let run = ["--headless", "--contract", "psnr >= 30dB", "--grid", "96:160:32,0.002:0.01:0.004"];
+    lamina(&[&["replay"], &common[..], &run[..], &["--out", &text(&out)]].concat());
+    let csv = std::fs::read_to_string(out.join("steps.csv")).unwrap();
+    let row = StepRow::from_csv(csv.lines().nth(1).unwrap()).unwrap();
+    assert!(row.representation == Representation::Vdi && f64::from(row.psnr_db.unwrap()) > 30.0, "{csv}");
+    let report = std::fs::read_dir(out.join("pictures")).unwrap().map(|e| text(&e.unwrap().path()));
+    let mut pictures: Vec<String> = report.collect();
+    pictures.sort();
+    for pair in pictures.chunks(2) {
+        assert!(db(&pair[0], &pair[1]) > 25.0, "{pair:?}");
+    }
+
+    let volumes = [&["--representation", "volume"], &["--out", "x.lvol"][..]].concat();
+    refused(&[&["generate"], &common[..], &volumes[..]].concat(), &["gas", "VDI"]);
+    let tune = ["--contract", "size <= 90kB", "--representation", "volume"];
+    refused(&[&["tune"], &common[..], &tune[..]].concat(), &["second field", "VDI"]);
 }
 
 #[test]

@@ -5,16 +5,17 @@ use crate::error::invalid;
 use crate::pvd::check_order;
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
-use lamina_model::{Volume, VoxelType};
+use lamina_model::{Volume, VoxelType, Voxels};
 use quick_xml::escape::escape;
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 /// Bytes packed at a time: large enough for zlib to find its matches, small enough to be held twice.
 const BLOCK_BYTES: usize = 1 << 18;
 
-/// Writes `volume` as VTK image data with one point array named `field`: zlib blocks, appended raw, little-endian.
+/// Writes `volume` as VTK image data, its scalars a point array named `field`, a second field one more: zlib blocks, appended
+/// raw, little-endian.
 ///
 /// # Errors
 /// If the file cannot be written.
@@ -40,61 +41,70 @@ pub fn write_pvd(path: &Path, entries: &[(f64, String)]) -> Result<(), ReadError
 }
 
 fn image_data(path: &Path, volume: &Volume, field: &str) -> io::Result<()> {
-    let header = header(volume, field)?;
-    let mut file = BufWriter::new(File::create(path)?);
-    file.write_all(header.as_bytes())?;
-    let table_at = file.stream_position()?;
-    let block = BLOCK_BYTES / volume.voxels().voxel_type().size_bytes();
-    let count = volume.voxels().len();
-    let blocks = count.div_ceil(block);
-    let size_bytes = |voxels: usize| (voxels * volume.voxels().voxel_type().size_bytes()) as u64;
-    let mut table = vec![blocks as u64, size_bytes(block), size_bytes(count % block)];
-    table.resize(3 + blocks, 0);
-    write_table(&mut file, &table)?;
-    for index in 0..blocks {
-        let range = index * block..count.min((index + 1) * block);
-        let mut zlib = ZlibEncoder::new(Vec::new(), Compression::default());
-        zlib.write_all(&volume.voxels().to_le_bytes(range))?;
-        let packed = zlib.finish()?;
-        table[3 + index] = packed.len() as u64;
-        file.write_all(&packed)?;
+    let second = volume.color_field();
+    let mut arrays = String::new();
+    let mut data = Vec::new();
+    for (name, voxels) in std::iter::once((field, volume.voxels())).chain(second) {
+        let (name, kind, offset) = (escape(name), kind(voxels.voxel_type())?, data.len());
+        arrays +=
+            &format!("\n        <DataArray type=\"{kind}\" Name=\"{name}\" format=\"appended\" offset=\"{offset}\"/>");
+        pack(voxels, &mut data)?;
     }
+    let mut file = BufWriter::new(File::create(path)?);
+    file.write_all(header(volume, field, &arrays).as_bytes())?;
+    file.write_all(&data)?;
     file.write_all(b"\n  </AppendedData>\n</VTKFile>\n")?;
-    // The packed sizes are known only now; their room was kept free.
-    file.seek(SeekFrom::Start(table_at))?;
-    write_table(&mut file, &table)?;
     file.flush()
 }
 
-fn write_table(file: &mut impl Write, table: &[u64]) -> io::Result<()> {
-    table.iter().try_for_each(|n| file.write_all(&n.to_le_bytes()))
+/// Appends `voxels` in zlib blocks, with the table of their sizes before them.
+fn pack(voxels: &Voxels, out: &mut Vec<u8>) -> io::Result<()> {
+    let size = voxels.voxel_type().size_bytes();
+    let (block, count) = (BLOCK_BYTES / size, voxels.len());
+    let blocks = count.div_ceil(block);
+    let table_at = out.len();
+    for n in [blocks, block * size, count % block * size] {
+        out.extend((n as u64).to_le_bytes());
+    }
+    out.resize(out.len() + 8 * blocks, 0);
+    for index in 0..blocks {
+        let start = out.len();
+        let mut zlib = ZlibEncoder::new(&mut *out, Compression::default());
+        zlib.write_all(&voxels.to_le_bytes(index * block..count.min((index + 1) * block)))?;
+        zlib.finish()?;
+        let packed = (out.len() - start) as u64;
+        out[table_at + 24 + 8 * index..][..8].copy_from_slice(&packed.to_le_bytes());
+    }
+    Ok(())
 }
 
-fn header(volume: &Volume, field: &str) -> io::Result<String> {
-    let grid = volume.grid();
-    let [x, y, z] = grid.dims().map(|n| n - 1);
-    let extent = format!("0 {x} 0 {y} 0 {z}");
-    let [origin, spacing] = [grid.origin(), grid.spacing()].map(|v| format!("{:?} {:?} {:?}", v.x, v.y, v.z));
-    let field = escape(field);
-    let kind = match volume.voxels().voxel_type() {
+fn kind(voxel_type: VoxelType) -> io::Result<&'static str> {
+    Ok(match voxel_type {
         VoxelType::U8 => "UInt8",
         VoxelType::U16 => "UInt16",
         VoxelType::I16 => "Int16",
         VoxelType::F16 => return Err(invalid("VTK knows no 16-bit floats; write float32")),
         VoxelType::F32 => "Float32",
         VoxelType::F64 => "Float64",
-    };
-    Ok(format!(
+    })
+}
+
+fn header(volume: &Volume, field: &str, arrays: &str) -> String {
+    let grid = volume.grid();
+    let [x, y, z] = grid.dims().map(|n| n - 1);
+    let extent = format!("0 {x} 0 {y} 0 {z}");
+    let [origin, spacing] = [grid.origin(), grid.spacing()].map(|v| format!("{:?} {:?} {:?}", v.x, v.y, v.z));
+    let field = escape(field);
+    format!(
         r#"<?xml version="1.0"?>
 <VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64" compressor="vtkZLibDataCompressor">
   <ImageData WholeExtent="{extent}" Origin="{origin}" Spacing="{spacing}">
     <Piece Extent="{extent}">
-      <PointData Scalars="{field}">
-        <DataArray type="{kind}" Name="{field}" format="appended" offset="0"/>
+      <PointData Scalars="{field}">{arrays}
       </PointData>
     </Piece>
   </ImageData>
   <AppendedData encoding="raw">
    _"#
-    ))
+    )
 }

@@ -49,6 +49,26 @@ fn image_data_comes_back_bit_for_bit_in_every_type() {
 }
 
 #[test]
+fn a_second_array_is_read_as_the_color_field_and_a_missing_one_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.vti");
+    let written = volume([2, 3, 4], Voxels::U8((0..24).collect()));
+    let written = written.with_color_field("T", Voxels::F64((0..24).map(|n| f64::from(n).sqrt()).collect())).unwrap();
+    write_vti(&path, &written, "rho").unwrap();
+    let series = open(&path);
+    assert_eq!(series.field(), "rho");
+    let first = series.read(0).unwrap();
+    assert!(first.color_field().is_none(), "only where it is asked for");
+    assert_eq!(series.with_color_field(0, "T", first.clone()).unwrap(), written);
+    let missing = series.with_color_field(0, "p", first.clone()).unwrap_err().to_string();
+    assert!(missing.contains("\"p\"") && missing.contains("rho, T"), "{missing}");
+    let raw = folder.path().join("x_2x3x4_uint8.raw");
+    fs::write(&raw, [7; 24]).unwrap();
+    let alone = open(&raw).with_color_field(0, "T", first).unwrap_err().to_string();
+    assert!(alone.contains("\"T\"") && alone.contains(".vti"), "{alone}");
+}
+
+#[test]
 fn image_data_of_many_blocks_comes_back_whether_or_not_the_last_is_full() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.vti");

@@ -122,6 +122,33 @@ fn three_uneven_slabs_in_any_order_make_the_exact_volume() {
 }
 
 #[test]
+fn slabs_of_two_fields_make_both_and_count_for_both() {
+    let two = |ranks| RunSpec { color_field: Some(("heat".into(), VoxelType::F32)), ..spec(ranks, FullPolicy::Block) };
+    let (step, working) = (6 * VOXELS, 2 * 6 * VOXELS + 24 * VOXELS);
+    let short = Core::new(step + working - 1, IDLE).open(two(3), 0, "", "a".into(), Instant::now());
+    assert_eq!(short.unwrap_err().code(), Code::ResourceExhausted);
+    let mut node = Node { core: Core::new(step + working, IDLE), start: Instant::now() };
+    let mut complete = None;
+    for rank in 0..3 {
+        node.open(two(3), rank, "", "a").unwrap();
+    }
+    let heat = |n: u64| n as f32 * 0.5 - 3.0;
+    for rank in [1, 0, 2] {
+        let (z0, nz) = SLABS[rank as usize];
+        let plane = DIMS[0] * DIMS[1];
+        let bytes: Vec<u8> =
+            slab(rank).into_iter().chain((z0 * plane..(z0 + nz) * plane).flat_map(|n| heat(n).to_le_bytes())).collect();
+        assert_eq!(node.admit(0, rank).unwrap(), Admit::Granted(bytes.len()));
+        complete = node.receive(0, rank, bytes);
+    }
+    assert_eq!(complete, Some(true));
+    let volume = node.core.take_complete().unwrap().into_volume().unwrap();
+    assert_eq!(volume.voxels(), &Voxels::U16((0..VOXELS as u16).collect()));
+    assert_eq!(volume.color_field(), Some(("heat", &Voxels::F32((0..VOXELS).map(heat).collect()))));
+    assert!(matches!(node.admit(1, 0), Ok(Admit::Granted(_))), "its memory is free again");
+}
+
+#[test]
 fn admission_counts_a_whole_step_before_a_byte_is_there() {
     let mut node = Node::serving(1, 3, FullPolicy::Block);
     assert_eq!(node.admit(0, 1).unwrap(), Admit::Granted(slab(1).len()));
