@@ -59,7 +59,7 @@ fn run(kernel: &str, level: Level, volume: Volume, scene: &Scene) -> Result<(), 
     }
     let field = Field::new(volume, scene);
     let params = GenerationParams::new(SIDE, 0.02).map_err(|e| e.to_string())?;
-    let generate = || lanes::generate(level, &field, &params).map_err(|e| e.to_string());
+    let generate = || lanes::generate(level, &field, &params, Segmentation::Greedy).map_err(|e| e.to_string());
     match kernel {
         "raycast" => {
             let shot = Shot { camera: &scene.camera, size: [SIDE; 2], floor: TRANSMITTANCE_FLOOR as f32 };

@@ -41,7 +41,7 @@ impl World {
     }
 
     fn vdi(&self) -> Vdi {
-        Backend::cpu().generate(&self.field(), &self.params).unwrap().0
+        Backend::cpu().generate(&self.field(), &self.params, Segmentation::Greedy).unwrap().0
     }
 }
 
@@ -217,12 +217,12 @@ proptest! {
         let (field, pixels, [w, h]) = (world.field(), all_pixels(), SIZE);
         // A prime beside 273 = 21 x 13 and any start visit every pixel once.
         let order: Vec<usize> = (0..pixels.len()).map(|n| (turn + 101 * n) % pixels.len()).collect();
-        let vdi = with_threads(1, || lanes::generate(Level::Portable, &field, &world.params).unwrap());
+        let vdi = with_threads(1, || lanes::generate(Level::Portable, &field, &world.params, Segmentation::Greedy).unwrap());
         let cast = with_threads(1, || lanes::raycast(Level::Portable, &field, &world.shot()));
         let novel = with_threads(1, || PreparedVdi::new(&vdi).at_level(Level::Portable).render(&world.novel, w, h).unwrap());
         for level in Level::available() {
             let prepared = PreparedVdi::new(&vdi).at_level(level);
-            let other = with_threads(3, || lanes::generate(level, &field, &world.params).unwrap());
+            let other = with_threads(3, || lanes::generate(level, &field, &world.params, Segmentation::Greedy).unwrap());
             prop_assert!(other == vdi, "{:?}", level);
             prop_assert!(with_threads(3, || lanes::raycast(level, &field, &world.shot())) == cast, "{:?}", level);
             prop_assert!(with_threads(3, || prepared.render(&world.novel, w, h).unwrap()) == novel, "{:?}", level);
@@ -289,7 +289,7 @@ proptest! {
         let (other, [w, h]) = (scaled(&world, 2.0_f64.powi(power)), SIZE);
         let lists = |world: &World| (world.vdi().offsets().to_vec(), world.vdi().segments().to_vec());
         prop_assert!(lists(&world) == lists(&other));
-        let slow = |world: &World| scalar::generate(&world.field(), &world.params).unwrap().segments().to_vec();
+        let slow = |world: &World| scalar::generate(&world.field(), &world.params, Segmentation::Greedy).unwrap().segments().to_vec();
         prop_assert!(slow(&world) == slow(&other));
         let cast = |world: &World| Backend::cpu().raycast(&world.field(), &world.scene.camera, w, h).unwrap();
         prop_assert!(cast(&world) == cast(&other));
@@ -310,7 +310,7 @@ proptest! {
         let camera = Camera::new(4.0 * eye.normalize(), DVec3::ZERO, DVec3::new(0.1, 1.0, 0.2), 40.0).unwrap();
         let scene = Scene { camera, ..front_scene(clumps_transfer()) };
         let field = Field::new(sampled_cube(24, clumps), &scene);
-        let vdi = |r, gamma| Backend::cpu().generate(&field, &GenerationParams::new(r, gamma).unwrap()).unwrap().0;
+        let vdi = |r, gamma| Backend::cpu().generate(&field, &GenerationParams::new(r, gamma).unwrap(), Segmentation::Greedy).unwrap().0;
         let drawn = |r, gamma, camera: &Camera| PreparedVdi::new(&vdi(r, gamma)).render(camera, SIDE, SIDE).unwrap();
         let cast = Backend::cpu().raycast(&field, &camera, SIDE, SIDE).unwrap();
 

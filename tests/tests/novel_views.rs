@@ -4,7 +4,7 @@
 
 use glam::DVec3;
 use lamina_cast::{Backend, Field};
-use lamina_model::{Camera, GenerationParams, Image, ReferenceSamples, SamplePlan, Scene, Vdi, psnr};
+use lamina_model::{Camera, GenerationParams, Image, ReferenceSamples, SamplePlan, Scene, Segmentation, Vdi, psnr};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
 use lamina_viz_node::kernel::{self as viz, Detail, PreparedVdi, render};
 
@@ -17,7 +17,7 @@ fn scene_and_field() -> (Scene, Field) {
 }
 
 fn vdi(field: &Field, resolution: u32, gamma: f64) -> Vdi {
-    Backend::cpu().generate(field, &GenerationParams::new(resolution, gamma).unwrap()).unwrap().0
+    Backend::cpu().generate(field, &GenerationParams::new(resolution, gamma).unwrap(), Segmentation::Greedy).unwrap().0
 }
 
 fn compare(field: &Field, vdi: &Vdi, camera: &Camera) -> f64 {
@@ -106,8 +106,9 @@ fn a_generation_camera_inside_the_volume_gives_its_own_view_exactly() {
 fn an_opacity_cutoff_saves_supersegments_and_costs_novel_views_not_its_own() {
     let (scene, field) = scene_and_field();
     let params = GenerationParams::new(SIZE, 0.005).unwrap();
-    let whole = Backend::cpu().generate(&field, &params).unwrap().0;
-    let cut = Backend::cpu().generate(&field, &params.with_opacity_cutoff(0.99).unwrap()).unwrap().0;
+    let whole = Backend::cpu().generate(&field, &params, Segmentation::Greedy).unwrap().0;
+    let cut =
+        Backend::cpu().generate(&field, &params.with_opacity_cutoff(0.99).unwrap(), Segmentation::Greedy).unwrap().0;
     assert!(cut.segments().len() < whole.segments().len());
     let side = scene.camera.rotated_about_y(60.0).unwrap();
     let at = |vdi: &Vdi, camera: &Camera| compare(&field, vdi, camera);

@@ -172,6 +172,8 @@ fn the_page_shows_the_newest_step_and_the_mouse_turns_it() {
     browser.wait_js("document.querySelectorAll('#accuracy circle.here').length === 1");
     let points = "document.querySelector('#accuracy path.dot').getAttribute('d').split('M').length - 1";
     assert!(browser.js(points).as_u64() > Some(0), "steps are marked");
+    // And what the tuner tried for it.
+    browser.wait_js("document.querySelector('#accuracy path.trial').getAttribute('d').split('M').length > 2");
 
     // A step chosen on the time line stays.
     browser.drag("#timeline", 0, 0);

@@ -4,7 +4,7 @@
 
 use glam::DVec3;
 use lamina_cast::{Backend, Field};
-use lamina_model::{Camera, GenerationParams, Scene, psnr};
+use lamina_model::{Camera, GenerationParams, Scene, Segmentation, psnr};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
 use lamina_viz_node::kernel::{PreparedVdi, scalar};
 
@@ -21,7 +21,10 @@ fn fast_pictures_of_a_scene_are_those_of_the_oracle() {
         let scene = Scene { camera: generation, background: [0.1, 0.3, 0.2], ..front.clone() };
         let field = Field::new(sampled_cube(48, clumps), &scene);
         for (resolution, gamma) in [(1, 0.1), (33, 0.0), (257, 0.02)] {
-            let vdi = Backend::cpu().generate(&field, &GenerationParams::new(resolution, gamma).unwrap()).unwrap().0;
+            let vdi = Backend::cpu()
+                .generate(&field, &GenerationParams::new(resolution, gamma).unwrap(), Segmentation::Greedy)
+                .unwrap()
+                .0;
             let prepared = PreparedVdi::new(&vdi);
             let turned = [0.0, 0.01, 10.0, 30.0, 60.0, 90.0, 180.0].map(|a| generation.rotated_about_y(a).unwrap());
             for camera in turned.into_iter().chain([within]) {

@@ -115,6 +115,6 @@ impl Meter {
         let missing = || Status::failed_precondition(format!("no reference samples of step {step} have arrived"));
         let reference = self.reference_of(frame).ok_or_else(missing)?;
         let decoded = codec::decode_any(payload, &self.limits).map_err(|e| Status::invalid_argument(e.to_string()))?;
-        Ok(Arc::new(Ready { shown: Prepared::new(decoded), reference }))
+        Ok(Arc::new(Ready { frame: frame.clone(), shown: Prepared::new(decoded), reference }))
     }
 }

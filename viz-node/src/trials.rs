@@ -2,11 +2,12 @@
 
 use crate::kernel::{Detail, Prepared};
 use crate::measure::Meter;
-use lamina_model::ReferenceSamples;
+use crate::store::StepRow;
+use lamina_model::{Quality, ReferenceSamples};
 use lamina_wire::v1::{self, quality_server};
 use std::collections::VecDeque;
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::watch;
 use tonic::{Request, Response, Status};
@@ -20,8 +21,13 @@ const GONE: usize = 1024;
 /// How long a question for a trial waits for its VDI to arrive.
 const TRIAL_WAIT: Duration = Duration::from_secs(60);
 
+/// Measurements remembered for the page, the newest.
+const MEASURED: usize = 256;
+
 /// A trial that can be measured.
 pub struct Ready {
+    /// As announced.
+    pub frame: v1::Frame,
     /// What is measured.
     pub shown: Prepared,
     /// With what it is compared.
@@ -53,14 +59,17 @@ impl Held {
     }
 }
 
-/// The trials kept.
+/// The trials kept, and what those measured came to.
 #[derive(Default)]
-pub struct Trials(watch::Sender<Held>);
+pub struct Trials {
+    held: watch::Sender<Held>,
+    measured: Mutex<VecDeque<(v1::Frame, Quality)>>,
+}
 
 impl Trials {
     /// Keeps what arrived as trial `trial_id`, or why it cannot be measured.
     pub fn keep(&self, trial_id: u64, arrived: Arrived) {
-        self.0.send_modify(|held| {
+        self.held.send_modify(|held| {
             held.kept.push_back((trial_id, arrived));
             while held.kept.len() > KEPT || (held.kept.len() > 1 && held.bytes() > KEPT_BYTES) {
                 held.gone.extend(held.kept.pop_front().map(|(id, _)| id));
@@ -72,7 +81,7 @@ impl Trials {
 
     /// The trial, waited for.
     async fn find(&self, trial_id: u64) -> Arrived {
-        let mut held = self.0.subscribe();
+        let mut held = self.held.subscribe();
         let late = || {
             Err(Status::not_found(format!(
                 "trial {trial_id} did not arrive within {TRIAL_WAIT:?}; is this viz-node subscribed to the generator-node?"
@@ -83,6 +92,32 @@ impl Trials {
             Ok(Err(_)) => Err(Status::unavailable("stopping")),
             Err(_) => late(),
         }
+    }
+
+    fn measured(&self) -> MutexGuard<'_, VecDeque<(v1::Frame, Quality)>> {
+        self.measured.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Remembers what some batches of a trial came to; with those before, if it was asked about again.
+    fn remember(&self, frame: &v1::Frame, quality: &Quality) {
+        let mut measured = self.measured();
+        if let Some((_, known)) = measured.iter_mut().find(|(f, _)| f.trial_id == frame.trial_id) {
+            if known.extend(quality).is_err() {
+                *known = quality.clone();
+            }
+            return;
+        }
+        measured.push_back((frame.clone(), quality.clone()));
+        if measured.len() > MEASURED {
+            measured.pop_front();
+        }
+    }
+
+    /// The numbers of the trials of run `run_id` that were measured, the oldest first.
+    pub fn rows(&self, run_id: &str) -> Vec<StepRow> {
+        let measured = self.measured();
+        let of_run = measured.iter().filter(|(frame, _)| frame.run_id == run_id);
+        of_run.map(|(frame, quality)| StepRow::new(frame, Some(quality))).collect()
     }
 }
 
@@ -96,9 +131,11 @@ impl quality_server::Quality for QualityService {
         let ready = self.0.trials.find(trial_id).await?;
         let end = if batches == 0 { ready.reference.plan.batches } else { first_batch.saturating_add(batches) };
         let backend = self.0.backend.clone();
-        let work = move || backend.quality(&ready.shown, &ready.reference, first_batch..end, Detail::Blended);
+        let trial = ready.clone();
+        let work = move || backend.quality(&trial.shown, &trial.reference, first_batch..end, Detail::Blended);
         let quality = tokio::task::spawn_blocking(work).await.map_err(|e| Status::internal(e.to_string()))?;
         let quality = quality.map_err(|e| lamina_wire::invalid(&e))?;
+        self.0.trials.remember(&ready.frame, &quality);
         self.0.counters.trials.fetch_add(1, Ordering::Relaxed);
         Ok(Response::new((&quality).into()))
     }
@@ -107,6 +144,7 @@ impl quality_server::Quality for QualityService {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lamina_model::ViewError;
     use tonic::Code;
 
     #[tokio::test]
@@ -125,5 +163,23 @@ mod tests {
         assert_eq!(code(asked.await.unwrap()), Code::DataLoss);
         assert_eq!(code(trials.find(1).await), Code::NotFound, "made room");
         assert_eq!(code(trials.find(2).await), Code::DataLoss);
+    }
+
+    #[test]
+    fn what_trials_came_to_is_remembered_by_run_and_batches_add_up() {
+        let trials = Trials::default();
+        let quality = |mse: &[f64]| Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: mse.to_vec() }] };
+        let frame = |trial_id, run_id: &str| v1::Frame { trial_id, run_id: run_id.into(), ..v1::Frame::default() };
+        trials.remember(&frame(1, "a"), &quality(&[1e-4]));
+        trials.remember(&frame(2, "b"), &quality(&[1e-3]));
+        trials.remember(&frame(1, "a"), &quality(&[3e-4, 2e-4]));
+        let decibels = |run: &str| trials.rows(run).iter().map(|r| r.psnr_db.unwrap().into()).collect::<Vec<f64>>();
+        // The mean of three batches is 2e-4.
+        assert!((decibels("a")[0] - 36.9897).abs() < 1e-4 && decibels("a").len() == 1, "{:?}", decibels("a"));
+        assert!((decibels("b")[0] - 30.0).abs() < 1e-9);
+        for id in 3..3 + MEASURED as u64 {
+            trials.remember(&frame(id, "b"), &quality(&[1e-3]));
+        }
+        assert_eq!((trials.rows("a").len(), trials.rows("b").len()), (0, MEASURED));
     }
 }

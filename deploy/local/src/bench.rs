@@ -11,7 +11,7 @@ use anyhow::{Context, ensure};
 use glam::DVec3;
 use lamina_cast::lanes::{self, Shot};
 use lamina_cast::{Backend, Field};
-use lamina_model::{GenerationParams, Grid, Image, Scene, Supersegment, Vdi, Volume, Voxels, suggest};
+use lamina_model::{GenerationParams, Grid, Image, Scene, Segmentation, Supersegment, Vdi, Volume, Voxels, suggest};
 use lamina_viz_node::kernel::{self as viz, Detail, PreparedVdi};
 use lamina_wire::codec::{self, DecodeLimits, EncodeOptions};
 use serde::Serialize;
@@ -76,14 +76,14 @@ fn generator_round(
     let (r, side) = (arguments.resolution, arguments.size[0]);
     if side != r {
         let same_rays = params(arguments, side, scene)?;
-        clock.time(format!("generate {side}"), || backend.generate(&field, &same_rays))?;
+        clock.time(format!("generate {side}"), || backend.generate(&field, &same_rays, Segmentation::Greedy))?;
     }
     let params = params(arguments, r, scene)?;
-    let (vdi, _) = clock.time(format!("generate {r}"), || backend.generate(&field, &params))?;
+    let (vdi, _) = clock.time(format!("generate {r}"), || backend.generate(&field, &params, Segmentation::Greedy))?;
     if arguments.gammas {
         let gammas: Vec<f64> = (0..PAPER_GAMMAS).map(|n| 0.001 + 0.004 * f64::from(n)).collect();
         let name = format!("generate {r}, {PAPER_GAMMAS} gammas");
-        clock.time(name, || backend.generate_all(&field, &params, &gammas))?;
+        clock.time(name, || backend.generate_all(&field, &params, &gammas, Segmentation::Greedy))?;
     }
     Ok(clock.time(format!("encode {r}"), || codec::encode(&vdi, &EncodeOptions::default()))?)
 }
@@ -224,7 +224,8 @@ fn memory_at_first(backend: &Backend) -> anyhow::Result<u64> {
     let grid = Grid::new([2; 3], DVec3::ONE, DVec3::ZERO)?;
     let volume = Volume::new(grid, Voxels::F32((0..8_u8).map(f32::from).collect()))?;
     let scene = suggest::suggest(&[&volume])?;
-    let (vdi, _) = backend.generate(&Field::new(volume, &scene), &GenerationParams::new(1, 0.0)?)?;
+    let (vdi, _) =
+        backend.generate(&Field::new(volume, &scene), &GenerationParams::new(1, 0.0)?, Segmentation::Greedy)?;
     let vdi = codec::decode(&codec::encode(&vdi, &EncodeOptions::default())?, &DecodeLimits::default())?;
     PreparedVdi::new(&vdi).render(&scene.camera, 1, 1)?;
     Ok(process::memory()?.0)
@@ -240,7 +241,7 @@ fn generator_memory(arguments: &cli::Bench) -> anyhow::Result<Memory> {
     let params = params(arguments, arguments.resolution, &scene)?;
     process::forget_peak()?;
     let before_bytes = process::memory()?.0.saturating_sub(first);
-    let (vdi, _) = backend.generate(&field, &params)?;
+    let (vdi, _) = backend.generate(&field, &params, Segmentation::Greedy)?;
     let peak_bytes = process::memory()?.1.saturating_sub(first);
     let name = format!("generate {}", arguments.resolution);
     Ok(Memory { name, peak_bytes, before_bytes, volume_bytes, vdi_bytes: vdi_bytes(&vdi) })

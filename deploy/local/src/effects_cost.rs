@@ -4,7 +4,7 @@ use crate::cli;
 use crate::parts::open;
 use lamina_cast::{Backend, Field};
 use lamina_model::effects::{ClipPlane, ColorField, DepthCue, Effects, Isosurface, Shading};
-use lamina_model::{GenerationParams, Image, Scale, Scene, Volume, psnr};
+use lamina_model::{GenerationParams, Image, Scale, Scene, Segmentation, Volume, psnr};
 use std::time::{Duration, Instant};
 
 /// A scene's own light, or one from above the eye's left shoulder; everything else made to suit the volume.
@@ -59,7 +59,7 @@ fn cost(arguments: &cli::Bench, backend: &Backend, volume: &Volume, scene: &Scen
         let prepared = Instant::now();
         let image = backend.raycast(&field, camera, size, size)?;
         let cast = prepared.elapsed();
-        let (_, generate) = backend.generate(&field, &params)?;
+        let (_, generate) = backend.generate(&field, &params, Segmentation::Greedy)?;
         if round > 0 {
             for (all, one) in times.iter_mut().zip([prepared - start, cast, generate]) {
                 all.push(one);

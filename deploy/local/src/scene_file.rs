@@ -27,13 +27,13 @@ pub fn scene_for(file: Option<&Path>, volumes: &[&Volume]) -> anyhow::Result<Sce
         }
     };
     let complete = || -> Result<Scene, Invalid> {
-        let suggested = suggest::suggest(volumes)?;
+        let first = volumes.first().ok_or_else(|| Invalid::new("series", "is empty; nothing to choose a scene for"))?;
         Scene {
-            transfer: stated.transfer.unwrap_or(suggested.transfer),
-            camera: stated.camera.unwrap_or(suggested.camera),
+            transfer: stated.transfer.map_or_else(|| suggest::suggest_transfer(volumes), Ok)?,
+            camera: stated.camera.map_or_else(|| suggest::suggest_camera(&first.grid().bounds()), Ok)?,
             background: stated.background,
             step_voxels: stated.step_voxels.unwrap_or(GenerationParams::DEFAULT_STEP_VOXELS),
-            effects: stated.effects.unwrap_or(suggested.effects),
+            effects: stated.effects.map_or_else(|| suggest::suggest_effects(volumes), Ok)?,
         }
         .check()
     };

@@ -56,35 +56,27 @@ impl Backend {
         }
     }
 
-    /// The VDI of `field` from its scene's camera, and the time it took: on a GPU the device's own. The paper's tau.
+    /// The VDI of `field` from its scene's camera with `segmentation`, and the time it took: on a GPU the device's own. The
+    /// paper's tau.
     ///
-    /// Rays do not end where they become opaque, unless `params` says so: what is hidden now is seen from the side. Samples
-    /// are clustered greedily, as in the paper.
+    /// Rays do not end where they become opaque, unless `params` says so: what is hidden now is seen from the side.
     ///
     /// # Errors
     /// If the step is so short that rays would have too many of them, or the VDI too many supersegments (2^32).
-    pub fn generate(&self, field: &Field, params: &GenerationParams) -> Result<(Vdi, Duration), Invalid> {
-        self.generate_as(field, params, Segmentation::Greedy)
-    }
-
-    /// The same with `segmentation`.
-    ///
-    /// # Errors
-    /// As [`Self::generate`].
-    pub fn generate_as(
+    pub fn generate(
         &self,
         field: &Field,
         params: &GenerationParams,
         segmentation: Segmentation,
     ) -> Result<(Vdi, Duration), Invalid> {
-        if let Some(done) = self.on_gpu(|gpu| gpu.generate_as(field, params, segmentation)) {
+        if let Some(done) = self.on_gpu(|gpu| gpu.generate(field, params, segmentation)) {
             return done;
         }
         let start = Instant::now();
         let vdi = if lanes::fits(field) {
-            lanes::generate_as(self.level(), field, params, segmentation)?
+            lanes::generate(self.level(), field, params, segmentation)?
         } else {
-            scalar::generate_as(field, params, segmentation)?
+            scalar::generate(field, params, segmentation)?
         };
         Ok((vdi, start.elapsed()))
     }
@@ -102,7 +94,7 @@ impl Backend {
     ) -> Result<(Intermediate, Duration), Invalid> {
         match params.representation() {
             Representation::Vdi => {
-                let (vdi, time) = self.generate_as(field, params, segmentation)?;
+                let (vdi, time) = self.generate(field, params, segmentation)?;
                 Ok((Intermediate::Vdi(Box::new(vdi)), time))
             }
             Representation::Volume => {
@@ -126,7 +118,7 @@ impl Backend {
     ) -> Result<Vec<Intermediate>, Invalid> {
         match params.representation() {
             Representation::Vdi => {
-                let vdis = self.generate_all_as(field, params, gammas, segmentation)?;
+                let vdis = self.generate_all(field, params, gammas, segmentation)?;
                 Ok(vdis.into_iter().map(|vdi| Intermediate::Vdi(Box::new(vdi))).collect())
             }
             // The bound is the encoder's matter.
@@ -145,11 +137,7 @@ impl Backend {
     ///
     /// # Errors
     /// As [`Self::generate`], or if a gamma is negative or not finite.
-    pub fn generate_all(&self, field: &Field, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Vdi>, Invalid> {
-        self.generate_all_as(field, params, gammas, Segmentation::Greedy)
-    }
-
-    fn generate_all_as(
+    pub fn generate_all(
         &self,
         field: &Field,
         params: &GenerationParams,
@@ -157,11 +145,11 @@ impl Backend {
         segmentation: Segmentation,
     ) -> Result<Vec<Vdi>, Invalid> {
         if !lanes::fits(field) {
-            let one = |&gamma| scalar::generate_as(field, &params.with_gamma(gamma)?, segmentation);
+            let one = |&gamma| scalar::generate(field, &params.with_gamma(gamma)?, segmentation);
             return gammas.iter().map(one).collect();
         }
         if field.effects().is_some() {
-            let one = |&gamma| Ok(self.generate_as(field, &params.with_gamma(gamma)?, segmentation)?.0);
+            let one = |&gamma| Ok(self.generate(field, &params.with_gamma(gamma)?, segmentation)?.0);
             return gammas.iter().map(one).collect();
         }
         let mut order: Vec<usize> = (0..gammas.len()).collect();

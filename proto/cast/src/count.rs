@@ -51,7 +51,9 @@ mod tests {
     use crate::{Backend, Field};
     use glam::DVec3;
     use lamina_model::effects::{ColorField, Isosurface, Shading};
-    use lamina_model::{Camera, ControlPoint, Effects, GenerationParams, Grid, ScalarRange, Scale, Scene};
+    use lamina_model::{
+        Camera, ControlPoint, Effects, GenerationParams, Grid, ScalarRange, Scale, Scene, Segmentation,
+    };
     use lamina_model::{TransferFunction, Volume, Voxels};
 
     fn counts(effects: Effects) -> [u64; 4] {
@@ -67,7 +69,7 @@ mod tests {
         take();
         let lanes = Backend::cpu();
         lanes.raycast(&field, &camera, 16, 16).unwrap();
-        lanes.generate(&field, &GenerationParams::new(16, 0.05).unwrap()).unwrap();
+        lanes.generate(&field, &GenerationParams::new(16, 0.05).unwrap(), Segmentation::Greedy).unwrap();
         crate::scalar::raycast(&field, &camera, 16, 16).unwrap();
         take()
     }

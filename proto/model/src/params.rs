@@ -4,6 +4,35 @@ use crate::Invalid;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
+/// Names of the values of a plain enum: as shown, and as read.
+macro_rules! named {
+    ($type:ident, $thing:literal, $none:literal, $($value:ident $name:literal),+) => {
+        impl $type {
+            /// All of them.
+            pub const ALL: [Self; [$($name),+].len()] = [$(Self::$value),+];
+
+            /// Its name in files and on the page.
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$value => $name),+ }
+            }
+        }
+
+        impl std::str::FromStr for $type {
+            type Err = Invalid;
+            fn from_str(s: &str) -> Result<Self, Invalid> {
+                let unknown = || Invalid::new($thing, format!("\"{s}\" is {}", $none));
+                Self::ALL.into_iter().find(|value| value.name() == s).ok_or_else(unknown)
+            }
+        }
+
+        impl std::fmt::Display for $type {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str(self.name())
+            }
+        }
+    };
+}
+
 /// What a step is turned into.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -16,9 +45,6 @@ pub enum Representation {
 }
 
 impl Representation {
-    /// All of them.
-    pub const ALL: [Self; 2] = [Self::Vdi, Self::Volume];
-
     /// Generation time and encoding time of what took `made` to make and `coded` to turn into bytes. What a volume loses it
     /// loses while it is coded: that is part of making it.
     pub fn times(self, made: Duration, coded: Duration) -> (Duration, Duration) {
@@ -27,29 +53,9 @@ impl Representation {
             Self::Volume => (made + coded, Duration::ZERO),
         }
     }
-
-    /// Its name in files and on the page.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Vdi => "vdi",
-            Self::Volume => "volume",
-        }
-    }
 }
 
-impl std::str::FromStr for Representation {
-    type Err = Invalid;
-    fn from_str(s: &str) -> Result<Self, Invalid> {
-        let unknown = || Invalid::new("representation", format!("\"{s}\" is neither vdi nor volume"));
-        Self::ALL.into_iter().find(|r| r.name() == s).ok_or_else(unknown)
-    }
-}
-
-impl std::fmt::Display for Representation {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
-    }
-}
+named!(Representation, "representation", "neither vdi nor volume", Vdi "vdi", Volume "volume");
 
 /// How the samples of a ray become the supersegments of a VDI, and what gamma then means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -63,29 +69,7 @@ pub enum Segmentation {
     Greedy,
 }
 
-impl Segmentation {
-    /// Its name in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Fitted => "fitted",
-            Self::Greedy => "greedy",
-        }
-    }
-}
-
-impl std::str::FromStr for Segmentation {
-    type Err = Invalid;
-    fn from_str(s: &str) -> Result<Self, Invalid> {
-        let unknown = || Invalid::new("segmentation", format!("\"{s}\" is neither fitted nor greedy"));
-        [Self::Fitted, Self::Greedy].into_iter().find(|r| r.name() == s).ok_or_else(unknown)
-    }
-}
-
-impl std::fmt::Display for Segmentation {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
-    }
-}
+named!(Segmentation, "segmentation", "neither fitted nor greedy", Fitted "fitted", Greedy "greedy");
 
 /// Generation parameters. The paper's P_M.
 #[doc(alias = "P_M")]

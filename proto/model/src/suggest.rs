@@ -19,23 +19,30 @@ const MEAN_OPTICAL_DEPTH: f64 = 1.0;
 /// # Errors
 /// If `volumes` is empty.
 pub fn suggest(volumes: &[&Volume]) -> Result<Scene, Invalid> {
-    let first = volumes.first().ok_or_else(|| Invalid::new("series", "is empty; nothing to choose a scene for"))?;
-    let values = finite_values(volumes.iter().map(|v| v.voxels()));
+    let first = first_of(volumes)?;
     Ok(Scene {
-        transfer: suggest_transfer(&values, mean_side_voxels(first))?,
+        transfer: suggest_transfer(volumes)?,
         camera: suggest_camera(&first.grid().bounds())?,
         background: [0.0; 3],
         step_voxels: GenerationParams::DEFAULT_STEP_VOXELS,
-        effects: Effects { color_field: suggest_color_field(volumes)?, ..Effects::default() },
+        effects: suggest_effects(volumes)?,
     })
 }
 
-/// Colours over the range of the second field, where the volumes have one.
-fn suggest_color_field(volumes: &[&Volume]) -> Result<Option<ColorField>, Invalid> {
+fn first_of<'a>(volumes: &[&'a Volume]) -> Result<&'a Volume, Invalid> {
+    volumes.first().copied().ok_or_else(|| Invalid::new("series", "is empty; nothing to choose a scene for"))
+}
+
+/// Colours over the range of the second field, where the volumes have one; nothing else.
+///
+/// # Errors
+/// Never for volumes that are there.
+pub fn suggest_effects(volumes: &[&Volume]) -> Result<Effects, Invalid> {
     let fields: Vec<(&str, &Voxels)> = volumes.iter().filter_map(|v| v.color_field()).collect();
-    let Some(&(name, _)) = fields.first() else { return Ok(None) };
+    let Some(&(name, _)) = fields.first() else { return Ok(Effects::default()) };
     let range = suggest_range(&finite_values(fields.iter().map(|(_, voxels)| *voxels)))?;
-    Ok(Some(ColorField { name: name.to_owned(), range, points: ColorField::cool_to_warm() }))
+    let color_field = ColorField { name: name.to_owned(), range, points: ColorField::cool_to_warm() };
+    Ok(Effects { color_field: Some(color_field), ..Effects::default() })
 }
 
 /// A camera on +z that sees all of `bounds` from every rotation about +y (35 degrees of view).
@@ -61,6 +68,7 @@ fn finite_values<'a>(volumes: impl Iterator<Item = &'a Voxels>) -> Vec<f64> {
     for v in volumes {
         // An odd stride does not fall into step with the grid's even sides.
         let stride = (v.len() / MAX_VALUES) | 1;
+        values.reserve(v.len().div_ceil(stride));
         values.extend((0..v.len()).step_by(stride).map(|i| v.get(i)).filter(|x| x.is_finite()));
     }
     values.sort_unstable_by(f64::total_cmp);
@@ -71,7 +79,13 @@ fn percentile(sorted: &[f64], share: f64) -> f64 {
     sorted[((sorted.len() - 1) as f64 * share).round() as usize]
 }
 
-fn suggest_transfer(sorted: &[f64], side_voxels: f64) -> Result<TransferFunction, Invalid> {
+/// A transfer function for volumes of one series.
+///
+/// # Errors
+/// If `volumes` is empty.
+pub fn suggest_transfer(volumes: &[&Volume]) -> Result<TransferFunction, Invalid> {
+    let side_voxels = mean_side_voxels(first_of(volumes)?);
+    let sorted = &finite_values(volumes.iter().map(|v| v.voxels()))[..];
     let range = suggest_range(sorted)?;
     let units: Vec<f64> = sorted.iter().map(|&v| f64::from(range.unit_from_value(v)).clamp(0.0, 1.0)).collect();
     let common = most_common(&units);

@@ -5,7 +5,7 @@ use lamina_cast::lanes::{self, Level, Shot};
 use lamina_cast::{Field, scalar};
 use lamina_device::testing;
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
-use lamina_model::{Camera, GenerationParams, Vdi};
+use lamina_model::{Camera, GenerationParams, Segmentation, Vdi};
 use lamina_viz_node::kernel::gpu::{GpuError as DrawError, GpuKernels as DrawKernels};
 use lamina_viz_node::kernel::{PreparedVdi, scalar as drawn};
 
@@ -67,12 +67,12 @@ impl Caster {
 
     pub fn generate(&self, field: &Field, params: &GenerationParams) -> Result<Vdi, String> {
         match self {
-            Self::Scalar => Ok(scalar::generate(field, params).unwrap()),
+            Self::Scalar => Ok(scalar::generate(field, params, Segmentation::Greedy).unwrap()),
             Self::Lanes(level) => {
                 fits(field)?;
-                Ok(lanes::generate(*level, field, params).unwrap())
+                Ok(lanes::generate(*level, field, params, Segmentation::Greedy).unwrap())
             }
-            Self::Gpu(gpu) => gpu.generate(field, params).map(|(vdi, _)| vdi).map_err(too_large),
+            Self::Gpu(gpu) => gpu.generate(field, params, Segmentation::Greedy).map(|(vdi, _)| vdi).map_err(too_large),
         }
     }
 }

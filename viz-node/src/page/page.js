@@ -10,7 +10,7 @@ const RETRY_MS = 2000;
 const QUIET_MS = 10_000;
 const ZOOM_RANGE = [0.25, 8];
 
-const store = { run: null, limit: { size_bytes: null, time_ms: null }, steps: [], missed: 0, loaded: false };
+const store = { run: null, limit: { size_bytes: null, time_ms: null }, steps: [], trials: [], missed: 0, loaded: false };
 /** `step: null` follows the newest; the camera is relative to the generation camera. */
 const view = { step: null, azimuth: 0, elevation: 0, zoom: 1 };
 const link = { phase: "connecting", loading: null, arrivedWhileLoading: [], lastStepAt: performance.now() };
@@ -86,6 +86,17 @@ async function load() {
   }
 }
 
+/** Fetches what the tuner's trials came to; the answer to an older question never replaces a newer one's. */
+async function loadTrials() {
+  const asked = (link.trialsAsked = {});
+  const answer = await fetch("api/trials", { cache: "no-store" }).catch(() => null);
+  if (!answer?.ok) return;
+  const trials = await answer.json();
+  if (link.trialsAsked !== asked) return;
+  store.trials = trials;
+  refresh();
+}
+
 function accept(state) {
   const sameRun = state.run?.id === store.run?.id;
   store.run = state.run;
@@ -97,6 +108,8 @@ function accept(state) {
   link.lastStepAt = performance.now();
   if (!sameRun) Object.assign(picture, { shown: null, refused: null, notice: "" });
   link.arrivedWhileLoading.forEach(upsert);
+  if (!sameRun) store.trials = [];
+  loadTrials();
   if (!sameRun || store.steps[lowerBound(view.step ?? 0)]?.step !== view.step) view.step = null;
   refresh();
 }
@@ -112,6 +125,7 @@ function connect() {
     const row = JSON.parse(event.data);
     if (link.loading) link.arrivedWhileLoading.push(row);
     else upsert(row);
+    loadTrials();
     refresh();
   });
   events.addEventListener("run", load);
@@ -453,11 +467,13 @@ function captionPlot(plot, bound, broken) {
   detail.textContent = bound === null ? "" : `limit ${significant(bound, 4)} ${plot.unit}${broken ? `, broken ${broken}×` : ""}`;
 }
 
-/** Quality against time: a mark for each measured step, a line through those that no other beats, the shown one on it or below. */
+/** Quality against time: a mark for each measured step and each trial, a line through those that no other beats, the shown step on it or below. */
 function drawAccuracy() {
   const box = byId("accuracy").querySelector(".plot");
   const [width, height] = [box.clientWidth, box.clientHeight];
-  const rows = store.steps.filter((row) => Number.isFinite(row.psnr_db)).sort((a, b) => a.generation_ms - b.generation_ms);
+  const measured = (all) => all.filter((row) => Number.isFinite(row.psnr_db));
+  const [steps, trials] = [measured(store.steps), measured(store.trials)];
+  const rows = [...steps, ...trials].sort((a, b) => a.generation_ms - b.generation_ms);
   const [, slowest] = valueRange(rows.map((row) => row.generation_ms), null, false);
   const [low, high] = valueRange(rows.map((row) => row.psnr_db), null, true);
   const bottom = height - 17;
@@ -467,19 +483,20 @@ function drawAccuracy() {
   let best = -Infinity;
   const front = rows.filter((row) => row.psnr_db > best && ((best = row.psnr_db), true));
   // One mark a pixel: a long run's steps lie on one another.
-  const marks = new Set(rows.map((row) => at(row).map(Math.round).join(" ")));
+  const marks = (all) => [...new Set(all.map((row) => at(row).map(Math.round).join(" ")))];
   const row = shownRow();
   const known = row && Number.isFinite(row.psnr_db);
   box.firstElementChild.innerHTML = [
     ...niceTicks(low, high, 3).map((tick) => gridLine(y(tick), width, String(tick))),
     ...niceTicks(0, slowest, 4).map((tick) => `<text x="${x(tick).toFixed(1)}" y="${height - 3}" text-anchor="middle">${tick}</text>`),
-    `<path class="dot" d="${[...marks].map((mark) => `M${mark}m-1-1h2v2h-2z`).join("")}"/>`,
+    `<path class="trial" d="${marks(trials).map((mark) => `M${mark}m-2 0h4m-2-2v4`).join("")}"/>`,
+    `<path class="dot" d="${marks(steps).map((mark) => `M${mark}m-1-1h2v2h-2z`).join("")}"/>`,
     `<path class="curve" d="${pathOf(front.map(at))}"/>`,
     known ? dot("here", ...at(row), 3.5) : "",
   ].join("");
   const [name, detail] = byId("accuracy").querySelectorAll("figcaption span");
   name.innerHTML = `PSNR by time <b>${known ? decibelText(row.psnr_db) : "–"}</b> dB`;
-  detail.textContent = known ? `in ${fixed(row.generation_ms, 1)} ms` : "";
+  detail.textContent = (known ? `in ${fixed(row.generation_ms, 1)} ms` : "") + (trials.length ? `, ${trials.length} trials +` : "");
 }
 
 /** Steps as ticks, one a pixel column at most; a step that broke the limit is taller, coloured and pointed. */
@@ -704,7 +721,7 @@ function buildFigures() {
     byId(id).innerHTML = `<figcaption><span></span><span></span></figcaption>
       <div class="plot"><svg role="img" aria-label="${label}"></svg></div>`;
   };
-  build("accuracy", "PSNR over generation time, all steps");
+  build("accuracy", "PSNR over generation time, all steps and trials");
   for (const { id, label } of PLOTS) {
     build(id, `${label} over steps`);
     listenToSteps(byId(id).querySelector(".plot"), GUTTER, 8);

@@ -47,6 +47,7 @@ impl Web {
             .route("/colours.js", text("text/javascript; charset=utf-8", include_str!("../page/colours.js")))
             .route("/page.css", text("text/css; charset=utf-8", include_str!("../page/page.css")))
             .route("/api/state", get(state))
+            .route("/api/trials", get(trials))
             .route("/api/events", get(events))
             .route("/api/image", get(image))
             .route("/api/transfer", get(transfer))
@@ -78,6 +79,11 @@ async fn state(State(web): State<Web>) -> Json<PageState> {
     let missed_steps = last.map_or(0, |r| r.dropped_steps);
     let connected = web.connected.load(std::sync::atomic::Ordering::Relaxed);
     Json(PageState { run: web.store.run(), limit, missed_steps, connected, steps })
+}
+
+/// What the tuner's trials of this run came to here.
+async fn trials(State(web): State<Web>) -> Json<Vec<StepRow>> {
+    Json(web.store.run().map_or_else(Vec::new, |run| web.meter.trials.rows(&run.id)))
 }
 
 async fn events(State(web): State<Web>) -> Sse<impl Stream<Item = Result<sse::Event, Infallible>>> {

@@ -90,7 +90,7 @@ impl<'a> Product<'a> {
     pub fn round(&mut self, params: &GenerationParams) -> anyhow::Result<()> {
         let mut trial = self.trials.remove(&params.key()).unwrap_or_default();
         if trial.generation.first().is_none_or(|&first| first < PATIENCE) {
-            let (vdi, time) = self.backends.0.generate_as(self.field, params, Segmentation::Fitted)?;
+            let (vdi, time) = self.backends.0.generate(self.field, params, Segmentation::Fitted)?;
             trial.generation.push(time);
             let prepared = if trial.shot.is_some() {
                 PreparedVdi::new(Arc::new(vdi))
@@ -127,7 +127,7 @@ impl<'a> Product<'a> {
 
     /// The VDI of `params`.
     pub fn generate(&self, params: &GenerationParams) -> anyhow::Result<Vdi> {
-        Ok(self.backends.0.generate_as(self.field, params, Segmentation::Fitted)?.0)
+        Ok(self.backends.0.generate(self.field, params, Segmentation::Fitted)?.0)
     }
 
     /// `vdi` through the codec and drawn as it comes back.

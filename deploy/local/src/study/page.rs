@@ -9,7 +9,7 @@ use anyhow::Context;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use lamina_cast::Backend;
-use lamina_model::psnr;
+use lamina_model::{Segmentation, psnr};
 use lamina_tuner::Contract;
 use lamina_tuner::pareto::{front, offers};
 use lamina_tuner::tune::Row;
@@ -82,7 +82,7 @@ fn pictured<'a>(m: &'a Measured, limits: &Limits) -> Option<(&'a Row, String)> {
 /// The VDI's pictures above the ray-cast ones, q under each.
 fn strip(m: &Measured, limits: &Limits) -> anyhow::Result<String> {
     let Some((row, limit)) = pictured(m, limits) else { return Ok(String::new()) };
-    let (vdi, _) = Backend::cpu().generate(m.trial.field(), &row.params)?;
+    let (vdi, _) = Backend::cpu().generate(m.trial.field(), &row.params, Segmentation::Greedy)?;
     let vdi = PreparedVdi::new(&vdi);
     let mut cells = String::new();
     for angle in ANGLES_DEG {

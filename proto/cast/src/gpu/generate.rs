@@ -19,21 +19,14 @@ const SEGMENT_BYTES: u64 = size_of::<Segment>() as u64;
 const RESULT: BufferUsages = BufferUsages::STORAGE.union(BufferUsages::COPY_SRC);
 
 impl GpuKernels {
-    /// The VDI of `field` from its scene's camera, and how long the kernels ran. The paper's R.
+    /// The VDI of `field` from its scene's camera with `segmentation`, and how long kernels and fitting, which is the
+    /// processor's, took. The paper's R.
     ///
     /// # Errors
     /// If the step is so short that rays would have too many of them, the VDI has too many supersegments (2^32), the field
     /// or a ray's list does not fit the device, or the device fails.
     #[doc(alias = "R")]
-    pub fn generate(&self, field: &Field, params: &GenerationParams) -> Result<(Vdi, Duration), GpuError> {
-        self.generate_as(field, params, Segmentation::Greedy)
-    }
-
-    /// The same with `segmentation`; the processor fits, which counts.
-    ///
-    /// # Errors
-    /// As [`Self::generate`].
-    pub fn generate_as(
+    pub fn generate(
         &self,
         field: &Field,
         params: &GenerationParams,
@@ -53,11 +46,9 @@ impl GpuKernels {
             for first_row in (0..r).step_by(rows as usize) {
                 let (band, took) = work.band(first_row, rows.min(r - first_row))?;
                 let start = Instant::now();
-                join.add(fit.rows(first_row, band));
-                time += took;
-                if segmentation == Segmentation::Fitted {
-                    time += start.elapsed();
-                }
+                let band = fit.rows(first_row, band);
+                time += took + start.elapsed();
+                join.add(band);
             }
             Ok((join.finish(header)?, time))
         })

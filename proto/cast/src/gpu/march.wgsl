@@ -38,7 +38,8 @@ fn span_of(i: u32, j: u32) -> Span {
     if length <= 0.0 {
         return Span(vec3f(0.0), delta, 0.0, 0u, 0.0);
     }
-    return Span(clamp(origin + t.x * delta, volume.low, volume.high), delta, length, steps(length), view.near * (square / (depth + 1.0)) + t.x);
+    let entry = clamp(origin + t.x * delta, volume.low, volume.high);
+    return Span(entry, delta, length, steps(length), view.near * (square / (depth + 1.0)) + t.x);
 }
 
 // True if double precision may count fewer steps on this ray, or none: its last step is hardly there, its steps are more

@@ -12,19 +12,11 @@ use lamina_lanes::{Floats, Ints, Job, Lanes, Level, Masks, Pair, SMALL, WIDTH, o
 use lamina_model::composite::optical_depth_from_opacity;
 use lamina_model::{GenerationParams, Invalid, Segmentation, Supersegment, Vdi, VdiHeader};
 
-/// The VDI of `field`, which [fits](super::march::fits).
+/// The VDI of `field`, which [fits](super::march::fits), with `segmentation`.
 ///
 /// # Errors
 /// As [`crate::Backend::generate`].
-pub fn generate(level: Level, field: &Field, params: &GenerationParams) -> Result<Vdi, Invalid> {
-    generate_as(level, field, params, Segmentation::Greedy)
-}
-
-/// The same with `segmentation`.
-///
-/// # Errors
-/// As [`crate::Backend::generate`].
-pub fn generate_as(
+pub fn generate(
     level: Level,
     field: &Field,
     params: &GenerationParams,

@@ -7,7 +7,7 @@ mod march;
 mod raycast;
 mod tile;
 
-pub use generate::{generate, generate_as};
+pub use generate::generate;
 pub use generate_all::{MOST_GAMMAS, generate_all};
 pub use lamina_lanes::Level;
 pub use march::fits;

@@ -8,22 +8,14 @@ use lamina_model::composite::opacity_from_optical_depth;
 use lamina_model::{GenerationParams, Invalid, Ray, Segmentation, Supersegment, Vdi};
 use std::ops::ControlFlow;
 
-/// The VDI of `field` from the scene's camera. The paper's R.
+/// The VDI of `field` from the scene's camera with `segmentation`. The paper's R.
 ///
 /// Rays do not end where they become opaque, unless `params` says so: what is hidden now is seen from the side.
 ///
 /// # Errors
 /// If the step is so short that rays would have too many of them, or the VDI too many supersegments (2^32).
 #[doc(alias = "R")]
-pub fn generate(field: &Field, params: &GenerationParams) -> Result<Vdi, Invalid> {
-    generate_as(field, params, Segmentation::Greedy)
-}
-
-/// The same with `segmentation`.
-///
-/// # Errors
-/// As [`generate`].
-pub fn generate_as(field: &Field, params: &GenerationParams, segmentation: Segmentation) -> Result<Vdi, Invalid> {
+pub fn generate(field: &Field, params: &GenerationParams, segmentation: Segmentation) -> Result<Vdi, Invalid> {
     let header = header(field, params)?;
     let fit = Fit::new(&header, segmentation, field.unit_length());
     let params = &params.with_gamma(fit.finer(params.gamma()))?;

@@ -6,5 +6,5 @@ mod generate;
 mod march;
 mod raycast;
 
-pub use generate::{generate, generate_as};
+pub use generate::generate;
 pub use raycast::{raycast, raycast_pixels};

@@ -7,7 +7,7 @@ use lamina_cast::gpu::GpuKernels;
 use lamina_cast::{Backend, Field, lanes::Level, scalar};
 use lamina_device::testing;
 use lamina_model::effects::{ClipBox, ClipPlane, ColorField, ColorPoint, DepthCue, Effects, Isosurface, Shading};
-use lamina_model::{Camera, ControlPoint, GenerationParams, Grid, ScalarRange, Scale, Scene};
+use lamina_model::{Camera, ControlPoint, GenerationParams, Grid, ScalarRange, Scale, Scene, Segmentation};
 use lamina_model::{TransferFunction, Volume, Voxels};
 
 /// Each effect alone.
@@ -84,15 +84,15 @@ fn lanes_equal_the_oracle() {
         for field in fields(&effects) {
             let camera = &field.scene().camera;
             let oracle = scalar::raycast(&field, camera, 61, 47).unwrap();
-            let list = scalar::generate(&field, &params()).unwrap();
+            let list = scalar::generate(&field, &params(), Segmentation::Greedy).unwrap();
             let mut first = None;
             for level in Level::available() {
                 let backend = Backend::Cpu(level);
                 let ours = backend.raycast(&field, camera, 61, 47).unwrap();
                 compare_pictures(&format!("{name}, {level:?}"), &ours, &oracle);
-                let vdi = backend.generate(&field, &params()).unwrap().0;
+                let vdi = backend.generate(&field, &params(), Segmentation::Greedy).unwrap().0;
                 compare(&name, &vdi, &list);
-                let all = backend.generate_all(&field, &params(), &[0.02]).unwrap();
+                let all = backend.generate_all(&field, &params(), &[0.02], Segmentation::Greedy).unwrap();
                 assert_eq!(all, std::slice::from_ref(&vdi));
                 assert_eq!(first.get_or_insert((ours.clone(), vdi.clone())), &(ours, vdi), "levels, {name}");
             }
@@ -110,8 +110,8 @@ fn the_gpu_equals_the_oracle() {
             let camera = &field.scene().camera;
             let ours = gpu.raycast(&field, camera, 61, 47).unwrap();
             compare_pictures(name, &ours, &scalar::raycast(&field, camera, 61, 47).unwrap());
-            let vdi = gpu.generate(&field, &params()).unwrap().0;
-            compare(name, &vdi, &scalar::generate(&field, &params()).unwrap());
+            let vdi = gpu.generate(&field, &params(), Segmentation::Greedy).unwrap().0;
+            compare(name, &vdi, &scalar::generate(&field, &params(), Segmentation::Greedy).unwrap());
         }
     }
 }
@@ -278,7 +278,7 @@ fn opaque_media_and_faint_surfaces_stay_finite() {
             let good = picture.pixels().as_flattened().iter().all(|c| (0.0..=1.0).contains(c));
             assert!(good, "surfaces {value}, {again} of opacity {opacity}");
         }
-        let vdi = scalar::generate(&field, &params()).unwrap();
+        let vdi = scalar::generate(&field, &params(), Segmentation::Greedy).unwrap();
         assert!(vdi.segments().iter().all(|s| s.color.iter().all(|c| c.is_finite()) && !s.optical_depth.is_nan()));
     }
 }

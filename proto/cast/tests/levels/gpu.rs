@@ -46,11 +46,15 @@ fn vdis_equal_the_oracles() {
     for (name, field) in fields() {
         for gamma in [0.0, 0.02, 1.0] {
             let params = GenerationParams::new(45, gamma).unwrap().with_step_voxels(0.43).unwrap();
-            let (ours, time) = gpu.generate(&field, &params).unwrap();
+            let (ours, time) = gpu.generate(&field, &params, Segmentation::Greedy).unwrap();
             assert!(time > std::time::Duration::ZERO);
-            compare(&format!("{name}, gamma {gamma}"), &ours, &scalar::generate(&field, &params).unwrap());
-            let (fitted, _) = gpu.generate_as(&field, &params, Segmentation::Fitted).unwrap();
-            let oracle = scalar::generate_as(&field, &params, Segmentation::Fitted).unwrap();
+            compare(
+                &format!("{name}, gamma {gamma}"),
+                &ours,
+                &scalar::generate(&field, &params, Segmentation::Greedy).unwrap(),
+            );
+            let (fitted, _) = gpu.generate(&field, &params, Segmentation::Fitted).unwrap();
+            let oracle = scalar::generate(&field, &params, Segmentation::Fitted).unwrap();
             compare(&format!("{name}, fitted, gamma {gamma}"), &fitted, &oracle);
         }
     }
@@ -61,18 +65,18 @@ fn rays_end_at_the_opacity_cutoff() {
     let Some(gpu) = kernels() else { return };
     let (name, field) = fields().swap_remove(0);
     let params = GenerationParams::new(64, 0.05).unwrap();
-    let whole = gpu.generate(&field, &params).unwrap().0;
+    let whole = gpu.generate(&field, &params, Segmentation::Greedy).unwrap().0;
     let params = params.with_opacity_cutoff(0.5).unwrap();
-    let ours = gpu.generate(&field, &params).unwrap().0;
+    let ours = gpu.generate(&field, &params, Segmentation::Greedy).unwrap().0;
     assert!(ours.segments().len() < whole.segments().len());
-    compare(name, &ours, &scalar::generate(&field, &params).unwrap());
+    compare(name, &ours, &scalar::generate(&field, &params, Segmentation::Greedy).unwrap());
 }
 
 #[test]
 fn a_transparent_volume_gives_no_supersegments() {
     let Some(gpu) = kernels() else { return };
     let field = field(DIMS, Voxels::U8(vec![3; DIMS.iter().product()]), 255.0, Scale::Linear, 1.3);
-    let (vdi, _) = gpu.generate(&field, &GenerationParams::new(20, 0.1).unwrap()).unwrap();
+    let (vdi, _) = gpu.generate(&field, &GenerationParams::new(20, 0.1).unwrap(), Segmentation::Greedy).unwrap();
     assert!(vdi.segments().is_empty());
     let image = gpu.raycast(&field, &field.scene().camera, 9, 9).unwrap();
     assert!(image.pixels().iter().all(|p| *p == field.scene().background));
@@ -89,7 +93,10 @@ fn what_is_opaque_stays_a_number() {
     let voxels = Voxels::F64(values(DIMS));
     let field = Field::new(Volume::new(*field.grid(), voxels).unwrap(), &Scene { transfer, ..field.scene().clone() });
     let params = GenerationParams::new(45, 0.02).unwrap();
-    let (ours, oracle) = (gpu.generate(&field, &params).unwrap().0, scalar::generate(&field, &params).unwrap());
+    let (ours, oracle) = (
+        gpu.generate(&field, &params, Segmentation::Greedy).unwrap().0,
+        scalar::generate(&field, &params, Segmentation::Greedy).unwrap(),
+    );
     let found = agreement(&ours, &oracle);
     assert!(found.other_rays < MAX_RAYS && found.worst_color < MAX_CHANNEL, "{found:?}");
     assert!(oracle.segments().iter().any(|s| s.optical_depth.is_infinite()));
@@ -106,11 +113,11 @@ fn small_chunks_give_the_same_vdi_and_too_small_ones_say_so() {
     let (Some(gpu), Some(small), Some(tiny)) = (kernels(), open(), open()) else { return };
     let (_, field) = fields().swap_remove(0);
     let params = GenerationParams::new(40, 0.0).unwrap();
-    let (whole, _) = gpu.generate(&field, &params).unwrap();
+    let (whole, _) = gpu.generate(&field, &params, Segmentation::Greedy).unwrap();
     let bytes = 24 * whole.segments().len() as u64;
-    let (parts, _) = small.with_chunk_bytes(bytes / 7).generate(&field, &params).unwrap();
+    let (parts, _) = small.with_chunk_bytes(bytes / 7).generate(&field, &params, Segmentation::Greedy).unwrap();
     assert_eq!(parts, whole);
-    let e = tiny.with_chunk_bytes(48).generate(&field, &params).unwrap_err();
+    let e = tiny.with_chunk_bytes(48).generate(&field, &params, Segmentation::Greedy).unwrap_err();
     assert!(matches!(e, GpuError::TooLarge { what: "one ray's list", .. }), "{e}");
 }
 
@@ -131,7 +138,10 @@ fn a_step_that_fits_the_box_exactly_counts_as_the_decoder_does() {
     let voxels = Voxels::F32((0..33 * 33 * 33).map(|n| 0.6 + 0.01 * (n % 33) as f32).collect());
     let field = Field::new(Volume::new(grid, voxels).unwrap(), &scene);
     let params = GenerationParams::new(65, 0.01).unwrap();
-    let (ours, oracle) = (gpu.generate(&field, &params).unwrap().0, scalar::generate(&field, &params).unwrap());
+    let (ours, oracle) = (
+        gpu.generate(&field, &params, Segmentation::Greedy).unwrap().0,
+        scalar::generate(&field, &params, Segmentation::Greedy).unwrap(),
+    );
     assert_eq!(ours.list(32, 32).last().unwrap().end, 64);
     for (i, j) in (0..65).flat_map(|j| (0..65).map(move |i| (i, j))) {
         let (a, b) = (ours.list(i, j).last().map(|s| s.end), oracle.list(i, j).last().map(|s| s.end));
@@ -146,10 +156,10 @@ fn a_lost_device_is_an_error() {
     let kernels = GpuKernels::new(*gpu).unwrap();
     let (_, field) = fields().swap_remove(0);
     let params = GenerationParams::new(20, 0.1).unwrap();
-    kernels.generate(&field, &params).unwrap();
+    kernels.generate(&field, &params, Segmentation::Greedy).unwrap();
     device.destroy();
     for _ in 0..2 {
-        let e = kernels.generate(&field, &params).unwrap_err();
+        let e = kernels.generate(&field, &params, Segmentation::Greedy).unwrap_err();
         assert!(matches!(e, GpuError::Device(_)), "{e}");
     }
 }
@@ -159,7 +169,7 @@ fn a_volume_too_long_for_the_device_is_refused() {
     let Some(gpu) = kernels() else { return };
     let dims = [40_000, 1, 1];
     let field = field(dims, Voxels::U8(vec![200; 40_000]), 255.0, Scale::Linear, 1.3);
-    let e = gpu.generate(&field, &GenerationParams::new(4, 0.1).unwrap()).unwrap_err();
+    let e = gpu.generate(&field, &GenerationParams::new(4, 0.1).unwrap(), Segmentation::Greedy).unwrap_err();
     assert!(matches!(e, GpuError::TooLarge { needed: 40_000, .. }), "{e}");
 }
 
@@ -169,7 +179,7 @@ fn the_greatest_resolution_runs() {
     let Some(gpu) = kernels() else { return };
     let (_, field) = fields().swap_remove(2);
     let params = GenerationParams::new(GenerationParams::MAX_RESOLUTION, 1.0).unwrap();
-    let (vdi, time) = gpu.generate(&field, &params).unwrap();
+    let (vdi, time) = gpu.generate(&field, &params, Segmentation::Greedy).unwrap();
     println!("{} supersegments in {time:?}", vdi.segments().len());
     assert!(vdi.segments().len() > 1 << 22);
 }
@@ -197,10 +207,10 @@ fn figures() {
     gpu.raycast(&field, &camera, 8, 8).unwrap();
     println!("{} ({}); upload and compilation {:?}", gpu.facts().name, gpu.facts().driver, first.elapsed());
     let start = clock();
-    let (ours, kernels) = gpu.generate(&field, &params).unwrap();
+    let (ours, kernels) = gpu.generate(&field, &params, Segmentation::Greedy).unwrap();
     let wall = start.elapsed();
     let start = clock();
-    let oracle = scalar::generate(&field, &params).unwrap();
+    let oracle = scalar::generate(&field, &params, Segmentation::Greedy).unwrap();
     println!("generate 256^3 at r = 256: kernels {kernels:?}, in all {wall:?}; scalar {:?}", start.elapsed());
     println!("{:?}", agreement(&ours, &oracle));
     let start = clock();

@@ -39,13 +39,13 @@ fn all_levels_agree_to_the_bit_and_so_do_lists_of_pixels() {
         let whole = lanes::raycast(Level::Portable, &field, &shot(&field));
         let some: Vec<(u32, u32)> = (0..203).map(|n| (n * 7 % SIZE[0], n * 11 % SIZE[1])).collect();
         let params = GenerationParams::new(45, 0.02).unwrap().with_step_voxels(0.43).unwrap();
-        let vdi = lanes::generate(Level::Portable, &field, &params).unwrap();
+        let vdi = lanes::generate(Level::Portable, &field, &params, Segmentation::Greedy).unwrap();
         for level in Level::available() {
             assert!(lanes::raycast(level, &field, &shot(&field)) == whole, "{name}, {level:?}");
             let listed = lanes::raycast_pixels(level, &field, &shot(&field), &some);
             let picked = some.iter().map(|&(i, j)| whole[(j * SIZE[0] + i) as usize]);
             assert!(listed.into_iter().eq(picked), "{name}, {level:?}");
-            assert!(lanes::generate(level, &field, &params).unwrap() == vdi, "{name}, {level:?}");
+            assert!(lanes::generate(level, &field, &params, Segmentation::Greedy).unwrap() == vdi, "{name}, {level:?}");
         }
     }
 }
@@ -56,10 +56,14 @@ fn vdis_equal_the_oracles() {
         for (gamma, cutoff) in [(0.0, 1.0), (0.02, 1.0), (1.0, 1.0), (0.05, 0.5)] {
             let params = GenerationParams::new(45, gamma).unwrap().with_step_voxels(0.43).unwrap();
             let params = params.with_opacity_cutoff(cutoff).unwrap();
-            let ours = lanes::generate(Level::detect(), &field, &params).unwrap();
-            compare(&format!("{name}, gamma {gamma}"), &ours, &scalar::generate(&field, &params).unwrap());
-            let fitted = lanes::generate_as(Level::detect(), &field, &params, Segmentation::Fitted).unwrap();
-            let oracle = scalar::generate_as(&field, &params, Segmentation::Fitted).unwrap();
+            let ours = lanes::generate(Level::detect(), &field, &params, Segmentation::Greedy).unwrap();
+            compare(
+                &format!("{name}, gamma {gamma}"),
+                &ours,
+                &scalar::generate(&field, &params, Segmentation::Greedy).unwrap(),
+            );
+            let fitted = lanes::generate(Level::detect(), &field, &params, Segmentation::Fitted).unwrap();
+            let oracle = scalar::generate(&field, &params, Segmentation::Fitted).unwrap();
             compare(&format!("{name}, fitted, gamma {gamma}"), &fitted, &oracle);
         }
     }
@@ -74,15 +78,19 @@ fn many_gammas_from_one_march_are_those_of_one_march_each() {
     for (name, field) in marched() {
         for cutoff in [1.0, 0.7] {
             let params = GenerationParams::new(23, 0.5).unwrap().with_opacity_cutoff(cutoff).unwrap();
-            let all = backend.generate_all(&field, &params, &gammas).unwrap();
+            let all = backend.generate_all(&field, &params, &gammas, Segmentation::Greedy).unwrap();
             assert_eq!(all.len(), gammas.len());
             for (vdi, &gamma) in all.iter().zip(&gammas) {
-                let one = backend.generate(&field, &params.with_gamma(gamma).unwrap()).unwrap().0;
+                let one = backend.generate(&field, &params.with_gamma(gamma).unwrap(), Segmentation::Greedy).unwrap().0;
                 assert!(*vdi == one, "{name}, gamma {gamma}");
             }
         }
     }
-    assert!(backend.generate_all(&fields()[0].1, &GenerationParams::new(9, 0.1).unwrap(), &[-1.0]).is_err());
+    assert!(
+        backend
+            .generate_all(&fields()[0].1, &GenerationParams::new(9, 0.1).unwrap(), &[-1.0], Segmentation::Greedy)
+            .is_err()
+    );
 }
 
 #[test]
@@ -93,7 +101,7 @@ fn the_number_of_threads_changes_nothing() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             (
-                lanes::generate(Level::detect(), &field, &params).unwrap(),
+                lanes::generate(Level::detect(), &field, &params, Segmentation::Greedy).unwrap(),
                 lanes::raycast(Level::detect(), &field, &shot(&field)),
             )
         })
@@ -108,5 +116,8 @@ fn a_backend_serves_what_lanes_cannot() {
     let field = field(slice, voxels, 1.0, Scale::Linear, 1.3);
     assert!(!lanes::fits(&field));
     let params = GenerationParams::new(31, 0.02).unwrap();
-    assert!(Backend::cpu().generate(&field, &params).unwrap().0 == scalar::generate(&field, &params).unwrap());
+    assert!(
+        Backend::cpu().generate(&field, &params, Segmentation::Greedy).unwrap().0
+            == scalar::generate(&field, &params, Segmentation::Greedy).unwrap()
+    );
 }
