@@ -197,14 +197,13 @@ impl Shared {
 /// The cycle's own memory from step to step.
 struct Cycle {
     shared: Arc<Shared>,
-    default_scene: Option<Scene>,
     reference_every: u64,
     run: Option<(Arc<v1::Run>, Scene)>,
 }
 
 /// Turns steps into frames for ever.
-pub async fn run(ingest: Arc<Ingest>, shared: Arc<Shared>, default_scene: Option<Scene>, reference_every: u64) {
-    let cycle = Arc::new(Mutex::new(Cycle { shared: shared.clone(), default_scene, reference_every, run: None }));
+pub async fn run(ingest: Arc<Ingest>, shared: Arc<Shared>, reference_every: u64) {
+    let cycle = Arc::new(Mutex::new(Cycle { shared: shared.clone(), reference_every, run: None }));
     loop {
         let step = ingest.next().await;
         let number = step.step;
@@ -267,7 +266,7 @@ impl Cycle {
             field: step.spec.field.clone(),
             grid: Some((&step.spec.grid).into()),
         };
-        let stated = step.spec.scene.clone().or_else(|| self.default_scene.clone());
+        let stated = step.spec.scene.clone();
         let volume = step.into_volume()?;
         let known = self.run.take().filter(|(run, _)| run.run_id == run_id);
         let (run, scene) = match known {
@@ -280,7 +279,6 @@ impl Cycle {
             }
         };
         self.run = Some((run.clone(), scene.clone()));
-        scene.check_fields(&volume)?;
         let field = Field::new(volume, &scene);
         if field.empty_voxels() > 0 {
             tracing::warn!(step = number, voxels = field.empty_voxels(), "NaN or infinite voxels, drawn as empty");

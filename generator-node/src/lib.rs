@@ -25,7 +25,11 @@ use tokio::net::TcpListener;
 /// # Errors
 /// If the transport fails.
 pub async fn run(config: Config, backend: Backend, listener: TcpListener, shutdown: Shutdown) -> Result<(), NodeError> {
-    let ingest = Arc::new(ingest::Ingest::new(config.memory_bytes, Duration::from_secs_f64(config.idle_secs)));
+    let ingest = Arc::new(ingest::Ingest::new(
+        config.memory_bytes,
+        Duration::from_secs_f64(config.idle_secs),
+        config.scene.clone(),
+    ));
     let publisher = Arc::new(publish::Publisher::new(config.history_bytes));
     let shared = Arc::new(cycle::Shared::new(
         config.params,
@@ -35,7 +39,7 @@ pub async fn run(config: Config, backend: Backend, listener: TcpListener, shutdo
         config.samples.clone(),
         publisher.clone(),
     ));
-    let cycle = tokio::spawn(cycle::run(ingest.clone(), shared.clone(), config.scene.clone(), config.reference_every));
+    let cycle = tokio::spawn(cycle::run(ingest.clone(), shared.clone(), config.reference_every));
 
     type Ingest = v1::ingest_server::IngestServer<ingest::IngestService>;
     type Frames = v1::frames_server::FramesServer<publish::FramesService>;

@@ -218,6 +218,16 @@ fn a_second_field_arrives_with_the_first_and_must_be_the_one_the_scene_asks_for(
     let message = refusal(open(named("pressure"), &color_field).map(drop));
     assert!(message.contains("\"pressure\"") && message.contains("\"temperature\""), "{message}");
 
+    // So does a node whose own scene asks for one.
+    let config = Config { scene: named("temperature"), ..Config::default() };
+    let other = Node::serve(any_port(), |listener| async {
+        lamina_generator_node::run(config, Backend::cpu(), listener, Box::pin(pending())).await.unwrap();
+    });
+    let message = refusal(Client::connect(options(&other.url())).map(drop));
+    assert!(message.contains("\"temperature\"") && message.contains("no second field"), "{message}");
+    let pushes = RunOptions { color_field: color_field.clone(), ..options(&other.url()) };
+    Client::connect(pushes).unwrap();
+
     let mut client = open(named("temperature"), &color_field).unwrap();
     let (density, heat) = (vec![1.0_f32; VOXELS], vec![7_u8; VOXELS]);
     let brick = Brick::new([0; 3], [SIDE; 3], &density);

@@ -197,6 +197,15 @@ fn a_second_field_colours_what_is_shown() {
     refused(&[&["generate"], &common[..], &volumes[..]].concat(), &["gas", "VDI"]);
     let tune = ["--contract", "size <= 90kB", "--representation", "volume"];
     refused(&[&["tune"], &common[..], &tune[..]].concat(), &["second field", "VDI"]);
+    refused(&[&["replay"], &common[..], &["--headless", "--representation", "volume"]].concat(), &["gas", "allow vdi"]);
+    // The example's own.
+    let live = ["live", "--terms", "tracer", "--cells", "24", "--headless", "--steps", "1"];
+    let untuned = ["--resolution", "32", "--gamma", "0.1"];
+    refused(&[&live[..], &untuned[..], &["--representation", "volume,vdi"]].concat(), &["blast gas", "allow vdi"]);
+    let out = text(&folder.path().join("live"));
+    lamina(&[&live[..], &untuned[..], &["--out", &out]].concat());
+    let report = std::fs::read_to_string(Path::new(&out).join("report.html")).unwrap();
+    assert!(report.contains("density and blast gas of blast"));
 }
 
 #[test]

@@ -173,7 +173,7 @@ fn the_page_shows_the_newest_step_and_the_mouse_turns_it() {
     let points = "document.querySelector('#accuracy path.dot').getAttribute('d').split('M').length - 1";
     assert!(browser.js(points).as_u64() > Some(0), "steps are marked");
     // And what the tuner tried for it.
-    browser.wait_js("document.querySelector('#accuracy path.trial').getAttribute('d').split('M').length > 2");
+    browser.wait_js("document.querySelector('#accuracy path.trial').getAttribute('d').includes('M')");
 
     // A step chosen on the time line stays.
     browser.drag("#timeline", 0, 0);

@@ -43,13 +43,18 @@ impl Outputs {
         writeln!(csv, "{}", StepRow::CSV_HEADER).with_context(unwritable)?;
         let ([nx, ny, nz], kind) = (volume.grid().dims(), volume.voxels().voxel_type());
         let size = show_bytes(volume.size_bytes() as u64);
+        let second = volume.color_field().map_or_else(String::new, |(name, _)| format!(" and {name}"));
         Ok(Self {
             dir: dir.to_owned(),
             csv,
             steps,
             pictures: Vec::new(),
             title: format!("{}: {}", source.name(), source.field()),
-            source: format!("{} of {}, {nx} x {ny} x {nz} {kind} ({size} a step)", source.field(), source.name()),
+            source: format!(
+                "{}{second} of {}, {nx} x {ny} x {nz} {kind} ({size} a step)",
+                source.field(),
+                source.name()
+            ),
         })
     }
 

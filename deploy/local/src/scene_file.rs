@@ -14,7 +14,8 @@ struct SceneFile {
     #[serde(default)]
     background: [f32; 3],
     step_voxels: Option<f64>,
-    effects: Option<Effects>,
+    #[serde(default)]
+    effects: Effects,
 }
 
 /// The scene in `file`, completed for `volumes`, or all of it chosen for them.
@@ -33,7 +34,7 @@ pub fn scene_for(file: Option<&Path>, volumes: &[&Volume]) -> anyhow::Result<Sce
             camera: stated.camera.map_or_else(|| suggest::suggest_camera(&first.grid().bounds()), Ok)?,
             background: stated.background,
             step_voxels: stated.step_voxels.unwrap_or(GenerationParams::DEFAULT_STEP_VOXELS),
-            effects: stated.effects.map_or_else(|| suggest::suggest_effects(volumes), Ok)?,
+            effects: if file.is_some() { stated.effects } else { suggest::suggest_effects(volumes)? },
         }
         .check()
     };

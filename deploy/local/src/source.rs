@@ -29,6 +29,9 @@ pub trait Source {
 /// The built-in blast.
 pub struct Example {
     simulation: Simulation,
+    /// Its own threads, as a simulation beside the nodes has: in theirs, all of the nodes' work would wait behind each of its
+    /// sweeps.
+    threads: rayon::ThreadPool,
     started: bool,
     elapsed: f64,
     scene: Scene,
@@ -51,7 +54,8 @@ impl Example {
             Some(file) => scene_for(Some(file), &[&shown(&simulation)?])?,
             None => example_scene(&simulation)?,
         };
-        Ok(Self { simulation, started: false, elapsed: 0.0, scene })
+        let threads = rayon::ThreadPoolBuilder::new().build()?;
+        Ok(Self { simulation, threads, started: false, elapsed: 0.0, scene })
     }
 }
 
@@ -116,7 +120,8 @@ impl Source for Example {
                 self.elapsed += self.simulation.time();
                 self.simulation = Simulation::new(self.simulation.config().reseeded())?;
             }
-            self.simulation.advance();
+            let simulation = &mut self.simulation;
+            self.threads.install(|| simulation.advance());
         }
         self.started = true;
         Ok(Some((self.elapsed + self.simulation.time(), shown(&self.simulation)?)))

@@ -4,10 +4,10 @@ use crate::cli;
 use crate::nodes::{Nodes, Setup, Tuning};
 use crate::outputs::Outputs;
 use crate::source::{Example, Recorded, Source, read_options};
-use anyhow::{Context, ensure};
+use anyhow::{Context, bail, ensure};
 use indicatif::{ProgressBar, ProgressStyle};
 use lamina_client::{Brick, Client, ClientError, FullPolicy, RunOptions};
-use lamina_model::{GenerationParams, Scene, Volume};
+use lamina_model::{GenerationParams, Representation, Scene, Volume};
 use lamina_tuner::Contract;
 use lamina_tuner::units::show_bytes;
 use lamina_viz_node::store::StepRow;
@@ -106,14 +106,24 @@ fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume) -> anyhow::Result
         // Without a viewer every step waits for its tuning.
         budget: if options.headless { 1.0 } else { lamina_tuner::Config::default().budget },
     };
-    let voxels = volume.grid().voxels() as u64;
+    let untuned = fixed.and(options.representation.first());
+    let vdis =
+        untuned.map_or_else(|| options.representation.contains(&Representation::Vdi), |r| *r == Representation::Vdi);
+    if let Some(second) = scene.effects.color_field.as_ref().filter(|_| !vdis) {
+        bail!(
+            "--representation: a reduced volume holds one field, and colours come from \"{}\"; allow vdi",
+            second.name
+        );
+    }
+    // In work, each field and its colours take four bytes a voxel.
+    let voxels = volume.grid().voxels() as u64 * (1 + u64::from(volume.color_field().is_some()));
     Ok(Setup {
         viewer: if options.headless { SocketAddr::from((Ipv4Addr::LOCALHOST, 0)) } else { options.viewer },
         store: options.out.as_ref().map(|dir| dir.join("vdi")),
         backend: options.backend,
         angles_deg,
         // Room for two waiting steps: more would only show the past.
-        memory_bytes: 4 * volume.size_bytes() as u64 + 24 * voxels + (1 << 20),
+        memory_bytes: 4 * volume.size_bytes() as u64 + 12 * voxels + (1 << 20),
         params: GenerationParams::new(resolution, gamma)?
             .with_step_voxels(scene.step_voxels)?
             .with_representation(options.representation.first().copied().unwrap_or_default()),

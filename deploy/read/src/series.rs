@@ -109,18 +109,20 @@ impl Series {
     /// # Errors
     /// If there is no such array, it lies on other points, or it cannot be read.
     pub fn with_color_field(&self, index: usize, name: &str, volume: Volume) -> Result<Volume, ReadError> {
-        let (path, reason) = match self.steps.get(index).map(|s| &s.source) {
-            Some(Source::Vti(path)) => {
-                let second = vti::read(path, Some(name))?;
-                if second.grid() == volume.grid() {
-                    let (_, voxels, _) = second.into_parts();
-                    return volume.with_color_field(name, voxels).map_err(|e| ReadError::grid(path, e));
-                }
-                (path, format!("array \"{name}\" lies on other points than \"{}\"", self.field))
-            }
-            _ => (&self.path, format!("there is no array \"{name}\": a .vti can hold several")),
+        if name == self.field {
+            let itself = volume.voxels().clone();
+            return volume.with_color_field(name, itself).map_err(|e| ReadError::grid(&self.path, e));
+        }
+        let Some(Source::Vti(path)) = self.steps.get(index).map(|s| &s.source) else {
+            let what = format!("a second field, \"{name}\"");
+            return Err(ReadError::unsupported(&self.path, what, "a .vti can hold several arrays"));
         };
-        Err(ReadError::Field { path: path.clone(), reason, present: self.field.clone() })
+        let second = vti::read(path, Some(name))?;
+        if second.grid() != volume.grid() {
+            let what = format!("array \"{name}\" on other points than \"{}\"", self.field);
+            return Err(ReadError::unsupported(path, what, "write both as point data, or both as cell data"));
+        }
+        volume.with_color_field(name, second.into_parts().1).map_err(|e| ReadError::grid(path, e))
     }
 }
 

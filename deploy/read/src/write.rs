@@ -11,14 +11,14 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-/// Bytes packed at a time: large enough for zlib to find its matches, small enough to be held twice.
+/// Bytes packed at a time: large enough for zlib to find its matches.
 const BLOCK_BYTES: usize = 1 << 18;
 
 /// Writes `volume` as VTK image data, its scalars a point array named `field`, a second field one more: zlib blocks, appended
-/// raw, little-endian.
+/// raw, little-endian. What is packed is held in memory until all is.
 ///
 /// # Errors
-/// If the file cannot be written.
+/// If the file cannot be written, or both fields have one name.
 pub fn write_vti(path: &Path, volume: &Volume, field: &str) -> Result<(), ReadError> {
     image_data(path, volume, field).map_err(|source| ReadError::Write { path: path.into(), source })
 }
@@ -42,6 +42,9 @@ pub fn write_pvd(path: &Path, entries: &[(f64, String)]) -> Result<(), ReadError
 
 fn image_data(path: &Path, volume: &Volume, field: &str) -> io::Result<()> {
     let second = volume.color_field();
+    if second.is_some_and(|(name, _)| name == field) {
+        return Err(invalid(format!("two arrays cannot both be called \"{field}\"")));
+    }
     let mut arrays = String::new();
     let mut data = Vec::new();
     for (name, voxels) in std::iter::once((field, volume.voxels())).chain(second) {

@@ -66,6 +66,10 @@ fn a_second_array_is_read_as_the_color_field_and_a_missing_one_is_named() {
     fs::write(&raw, [7; 24]).unwrap();
     let alone = open(&raw).with_color_field(0, "T", first).unwrap_err().to_string();
     assert!(alone.contains("\"T\"") && alone.contains(".vti"), "{alone}");
+    let itself = series.with_color_field(0, "rho", series.read(0).unwrap()).unwrap();
+    assert_eq!(itself.color_field(), Some(("rho", itself.voxels())));
+    let twice = write_vti(&path, &itself, "rho").unwrap_err();
+    assert!(format!("{twice:?}").contains("rho"), "{twice:?}");
 }
 
 #[test]

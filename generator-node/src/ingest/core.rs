@@ -3,7 +3,7 @@
 //! Memory is decided before a byte is copied: a step is admitted with its whole grid's bytes or not at all.
 
 use super::{Brick, assembly::Assembly, brick};
-use lamina_model::{Grid, Invalid, Scene, Volume, VoxelType};
+use lamina_model::{ColorField, Grid, Invalid, Scene, Volume, VoxelType};
 use lamina_wire::v1::FullPolicy;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::{Duration, Instant};
@@ -26,7 +26,7 @@ pub struct RunSpec {
     pub ranks: u32,
     /// What happens when memory is full.
     pub full_policy: FullPolicy,
-    /// How to show it, if the simulation says.
+    /// How to show it, if the simulation or the node's configuration says.
     pub scene: Option<Scene>,
 }
 
@@ -423,22 +423,16 @@ fn check_spec(spec: &RunSpec, rank: u32, memory_bytes: u64) -> Result<(), Status
         )));
     }
     let second = spec.color_field.as_ref().map(|(name, _)| name.as_str());
-    if second.is_some_and(|name| name.is_empty() || name.len() > 200) {
-        return Err(Status::invalid_argument("the color field's name must have 1 to 200 bytes"));
-    }
-    if let Some(asked) = spec.scene.as_ref().and_then(|s| s.effects.color_field.as_ref())
-        && second != Some(asked.name.as_str())
-    {
-        let (asked, pushed) = (&asked.name, second.map_or("none".to_owned(), |name| format!("\"{name}\"")));
-        return Err(Status::invalid_argument(format!(
-            "the scene takes colours from \"{asked}\", but the run's second field is {pushed}; name it in color_field of the run's options"
-        )));
-    }
+    let named = second.map_or(Ok(()), ColorField::check_name);
+    named.map_err(|e| lamina_wire::invalid(&e))?;
+    let shown = spec.scene.as_ref().map_or(Ok(()), |scene| scene.check_second_field(second));
+    shown.map_err(|e| lamina_wire::invalid(&e))?;
     let need = spec.step_bytes().saturating_add(spec.working_bytes());
     if need > memory_bytes {
         let dims = spec.grid.dims();
+        let second = spec.color_field.as_ref().map_or_else(String::new, |(_, t)| format!(" and {t}"));
         return Err(Status::resource_exhausted(format!(
-            "a grid of {dims:?} {} voxels needs {need} bytes, this generator-node has {memory_bytes}; raise memory_bytes in its configuration",
+            "a grid of {dims:?} {}{second} voxels needs {need} bytes, this generator-node has {memory_bytes}; raise memory_bytes in its configuration",
             spec.voxel_type
         )));
     }

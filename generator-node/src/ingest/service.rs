@@ -2,7 +2,7 @@
 
 use super::{Admit, CompleteStep, Core, Offer, RunSpec};
 use futures::{Stream, StreamExt};
-use lamina_model::{Invalid, VoxelType};
+use lamina_model::{Invalid, Scene, VoxelType};
 use lamina_wire::v1::{self, ingest_server, push_part::Part};
 use lamina_wire::{chunks::CHUNK_BYTES, invalid, required};
 use std::pin::Pin;
@@ -14,14 +14,17 @@ use tonic::{Request, Response, Status, Streaming};
 /// Ingest state shared by all connections and the cycle.
 pub struct Ingest {
     core: Mutex<Core>,
+    /// How runs that do not say are shown.
+    default_scene: Option<Scene>,
     room: Notify,
     ready: Notify,
 }
 
 impl Ingest {
     /// Empty state.
-    pub fn new(memory_bytes: u64, idle: Duration) -> Self {
-        Self { core: Mutex::new(Core::new(memory_bytes, idle)), room: Notify::new(), ready: Notify::new() }
+    pub fn new(memory_bytes: u64, idle: Duration, default_scene: Option<Scene>) -> Self {
+        let core = Mutex::new(Core::new(memory_bytes, idle));
+        Self { core, default_scene, room: Notify::new(), ready: Notify::new() }
     }
 
     /// The state; a panic elsewhere leaves it whole, because no method of it panics between two changes.
@@ -131,7 +134,8 @@ async fn take_brick(
 impl ingest_server::Ingest for IngestService {
     async fn open(&self, request: Request<v1::OpenRequest>) -> Result<Response<v1::OpenReply>, Status> {
         let request = request.into_inner();
-        let spec = spec_from(&request).map_err(|e| invalid(&e))?;
+        let mut spec = spec_from(&request).map_err(|e| invalid(&e))?;
+        spec.scene = spec.scene.or_else(|| self.0.default_scene.clone());
         let fresh = fresh_run_id(&spec.name);
         let resume = check_run_id(&request.resume_run_id)?;
         let run_id = self.0.core().open(spec, request.rank, resume, fresh, Instant::now())?;
@@ -181,7 +185,8 @@ fn spec_from(r: &v1::OpenRequest) -> Result<RunSpec, Invalid> {
 }
 
 fn second_field(f: &v1::SecondField) -> Result<(String, VoxelType), Invalid> {
-    Ok((f.name.clone(), f.voxel_type().try_into()?))
+    let voxel_type = f.voxel_type().try_into();
+    Ok((f.name.clone(), voxel_type.map_err(|e: Invalid| Invalid::new("color_field.voxel_type", e.reason))?))
 }
 
 /// Name and time: sorts by age, unique per machine and run, and safe as a folder's name.

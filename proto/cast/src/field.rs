@@ -63,7 +63,7 @@ pub(super) use for_stored;
 
 impl Field {
     /// Maps `volume` into the range of the scene's transfer function, and finds what the function leaves empty. A second
-    /// field is kept if the scene asks for one of that name ([`Scene::check_fields`]).
+    /// field is kept if the scene asks for one of that name ([`Scene::check_second_field`]).
     pub fn new(volume: Volume, scene: &Scene) -> Self {
         let (grid, voxels, second) = volume.into_parts();
         let range = scene.transfer.range();

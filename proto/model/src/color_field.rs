@@ -48,9 +48,7 @@ impl ColorField {
     /// # Errors
     /// If it has no name, no point or too many, or one out of bounds or order.
     pub fn check(&self) -> Result<(), Invalid> {
-        if self.name.is_empty() || self.name.len() > 200 {
-            return Err(Invalid::new("effects.color_field.name", "must have 1 to 200 bytes"));
-        }
+        Self::check_name(&self.name)?;
         let (n, most) = (self.points.len(), Self::MOST_POINTS);
         if n == 0 || n > most {
             return Err(Invalid::new("effects.color_field.points", format!("{n} given; one to {most} are needed")));
@@ -61,13 +59,23 @@ impl ColorField {
                 return Err(Invalid::new("effects.color_field.points", reason));
             }
         }
-        if let Some(w) = self.points.windows(2).find(|w| w[1].at - w[0].at < Self::NEAREST_POINTS) {
+        let near = |w: &&[ColorPoint]| w[1].at - w[0].at < 0.999 * Self::NEAREST_POINTS;
+        if let Some(w) = self.points.windows(2).find(near) {
             let (a, b) = (w[0].at, w[1].at);
             let reason =
                 format!("{b} follows {a}; list them by ascending `at`, {} or more apart", Self::NEAREST_POINTS);
             return Err(Invalid::new("effects.color_field.points", reason));
         }
         Ok(())
+    }
+
+    /// Passes a name that a second field may have.
+    ///
+    /// # Errors
+    /// If it is empty or long.
+    pub fn check_name(name: &str) -> Result<(), Invalid> {
+        let fits = (1..=200).contains(&name.len());
+        if fits { Ok(()) } else { Err(Invalid::new("color_field.name", "must have 1 to 200 bytes")) }
     }
 
     /// The colour at position `u` of the range; of a field that has been checked.
@@ -93,6 +101,7 @@ mod tests {
 
     #[test]
     fn colours_are_linear_between_corners_and_constant_beyond() {
+        field(&[0.3, 0.3001]).check().unwrap();
         let f = field(&[0.25, 0.5, 1.0]);
         f.check().unwrap();
         for (u, red) in [(-1e30, 0.25), (0.25, 0.25), (0.375, 0.375), (0.5, 0.5), (0.875, 0.875), (7.0, 1.0)] {
@@ -104,7 +113,7 @@ mod tests {
     #[test]
     fn maps_that_cannot_be_drawn_are_refused_by_name() {
         let thing = |f: ColorField| f.check().unwrap_err().thing;
-        assert_eq!(thing(ColorField { name: String::new(), ..field(&[0.0]) }), "effects.color_field.name");
+        assert_eq!(thing(ColorField { name: String::new(), ..field(&[0.0]) }), "color_field.name");
         let many: Vec<f64> = (0..17).map(|n| f64::from(n) / 16.0).collect();
         for at in [&[][..], &many, &[0.5, 0.5], &[0.5, 0.4], &[-0.1], &[f64::NAN]] {
             assert_eq!(thing(field(at)), "effects.color_field.points", "{at:?}");

@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 /// The effects of a scene; none of them by default.
 ///
 /// For each step of a ray, in this order: clipping cuts the step, the transfer function is applied to its middle or
-/// integrated over it, a second field gives the colour there, isosurfaces are met inside it, light is applied to both, then the depth cue.
+/// integrated over it, a second field gives the colour there, isosurfaces are met inside it, light is applied to both, then
+/// the depth cue.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Effects {

@@ -18,8 +18,8 @@ impl ReducedVolume {
     /// Positions in the range of the scene's transfer function, `units`, on `grid`, x fastest.
     ///
     /// # Errors
-    /// If there are not as many as sample points, one is not finite, or the scene's opacities refer to no stated length:
-    /// to what one voxel was, another grid does not tell.
+    /// If there are not as many as sample points, one is not finite, colours are to come from a second field, or the scene's
+    /// opacities refer to no stated length: to what one voxel was, another grid does not tell.
     pub fn new(grid: Grid, scene: Scene, params: GenerationParams, units: Vec<f32>) -> Result<Self, Invalid> {
         if units.len() != grid.voxels() {
             let reason = format!("{} values given, a grid of {:?} needs {}", units.len(), grid.dims(), grid.voxels());
@@ -30,6 +30,10 @@ impl ReducedVolume {
         }
         if scene.transfer.stated_unit_length().is_none() {
             return Err(Invalid::new("transfer.unit_length", "must be stated in a reduced volume"));
+        }
+        if scene.effects.color_field.is_some() {
+            let reason = "a reduced volume holds one field; colours cannot come from a second";
+            return Err(Invalid::new("effects.color_field", reason));
         }
         Ok(Self { grid, scene: scene.check()?, params, units: Arc::new(units) })
     }

@@ -1,6 +1,6 @@
 //! What is looked at and how: the paper's S_A.
 
-use crate::{Camera, Effects, GenerationParams, Grid, Invalid, TransferFunction, Volume};
+use crate::{Camera, ColorField, Effects, GenerationParams, Grid, Invalid, TransferFunction};
 use serde::{Deserialize, Serialize};
 
 /// Transfer function, generation camera, background, sampling step and effects. The paper's S_A.
@@ -43,18 +43,19 @@ impl Scene {
         Ok(self)
     }
 
-    /// Passes a volume that has the second field that colours are to come from, if they are.
+    /// Passes data whose second field, of that name, is the one that colours are to come from, if they are.
     ///
     /// # Errors
     /// If it has none, or one of another name.
-    pub fn check_fields(&self, volume: &Volume) -> Result<(), Invalid> {
-        let Some(asked) = &self.effects.color_field else { return Ok(()) };
-        let name = &asked.name;
-        let reason = match volume.color_field() {
-            Some((given, _)) if given == name => return Ok(()),
-            Some((given, _)) => format!("the scene asks for \"{name}\", the data's second field is \"{given}\""),
-            None => format!("the scene asks for \"{name}\", the data has no second field"),
+    pub fn check_second_field(&self, given: Option<&str>) -> Result<(), Invalid> {
+        let Some(ColorField { name, .. }) = &self.effects.color_field else { return Ok(()) };
+        let has = match given {
+            Some(given) if given == name => return Ok(()),
+            Some(given) => format!("the data's second field is \"{given}\""),
+            None => "the data has no second field".to_owned(),
         };
+        let reason =
+            format!("the scene takes colours from \"{name}\", but {has}; push that field too, or change the scene");
         Err(Invalid::new("effects.color_field", reason))
     }
 

@@ -58,17 +58,14 @@ impl ScalarRange {
     /// If the ends are not finite, not `lo < hi`, or under [`Scale::Log10`] not positive or without different logarithms.
     pub fn new(lo: f64, hi: f64, scale: Scale) -> Result<Self, Invalid> {
         if !(lo.is_finite() && hi.is_finite() && lo < hi && (hi - lo).is_finite()) {
-            return Err(Invalid::new(
-                "transfer.range",
-                format!("{lo} to {hi} must be two finite numbers, the lower first"),
-            ));
+            return Err(Invalid::new("range", format!("{lo} to {hi} must be two finite numbers, the lower first")));
         }
         if scale == Scale::Log10 && lo <= 0.0 {
-            return Err(Invalid::new("transfer.range", format!("log10 needs a positive lower end, not {lo}")));
+            return Err(Invalid::new("range", format!("log10 needs a positive lower end, not {lo}")));
         }
         if scale == Scale::Log10 && hi.ln() <= lo.ln() {
             let text = format!("the logarithms of {lo} and {hi} are the same in double precision; use a linear scale");
-            return Err(Invalid::new("transfer.range", text));
+            return Err(Invalid::new("range", text));
         }
         Ok(Self { lo, hi, scale })
     }

@@ -56,7 +56,8 @@ impl TryFrom<v1::ColorField> for ColorField {
         let scale = if f.log10 { Scale::Log10 } else { Scale::Linear };
         let point = |p: v1::ColorPoint| ColorPoint { at: p.at, color: [p.red, p.green, p.blue] };
         Ok(Self {
-            range: ScalarRange::new(f.lo, f.hi, scale)?,
+            range: ScalarRange::new(f.lo, f.hi, scale)
+                .map_err(|e| Invalid::new("effects.color_field.range", e.reason))?,
             points: f.points.into_iter().map(point).collect(),
             name: f.name,
         })

@@ -5,7 +5,7 @@
 use glam::DVec3;
 use lamina_model::{
     Camera, ControlPoint, Effects, GenerationParams, Grid, Intermediate, ReducedVolume, Representation, ScalarRange,
-    Scale, Scene, TransferFunction, effects::Isosurface, effects::Shading,
+    Scale, Scene, TransferFunction, effects::ColorField, effects::Isosurface, effects::Shading,
 };
 use lamina_wire::codec::{CodecError, DecodeLimits, decode_any, encode_any, volume};
 use proptest::prelude::*;
@@ -34,6 +34,16 @@ fn reduced(effects: Effects, unit: impl Fn(DVec3) -> f32) -> ReducedVolume {
         |n: usize| DVec3::new((n % DIMS[0]) as f64, (n / DIMS[0] % DIMS[1]) as f64, (n / DIMS[0] / DIMS[1]) as f64);
     let params = GenerationParams::new(23, BOUND).unwrap().with_representation(Representation::Volume);
     ReducedVolume::new(grid, scene(effects), params, (0..grid.voxels()).map(|n| unit(at(n))).collect()).unwrap()
+}
+
+#[test]
+fn colours_of_a_second_field_are_refused() {
+    let whole = reduced(Effects::default(), |_| 0.5);
+    let range = ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap();
+    let second = ColorField { name: "T".into(), range, points: ColorField::cool_to_warm() };
+    let scene = scene(Effects { color_field: Some(second), ..Effects::default() });
+    let refused = ReducedVolume::new(*whole.grid(), scene, *whole.params(), whole.units().to_vec()).unwrap_err();
+    assert_eq!(refused.thing, "effects.color_field");
 }
 
 /// A ball that shows, in noise that does not.

@@ -14,6 +14,8 @@ use std::time::Duration;
 struct Response {
     /// Bytes of volumes are more than those of VDIs by this power of two.
     dearer: i32,
+    /// No volume can stand for the step.
+    irreducible: bool,
     measured: usize,
     marches: usize,
     batches: usize,
@@ -47,7 +49,7 @@ impl Trial for Response {
         16
     }
     fn longest_side(&self) -> u32 {
-        512
+        if self.irreducible { 0 } else { 512 }
     }
     async fn sizes(&mut self, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {
         self.marches += 1;
@@ -98,6 +100,16 @@ async fn a_few_trials_find_what_thirteen_hundred_find() {
         assert!(response.measured <= 24 && response.marches == 1, "{text}: {} trials", response.measured);
         assert_eq!(row.measured.quality.batches(), 16, "{text}: the winner is measured on all pixels");
     }
+}
+
+#[tokio::test]
+async fn where_no_volume_can_stand_for_the_step_none_is_tried() {
+    let base = GenerationParams::new(1, 0.0).unwrap();
+    let mut response = Response { irreducible: true, ..Response::default() };
+    let all = candidates(&mut response, &Representation::ALL, &Grid::paper(), &base).await.unwrap();
+    assert_eq!(all, papers());
+    let none = candidates(&mut response, &[Representation::Volume], &Grid::paper(), &base).await.unwrap_err();
+    assert!(none.to_string().contains("second field") && none.to_string().contains("allow VDIs"), "{none}");
 }
 
 #[tokio::test]

@@ -11,9 +11,9 @@ use crate::parts::{open, prepare};
 use crate::report::numbers::significant;
 use crate::report::panel::{CLASSES, Line, file, panel};
 use crate::study::sample_plan;
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use curve::{Curve, Sample, difference};
-use lamina_cast::{Backend, Field};
+use lamina_cast::{Backend, Field, most_points};
 use lamina_model::{GenerationParams, Intermediate, ReferenceSamples, Representation, Segmentation};
 use lamina_tuner::units::show_bytes;
 use lamina_viz_node::kernel::{self as viz, Detail, Prepared};
@@ -112,13 +112,21 @@ impl Bench {
 /// `lamina rd`.
 pub fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
     let (volume, scene) = open(&arguments.input)?;
+    ensure!(
+        arguments.beside.is_none() || scene.effects.color_field.is_none(),
+        "--beside: other codings hold one field, and this scene takes its colours from a second; leave one of the two out"
+    );
     let (backend, viewer) = (Backend::open(arguments.input.backend)?, viz::Backend::open(arguments.input.backend)?);
     let field = prepare(volume, &scene);
     let reference = backend.reference_samples(&field, &sample_plan(), arguments.input.time_step as u64)?;
     let bench = Bench { field, backend, viewer, reference };
     let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
     let mut curves = bench.vdis(&base)?;
-    curves.extend(bench.volumes(&base)?);
+    if most_points(&bench.field) > 0 {
+        curves.extend(bench.volumes(&base)?);
+    } else {
+        println!("no reduced volume can stand for this: voxels are missing, or colours come from a second field");
+    }
     if let Some(table) = &arguments.beside {
         curves.extend(beside::curves(table, &bench)?);
     }

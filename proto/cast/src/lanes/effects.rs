@@ -169,7 +169,9 @@ impl<L: Lanes, V: Pair> Source<L> for WithEffects<'_, L, V> {
         } else if !shown.any() {
             return None;
         }
-        self.own_color(packet.at(middle), &mut color);
+        if s(0.0).lt(depth).any() {
+            self.own_color(packet.at(middle), &mut color);
+        }
         self.light_and_surfaces(packet, [from, length], ends, live, &mut color, &mut depth);
         let unit = exact_opacity::<L>(depth * s(table.unit_steps).div(length));
         let shown = live & s(0.0).lt(unit);

@@ -68,7 +68,6 @@ fn fields(effects: &Effects) -> Vec<Field> {
         effects.isosurfaces.iter_mut().for_each(|s| s.value *= hi);
         let scene = Scene { effects, ..plain.scene().clone() }.check().unwrap();
         let volume = Volume::new(*plain.grid(), voxels).unwrap().with_color_field("second", second).unwrap();
-        scene.check_fields(&volume).unwrap();
         Field::new(volume, &scene)
     };
     vec![with(u8s, 255.0, whole), with(f32s, 1.0, torn)]
