@@ -32,7 +32,8 @@ pub struct Counters {
 
 /// Measures quality and keeps results.
 pub struct Meter {
-    store: Arc<Store>,
+    /// Where live steps are recorded.
+    pub store: Arc<Store>,
     /// What draws.
     pub backend: Backend,
     limits: DecodeLimits,

@@ -136,6 +136,7 @@ impl quality_server::Quality for QualityService {
         let quality = tokio::task::spawn_blocking(work).await.map_err(|e| Status::internal(e.to_string()))?;
         let quality = quality.map_err(|e| lamina_wire::invalid(&e))?;
         self.0.trials.remember(&ready.frame, &quality);
+        self.0.store.tried();
         self.0.counters.trials.fetch_add(1, Ordering::Relaxed);
         Ok(Response::new((&quality).into()))
     }

@@ -125,10 +125,10 @@ function connect() {
     const row = JSON.parse(event.data);
     if (link.loading) link.arrivedWhileLoading.push(row);
     else upsert(row);
-    loadTrials();
     refresh();
   });
   events.addEventListener("run", load);
+  events.addEventListener("trial", loadTrials);
   events.onerror = () => {
     link.phase = "reconnecting";
     // The browser tries again by itself unless the answer was no event stream at all.

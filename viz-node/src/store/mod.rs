@@ -68,6 +68,8 @@ pub enum Event {
     Run(Run),
     /// A step was recorded.
     Step(StepRow),
+    /// A trial was measured.
+    Trial,
 }
 
 /// Steps kept decoded and prepared for drawing.
@@ -171,6 +173,11 @@ impl Store {
         drop(state);
         let _ = self.events.send(Event::Step(row));
         Ok(())
+    }
+
+    /// Tells pages that a trial was measured.
+    pub fn tried(&self) {
+        let _ = self.events.send(Event::Trial);
     }
 
     /// The current run.

@@ -101,6 +101,7 @@ async fn events(State(web): State<Web>) -> Sse<impl Stream<Item = Result<sse::Ev
         let (name, data) = match &event {
             Event::Run(run) => ("run", serde_json::to_string(run)),
             Event::Step(row) => ("step", serde_json::to_string(row)),
+            Event::Trial => ("trial", Ok("{}".to_owned())),
         };
         Ok(sse::Event::default().event(name).data(data.unwrap_or_default()))
     };
