@@ -11,7 +11,6 @@ use crate::{Field, count};
 use glam::DVec3;
 use lamina_lanes::{Floats, Ints, Lanes, Masks, Pair, SMALL, WIDTH, opacity, small_opacity};
 use lamina_model::Camera;
-use lamina_model::effects::ColorPoint;
 
 /// Where samples come from: from the transfer function alone, or with effects.
 pub trait Source<L: Lanes> {
@@ -45,8 +44,14 @@ pub struct Prepared<'a> {
     light: [f32; 3],
     /// Steps from the eye to where colours begin to fade, and how much they do in a step.
     cue: Option<(f64, f32)>,
-    /// The second field, and the corners of its map: position and colour.
-    colors: Option<(View<'a, f32>, Vec<(f32, [f32; 3])>)>,
+    colors: Option<Mapped<'a>>,
+}
+
+/// A second field, and how it maps to colour.
+struct Mapped<'a> {
+    view: View<'a, f32>,
+    /// Position and colour.
+    corners: Vec<(f32, [f32; 3])>,
 }
 
 /// [`Integral`] in single precision.
@@ -81,9 +86,9 @@ impl<'a> Prepared<'a> {
             gradient: (0.5 * field.grid().voxel_length() / (rows * field.grid().spacing())).as_vec3().to_array(),
             light: effects.light.as_vec3().to_array(),
             cue: effects.cue.map(|cue| (near / step_length, per_step(cue.strength))),
-            colors: effects.colors.as_ref().map(|colors| {
-                let corner = |p: &ColorPoint| (p.at as f32, p.color.map(|c| c as f32));
-                (View::scaled(field, &colors.units, table, [1.0, 0.0]), colors.points().iter().map(corner).collect())
+            colors: effects.colors.as_ref().map(|colors| Mapped {
+                view: View::scaled(field, &colors.units, table, [1.0, 0.0]),
+                corners: colors.points().iter().map(|p| (p.at as f32, p.color.map(|c| c as f32))).collect(),
             }),
         })
     }
@@ -188,14 +193,14 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
     /// The medium's colour at `p`, before light, where a second field gives it.
     #[inline(always)]
     fn own_color(&self, p: [L::F; 3], color: &mut [L::F; 3]) {
-        let Some((view, points)) = &self.prepared.colors else { return };
+        let Some(Mapped { view, corners }) = &self.prepared.colors else { return };
         count::color();
         let u = view.sample::<L>(p);
         // Fails for NaN.
         let there = L::F::splat(0.0).le(u.abs());
-        let mut before = points[0].0;
-        let mut mapped = points[0].1.map(L::F::splat);
-        for &(at, next) in &points[1..] {
+        let mut before = corners[0].0;
+        let mut mapped = corners[0].1.map(L::F::splat);
+        for &(at, next) in &corners[1..] {
             let w = (u - L::F::splat(before)) * L::F::splat((at - before).recip());
             let w = w.max(L::F::splat(0.0)).min(L::F::splat(1.0));
             for (mapped, next) in mapped.iter_mut().zip(next) {
