@@ -243,6 +243,15 @@ pub fn units(voxels: Voxels, range: &ScalarRange) -> Vec<f32> {
             v.par_iter_mut().for_each(|x| *x = range.unit_from_value((*x).into()));
             v
         }
+        other if range.scale() == Scale::Linear => {
+            // As `unit_from_value`, its question of the scale asked once.
+            let (lo, most) = (range.lo(), f64::from(ScalarRange::FARTHEST));
+            let unit = move |x: f64| {
+                let unit = ((x - lo) / width).clamp(-most, most) as f32;
+                if x.is_finite() { unit } else { f32::NAN }
+            };
+            for_voxels!(&other, v => v.par_iter().map(|&x| unit(x.into())).collect())
+        }
         other => for_voxels!(&other, v => v.par_iter().map(|&x| range.unit_from_value(x.into())).collect()),
     }
 }
