@@ -52,7 +52,7 @@ fn every_knob_is_measured_and_errors_fall_with_the_step() {
 
     let rows = table(&out.join("accuracy.csv"));
     let of = |knob: &str| -> Vec<&HashMap<String, String>> { rows.iter().filter(|r| r["knob"] == knob).collect() };
-    for knob in ["raycast_step", "midpoint_f64", "midpoint_f32", "preintegrated"] {
+    for knob in ["raycast_step", "raycast_step_integrated", "midpoint_f64", "midpoint_f32", "preintegrated"] {
         let db: Vec<f64> = of(knob).iter().map(|r| number(r, "psnr_db")).collect();
         assert_eq!(db.len(), 6, "{knob}");
         assert!(db.windows(2).all(|w| w[1] > w[0] + 5.0), "{knob}: {db:?} as the step falls");
@@ -60,12 +60,17 @@ fn every_knob_is_measured_and_errors_fall_with_the_step() {
         assert!((1.5..2.4).contains(&order), "{knob}: order {order}");
     }
     for (knob, count) in
-        [("step", 6), ("opacity_cutoff", 9), ("gamma", 8), ("resolution", 8), ("color_bits", 8), ("blended", 2)]
+        [("step", 6), ("step_integrated", 6), ("opacity_cutoff", 9), ("gamma", 8), ("resolution", 8), ("color_bits", 8), ("blended", 2)]
     {
         let rows = of(knob);
         assert_eq!(rows.len(), count, "{knob}");
         assert!(number(rows[count - 1], "psnr_db") > number(rows[0], "psnr_db") + 0.5, "{knob}: the finest is better");
         assert!(rows.iter().all(|r| number(r, "time_ms") > 0.0 && number(r, "max_error") >= number(r, "rms_error")));
+    }
+    // The product integrates in single precision, the plain integrator in double: the same method, the same curve.
+    for (product, plain) in of("raycast_step_integrated").iter().zip(of("preintegrated")).take(4) {
+        let apart = number(product, "psnr_db") - number(plain, "psnr_db");
+        assert!(product["pre_integrated"] == "true" && apart.abs() < 1.0, "{apart} dB at {}", product["value"]);
     }
     let resolution = of("resolution");
     assert!(resolution.windows(2).all(|w| number(w[1], "size_bytes") > number(w[0], "size_bytes")));

@@ -1,9 +1,9 @@
 //! How much light reaches each point: made once for a field, looked up by all kernels.
 //!
-//! Two values on a grid of half the field's resolution, at most 129 points a side: the transmittance towards the light, swept slice by slice away from
-//! it (each point takes what the slice before lets through, by the trapezoidal rule), and openness: the mean transmittance
-//! of two cells in all 26 directions. Shadows are as soft as that grid is coarse. Isosurfaces cast none, and what clipping takes away casts
-//! none either.
+//! On a grid of half the field's resolution, at most 129 points a side: for shadows the transmittance towards the light,
+//! swept slice by slice away from it (each point takes what the slice before lets through, by the trapezoidal rule), and
+//! for ambient occlusion openness: the mean transmittance of two cells in all 26 directions. Shadows are as soft as that
+//! grid is coarse. Isosurfaces cast none, and what clipping takes away casts none either.
 
 use super::field::trilinear;
 use glam::DVec3;
@@ -24,10 +24,10 @@ pub struct LightVolume {
     pub dims: [usize; 3],
     /// From units of sample points to its own.
     pub scale: [f64; 3],
-    /// Transmittance towards the light.
-    pub transmittance: Vec<f32>,
-    /// Openness.
-    pub openness: Vec<f32>,
+    /// Transmittance towards the light, if there are shadows.
+    pub transmittance: Option<Vec<f32>>,
+    /// Openness, if there is ambient occlusion.
+    pub openness: Option<Vec<f32>>,
 }
 
 /// The coarse grid being filled.
@@ -38,8 +38,8 @@ struct Coarse {
 }
 
 impl LightVolume {
-    /// The light of direction `light` (unit vector towards it; none: nothing is shadowed), and openness if it is `occluded`, on
-    /// `grid`, where `extinction` (at an index, per world length) is the field's.
+    /// Shadows of the light of direction `light` (unit vector towards it), if one is given, and openness if it is `occluded`,
+    /// on `grid`, where `extinction` (at an index, per world length) is the field's.
     pub fn new(grid: &Grid, light: Option<DVec3>, occluded: bool, extinction: impl Fn(DVec3) -> f64 + Sync) -> Self {
         let dims = grid.dims().map(|n| ((n - 1).div_ceil(2) + 1).clamp(2, MOST));
         let scale: [f64; 3] = std::array::from_fn(|a| (dims[a] - 1) as f64 / (grid.dims()[a] - 1).max(1) as f64);
@@ -54,16 +54,15 @@ impl LightVolume {
         let count = dims.iter().product();
         let extinction = (0..count).into_par_iter().map(|n| mean(point(n)) as f32).collect();
         let coarse = Coarse { dims, spacing: grid.spacing() * per_cell, extinction };
-        let open = |n: usize| if occluded { coarse.openness(coordinates(dims, n)) } else { 1.0 };
-        let openness = (0..count).into_par_iter().map(open).collect();
-        let transmittance = light.map_or_else(|| vec![1.0; count], |light| coarse.transmittance(light));
+        let open = |n: usize| coarse.openness(coordinates(dims, n));
+        let openness = occluded.then(|| (0..count).into_par_iter().map(open).collect());
+        let transmittance = light.map(|light| coarse.transmittance(light));
         Self { dims, scale, transmittance, openness }
     }
 
-    /// Transmittance and openness at `index`, in units of the field's sample points.
-    pub fn at(&self, index: DVec3) -> [f64; 2] {
-        let index = index * DVec3::from_array(self.scale);
-        [&self.transmittance, &self.openness].map(|values| trilinear(self.dims, values, index))
+    /// Its `values`, transmittance or openness, at `index` in units of the field's sample points.
+    pub fn at(&self, values: &[f32], index: DVec3) -> f64 {
+        trilinear(self.dims, values, index * DVec3::from_array(self.scale))
     }
 }
 
@@ -159,19 +158,20 @@ mod tests {
         let light = LightVolume::new(&grid, Some(DVec3::Z), true, |_| 0.3);
         for k in 0..=32 {
             let depth = 0.25 * f64::from(32 - k);
-            let [t, _] = light.at(DVec3::new(8.0, 4.0, f64::from(k)));
+            let t = light.at(light.transmittance.as_ref().unwrap(), DVec3::new(8.0, 4.0, f64::from(k)));
             // Linear between points half a unit apart: off by (0.3 / 2)^2 / 8 of the value at most.
             assert!((t / (-0.3 * depth).exp() - 1.0).abs() < 2.9e-3, "{k}: {t}");
         }
         let slanted = LightVolume::new(&grid, Some(DVec3::new(3.0, 0.0, 4.0) / 5.0), false, |_| 0.3);
-        let [t, _] = slanted.at(DVec3::new(0.0, 4.0, 28.0));
+        assert!(slanted.openness.is_none());
+        let t = slanted.at(slanted.transmittance.as_ref().unwrap(), DVec3::new(0.0, 4.0, 28.0));
         assert!((t - (-0.3 * 1.0 / 0.8_f64).exp()).abs() < 5e-3, "{t}");
         let cell = DVec3::new(1.0, 2.0, 0.5);
         let directions = (0..27)
             .filter(|&n| n != 13)
             .map(|n| DVec3::new((n % 3) as f64 - 1.0, (n / 3 % 3) as f64 - 1.0, (n / 9) as f64 - 1.0));
         let expected = directions.map(|d| (-0.3 * 2.0 * (d * cell).length()).exp()).sum::<f64>() / 26.0;
-        let [_, open] = light.at(DVec3::new(8.0, 4.0, 16.0));
+        let open = light.at(light.openness.as_ref().unwrap(), DVec3::new(8.0, 4.0, 16.0));
         assert!((open - expected).abs() < 1e-6, "{open} {expected}");
     }
 }

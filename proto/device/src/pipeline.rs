@@ -22,7 +22,7 @@ const fn buffer(ty: BufferBindingType) -> BindingType {
 /// All to be called inside [`Gpu::run`].
 impl Gpu {
     /// WGSL, compiled.
-    pub fn module(&self, label: &str, source: &'static str) -> ShaderModule {
+    pub fn module(&self, label: &str, source: &str) -> ShaderModule {
         let source = ShaderSource::Wgsl(source.into());
         self.device().create_shader_module(ShaderModuleDescriptor { label: Some(label), source })
     }

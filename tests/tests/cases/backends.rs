@@ -34,11 +34,16 @@ pub fn casters() -> Vec<Caster> {
 }
 
 impl Caster {
+    /// As its rows are called: "R" and its kind.
     pub fn name(&self) -> String {
+        format!("R {}", self.kind())
+    }
+
+    pub fn kind(&self) -> String {
         match self {
-            Self::Scalar => "R scalar".to_owned(),
-            Self::Lanes(level) => format!("R lanes {level:?}"),
-            Self::Gpu(_) => "R gpu".to_owned(),
+            Self::Scalar => "scalar".to_owned(),
+            Self::Lanes(level) => format!("lanes {level:?}"),
+            Self::Gpu(_) => "gpu".to_owned(),
         }
     }
 
@@ -101,11 +106,16 @@ pub fn drawers() -> Vec<Drawer> {
 }
 
 impl Drawer {
+    /// As its rows are called: "I" and its kind.
     pub fn name(&self) -> String {
+        format!("I {}", self.kind())
+    }
+
+    pub fn kind(&self) -> String {
         match self {
-            Self::Scalar => "I scalar".to_owned(),
-            Self::Lanes(level) => format!("I lanes {level:?}"),
-            Self::Gpu(_) => "I gpu".to_owned(),
+            Self::Scalar => "scalar".to_owned(),
+            Self::Lanes(level) => format!("lanes {level:?}"),
+            Self::Gpu(_) => "gpu".to_owned(),
         }
     }
 

@@ -53,5 +53,5 @@ impl Table {
 }
 
 fn row([case, stage, backend, error, tolerance]: [&str; 5]) -> String {
-    format!("{case:<52} {stage:<10} {backend:<16} {error:>9} {tolerance:>9}")
+    format!("{case:<52} {stage:<10} {backend:<26} {error:>9} {tolerance:>9}")
 }

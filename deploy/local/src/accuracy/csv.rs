@@ -5,7 +5,7 @@ use super::curve::{Convergence, Knob, Point, Price};
 use anyhow::Context;
 use std::path::Path;
 
-const HEADER: &str = "knob,value,source,step_voxels,opacity_cutoff,gamma,resolution,psnr_db,rms_error,max_error,alone_db,\
+const HEADER: &str = "knob,value,source,pre_integrated,step_voxels,opacity_cutoff,gamma,resolution,psnr_db,rms_error,max_error,alone_db,\
     time_ms,encode_ms,draw_ms,size_bytes,ms_per_db,kb_per_db,order,level_from\n";
 
 /// Writes it.
@@ -31,6 +31,7 @@ fn line(knob: Option<&Knob>, p: &Point, price: Price, convergence: Convergence) 
         knob.map_or("combined", |k| k.key).to_owned(),
         knob.map_or_else(String::new, |_| p.value.to_string()),
         knob.map_or("vdi", |k| k.source.name()).to_owned(),
+        p.pre_integrated.to_string(),
         of(p.params.map(|p| p.step_voxels())),
         of(p.params.map(|p| p.opacity_cutoff())),
         of(p.params.map(|p| p.gamma())),

@@ -62,6 +62,8 @@ pub struct Point {
     pub value: f64,
     /// With what the VDI was generated, if one was.
     pub params: Option<GenerationParams>,
+    /// Whether the product integrated the transfer function over each step.
+    pub pre_integrated: bool,
     /// Against the converged reference.
     pub error: Error,
     /// Against the knob's finest value: what the knob itself adds.
@@ -79,8 +81,8 @@ pub struct Point {
 impl Point {
     /// What was measured of `value`, with nothing stored.
     pub fn new(value: f64, error: Error, time_ms: f64) -> Self {
-        let (params, alone, encode_ms, draw_ms, size_bytes) = Default::default();
-        Self { value, params, error, alone, time_ms, encode_ms, draw_ms, size_bytes }
+        let (params, pre_integrated, alone, encode_ms, draw_ms, size_bytes) = Default::default();
+        Self { value, params, pre_integrated, error, alone, time_ms, encode_ms, draw_ms, size_bytes }
     }
     /// PSNR against the converged reference.
     pub fn decibels(&self) -> f64 {

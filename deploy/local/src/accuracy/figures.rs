@@ -77,7 +77,8 @@ pub fn setting(p: &Point) -> String {
         other => format!(", cut-off {}", significant(other, 5)),
     };
     let (r, gamma, step) = (params.resolution(), significant(params.gamma(), 4), significant(params.step_voxels(), 4));
-    format!("r {r}, gamma {gamma}, step {step}{cutoff}")
+    let pre_integrated = if p.pre_integrated { ", pre-integrated" } else { "" };
+    format!("r {r}, gamma {gamma}, step {step}{cutoff}{pre_integrated}")
 }
 
 /// A figure with its caption.

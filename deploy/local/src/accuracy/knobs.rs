@@ -1,7 +1,7 @@
 //! What is turned, and how far.
 
 use super::curve::{Knob, Source};
-use lamina_model::{GenerationParams, Invalid};
+use lamina_model::{GenerationParams, Invalid, Scene};
 
 /// Sampling steps in voxels.
 const STEPS: [f64; 6] = [4.0, 2.0, 1.0, 0.5, 0.25, 0.125];
@@ -41,6 +41,10 @@ const fn knob(key: &'static str, title: &'static str, unit: &'static str, source
 
 pub const RAYCAST_STEP: Knob = knob("raycast_step", "Sampling step", "voxels", Source::Raycast);
 pub const STEP: Knob = knob("step", "Sampling step", "voxels", Source::Vdi);
+/// The same of the kernels that integrate the transfer function over each step.
+pub const RAYCAST_INTEGRATED: Knob =
+    knob("raycast_step_integrated", "Sampling step, pre-integrated", "voxels", Source::Raycast);
+pub const STEP_INTEGRATED: Knob = knob("step_integrated", "Sampling step, pre-integrated", "voxels", Source::Vdi);
 pub const CUTOFF: Knob = Knob {
     coarseness: one_less,
     plotted: one_less,
@@ -91,11 +95,22 @@ pub fn of_generation(base: &GenerationParams) -> [Turned; 4] {
         set,
     };
     [
-        turned(STEP, &STEPS, base.step_voxels(), |p, v| p.with_step_voxels(v)),
+        Turned { knob: STEP, values: steps(base), set: with_step },
         turned(CUTOFF, &CUTOFFS, base.opacity_cutoff(), |p, v| p.with_opacity_cutoff(v)),
         turned(GAMMA, &GAMMAS, base.gamma(), |p, v| p.with_gamma(v)),
         turned(RESOLUTION, &rays, base.resolution().into(), |p, v| p.with_resolution(v as u32)),
     ]
+}
+
+/// The sampling step, of kernels that integrate the transfer function over it: none longer than those take.
+pub fn of_integration(base: &GenerationParams, scene: &Scene) -> Turned {
+    let mut values = steps(base);
+    values.retain(|&step| scene.effects.check_step(step).is_ok());
+    Turned { knob: STEP_INTEGRATED, values, set: with_step }
+}
+
+fn with_step(params: GenerationParams, step: f64) -> Result<GenerationParams, Invalid> {
+    params.with_step_voxels(step)
 }
 
 /// Every setting of them, and every combination of some.

@@ -30,7 +30,7 @@ use curve::{Convergence, Curve, Point};
 use error::Error;
 use integrator::Integrator;
 use lamina_cast::{Backend, Field};
-use lamina_model::{GenerationParams, Image, Scene, Volume};
+use lamina_model::{Effects, GenerationParams, Image, Scene, Volume};
 use lamina_viz_node::kernel as viz;
 use optics::Optics;
 use product::Product;
@@ -137,24 +137,31 @@ fn measure(
         rays.len()
     );
     say(&page::reference_words(&reference));
-    let mut product = Product::new(field, backends, &views, &reference.colors);
-    let mut curves = vec![sweep::raycast(&product, volume, &base)?];
+    let effects = Effects { pre_integrated: true, ..Effects::default() };
+    let integrated = prepare(volume.clone(), &Scene { effects, ..scene.clone() });
+    let mut product = Product::new(field, &backends, &views, &reference.colors);
+    let mut integrating = Product::new(&integrated, &backends, &views, &reference.colors);
+    let (turned, by_integration) = (knobs::of_generation(&base), knobs::of_integration(&base, integrated.scene()));
+    let mut curves = vec![
+        sweep::raycast(&product, volume, knobs::RAYCAST_STEP, &knobs::steps(&base))?,
+        sweep::raycast(&integrating, volume, knobs::RAYCAST_INTEGRATED, &by_integration.values)?,
+    ];
     say("ray casting");
-    let turned = knobs::of_generation(&base);
     let settings = knobs::settings(&base, &turned)?;
+    let also = by_integration.values.iter().map(|&v| (by_integration.set)(base, v)).collect::<Result<Vec<_>, _>>()?;
     for round in 1..=product::ROUNDS {
-        for params in &settings {
-            product.round(params)?;
-        }
-        say(&format!("{} VDIs, round {round} of {}", settings.len(), product::ROUNDS));
+        settings.iter().try_for_each(|params| product.round(params))?;
+        also.iter().try_for_each(|params| integrating.round(params))?;
+        say(&format!("{} VDIs, round {round} of {}", settings.len() + also.len(), product::ROUNDS));
     }
     for turned in &turned {
         curves.push(sweep::generation(&product, &base, turned)?);
     }
+    curves.push(sweep::generation(&integrating, &base, &by_integration)?);
     curves.extend(sweep::bits(&product, &base)?);
     say("bits of colour and depth");
     curves.push(sweep::blended(&product, &base)?);
-    let trials = product.trials();
+    let trials = [product.trials(), integrating.trials()].concat();
     curves.push(sweep::sample(&product, &views, &base)?);
     let plain =
         Plain { integrator, scalars: &scalars, rays: &rays, reference: &reference.colors, pictures: views.pictures() };

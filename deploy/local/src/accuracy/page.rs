@@ -16,13 +16,15 @@ use std::path::Path;
 const GROUPS: [(&str, &str, &[&str]); 11] = [
     (
         "Sampling step: ray casting",
-        "The product's ray caster; time is that of a whole picture. It ends rays at 100 dB.",
-        &["raycast_step"],
+        "The product's ray caster, and the one that integrates the transfer function over each step; time is that of a whole \
+         picture. Rays end at 100 dB.",
+        &["raycast_step", "raycast_step_integrated"],
     ),
     (
         "Sampling step: VDI",
-        "Time is the median of three generations; bytes are those of the VDI, encoded once.",
-        &["step"],
+        "Time is the median of three generations, without and with the transfer function integrated over each step; bytes are \
+         those of the VDI, encoded once.",
+        &["step", "step_integrated"],
     ),
     (
         "Opacity cut-off",

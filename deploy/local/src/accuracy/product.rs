@@ -57,7 +57,7 @@ struct Trial {
 /// Both nodes' kernels on one volume.
 pub struct Product<'a> {
     field: &'a Field,
-    backends: (Backend, viz::Backend),
+    backends: &'a (Backend, viz::Backend),
     views: &'a Views,
     reference: &'a [[f64; 3]],
     trials: HashMap<ParamsKey, Trial>,
@@ -67,7 +67,7 @@ impl<'a> Product<'a> {
     /// Measures on `field`, against the colours `reference` of the rays of `views`.
     pub fn new(
         field: &'a Field,
-        backends: (Backend, viz::Backend),
+        backends: &'a (Backend, viz::Backend),
         views: &'a Views,
         reference: &'a [[f64; 3]],
     ) -> Self {
@@ -162,7 +162,8 @@ impl<'a> Product<'a> {
     }
 
     fn point(&self, value: f64, seen: &[[f32; 3]]) -> Point {
-        Point::new(value, Error::between(seen, self.reference), f64::NAN)
+        let pre_integrated = self.field.scene().effects.pre_integrated;
+        Point { pre_integrated, ..Point::new(value, Error::between(seen, self.reference), f64::NAN) }
     }
 
     /// Everything generated so far.

@@ -19,10 +19,10 @@ fn curve<A: Copy + Into<f64>>(knob: Knob, shots: Vec<(Point, Vec<[A; 3]>)>) -> C
     Curve { knob, points }
 }
 
-/// The product's ray caster by its step.
-pub fn raycast(product: &Product, volume: &Volume, base: &GenerationParams) -> anyhow::Result<Curve> {
-    let shots = knobs::steps(base).into_iter().map(|step| product.raycast(volume, step));
-    Ok(curve(knobs::RAYCAST_STEP, shots.collect::<anyhow::Result<Vec<Shot>>>()?))
+/// The product's ray caster by its step, which takes `values`.
+pub fn raycast(product: &Product, volume: &Volume, knob: Knob, values: &[f64]) -> anyhow::Result<Curve> {
+    let shots = values.iter().map(|&step| product.raycast(volume, step));
+    Ok(curve(knob, shots.collect::<anyhow::Result<Vec<Shot>>>()?))
 }
 
 /// One generation parameter, of which rounds have been measured.

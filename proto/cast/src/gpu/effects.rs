@@ -20,7 +20,8 @@ pub struct Set {
     surfaces: u32,
     /// The logarithm of shininess.
     shaded: Option<u32>,
-    lit: bool,
+    shadowed: bool,
+    occluded: bool,
     cued: bool,
     colored: bool,
 }
@@ -29,20 +30,22 @@ impl Set {
     /// What `field`'s scene asks for.
     pub fn of(field: &Field) -> Self {
         let effects = field.effects();
+        let volume = effects.and_then(|e| e.volume.as_ref());
         Self {
             any: effects.is_some(),
             clipped: effects.is_some_and(|e| !e.half_spaces.is_empty()),
             pre_integrated: effects.is_some_and(|e| e.pre_integrated),
             surfaces: effects.map_or(0, |e| e.surfaces.len() as u32),
             shaded: effects.and_then(|e| e.shading).map(|s| s.shininess.trailing_zeros()),
-            lit: effects.is_some_and(|e| e.volume.is_some()),
+            shadowed: volume.is_some_and(|v| v.transmittance.is_some()),
+            occluded: volume.is_some_and(|v| v.openness.is_some()),
             cued: effects.is_some_and(|e| e.cue.is_some()),
             colored: effects.is_some_and(|e| e.colors.is_some()),
         }
     }
 
     /// The same as constants of the shader.
-    pub fn constants(self) -> [(&'static str, f64); 9] {
+    pub fn constants(self) -> [(&'static str, f64); 10] {
         let on = |b: bool| f64::from(u8::from(b));
         [
             ("EFFECTS", on(self.any)),
@@ -51,7 +54,8 @@ impl Set {
             ("SURFACES", self.surfaces.into()),
             ("SHADED", on(self.shaded.is_some())),
             ("SHININESS", self.shaded.unwrap_or(0).into()),
-            ("LIT", on(self.lit)),
+            ("SHADOWED", on(self.shadowed)),
+            ("OCCLUDED", on(self.occluded)),
             ("CUED", on(self.cued)),
             ("COLORED", on(self.colored)),
         ]
@@ -87,12 +91,13 @@ impl Resources {
     }
 }
 
-/// The light volume's points as the kernel reads them; one dark point where there is none.
-pub fn light(field: &Field) -> Vec<[f32; 2]> {
+/// The light volume as the kernel reads it, transmittance before openness; one dark point where there is none.
+pub fn light(field: &Field) -> Vec<f32> {
     let volume = field.effects().and_then(|e| e.volume.as_ref());
-    let pairs =
-        |v: &crate::light::LightVolume| v.transmittance.iter().zip(&v.openness).map(|(t, o)| [*t, *o]).collect();
-    volume.map_or_else(|| vec![[0.0; 2]], pairs)
+    volume.map_or_else(
+        || vec![0.0],
+        |v| [&v.transmittance, &v.openness].into_iter().flatten().flatten().copied().collect(),
+    )
 }
 
 fn uniform(field: &Field, integral: Option<&Integral>, camera: &Camera, step_length: f64) -> layout::Effects {

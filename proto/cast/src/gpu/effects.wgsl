@@ -6,15 +6,16 @@ override SURFACES: u32 = 0u;
 override SHADED: bool = false;
 // 2^SHININESS.
 override SHININESS: u32 = 0u;
-override LIT: bool = false;
+override SHADOWED: bool = false;
+override OCCLUDED: bool = false;
 override CUED: bool = false;
 override COLORED: bool = false;
 
 @group(2) @binding(0) var<uniform> effects: Effects;
 // Integral: sums of a step's optical depth x (red, green, blue, 1).
 @group(2) @binding(1) var<storage, read> sums: array<vec4f>;
-// LightVolume: transmittance and openness of each point.
-@group(2) @binding(2) var<storage, read> light_volume: array<vec2f>;
+// LightVolume: transmittance of all points where there are shadows, then openness where there is occlusion.
+@group(2) @binding(2) var<storage, read> light_volume: array<f32>;
 // The second field: positions in the range of its map, single precision.
 @group(2) @binding(3) var color_voxels: texture_3d<u32>;
 
@@ -214,10 +215,12 @@ fn seen(straight: vec3f, span: Span, course: Course, t: f32) -> vec3f {
     let index = span.entry + t * span.delta;
     var shadow = 1.0;
     var open = 1.0;
-    if LIT {
-        let reaches = light_at(index);
-        shadow = 1.0 - effects.shadows * (1.0 - reaches.x);
-        open = 1.0 - effects.occlusion * (1.0 - reaches.y);
+    if SHADOWED {
+        shadow = 1.0 - effects.shadows * (1.0 - light_at(index, 0u));
+    }
+    if OCCLUDED {
+        let all = effects.light_dims.x * effects.light_dims.y * effects.light_dims.z;
+        open = 1.0 - effects.occlusion * (1.0 - light_at(index, select(0u, all, SHADOWED)));
     }
     var scale = open * shadow;
     var highlight = 0.0;
@@ -236,7 +239,7 @@ fn seen(straight: vec3f, span: Span, course: Course, t: f32) -> vec3f {
             highlight = share * effects.specular * gloss * shadow;
         }
     }
-    if LIT || SHADED {
+    if SHADOWED || OCCLUDED || SHADED {
         color = clamp(color * scale + highlight, vec3f(0.0), vec3f(1.0));
     }
     if CUED {
@@ -264,18 +267,19 @@ fn gradient_at(index: vec3f, gradient: ptr<function, vec3f>) -> bool {
     return dot(*gradient, *gradient) > 0.0;
 }
 
-fn light_at(index: vec3f) -> vec2f {
+// The light volume's values from `first` on, at `index`.
+fn light_at(index: vec3f, first: u32) -> f32 {
     let x = clamp(index * effects.light_scale, vec3f(0.0), vec3f(effects.light_dims - 1u));
     let base = min(vec3u(x), effects.light_dims - 2u);
     let w = x - vec3f(base);
     let row = effects.light_dims.x;
     let slice = row * effects.light_dims.y;
-    let n = base.z * slice + base.y * row + base.x;
+    let n = first + base.z * slice + base.y * row + base.x;
     let near = mix(light_along_x(n, w.x), light_along_x(n + row, w.x), w.y);
     let far = mix(light_along_x(n + slice, w.x), light_along_x(n + slice + row, w.x), w.y);
     return mix(near, far, w.z);
 }
 
-fn light_along_x(n: u32, w: f32) -> vec2f {
+fn light_along_x(n: u32, w: f32) -> f32 {
     return mix(light_volume[n], light_volume[n + 1u], w);
 }

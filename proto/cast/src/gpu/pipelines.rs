@@ -73,7 +73,12 @@ impl Pipelines {
 
     /// The march for voxels of this kind, with this set of effects.
     pub fn march(&self, gpu: &Gpu, kind: Kind, set: Set) -> March {
-        let (raycast, generate) = (gpu.module("raycast", RAYCAST), gpu.module("generate", GENERATE));
+        self.march_of(gpu, kind, set, RAYCAST)
+    }
+
+    /// The same with the ray caster of `raycast`.
+    pub fn march_of(&self, gpu: &Gpu, kind: Kind, set: Set, raycast: &str) -> March {
+        let (raycast, generate) = (gpu.module("raycast", raycast), gpu.module("generate", GENERATE));
         let constants: Vec<(&str, f64)> =
             std::iter::once(("KIND", f64::from(kind as u32))).chain(set.constants()).collect();
         let raycaster = |entry| gpu.pipeline(&raycast, entry, &[&self.field, &self.raycast, &self.effects], &constants);

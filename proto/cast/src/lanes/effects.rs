@@ -329,12 +329,17 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
         let p = packet.at(t);
         let (mut shadow, mut open) = (s(1.0), s(1.0));
         if let Some(volume) = &effects.volume {
-            count::light();
             let scale = volume.scale.map(|x| x as f32);
             let q = [p[0] * s(scale[0]), p[1] * s(scale[1]), p[2] * s(scale[2])];
-            let [transmittance, openness] = coarse::<L>(volume.dims, [&volume.transmittance, &volume.openness], q);
-            shadow = s(1.0) - s(effects.shadows as f32) * (s(1.0) - transmittance);
-            open = s(1.0) - s(effects.ambient_occlusion as f32) * (s(1.0) - openness);
+            if let Some(transmittance) = &volume.transmittance {
+                count::shadow();
+                let transmittance = coarse::<L>(volume.dims, transmittance, q);
+                shadow = s(1.0) - s(effects.shadows as f32) * (s(1.0) - transmittance);
+            }
+            if let Some(openness) = &volume.openness {
+                count::occlusion();
+                open = s(1.0) - s(effects.ambient_occlusion as f32) * (s(1.0) - coarse::<L>(volume.dims, openness, q));
+            }
         }
         let (mut scale, mut highlight) = (open * shadow, s(0.0));
         if let Some(shading) = &effects.shading {
@@ -390,9 +395,9 @@ fn exact_opacity<L: Lanes>(x: L::F) -> L::F {
     L::F::select(x.lt(L::F::splat(SMALL)), small_opacity::<L>(x), opacity::<L>(x))
 }
 
-/// Two fields on one coarse grid, interpolated trilinearly at `q`, in its own units; clamped into it.
+/// A field on the coarse grid, interpolated trilinearly at `q`, in its own units; clamped into it.
 #[inline(always)]
-fn coarse<L: Lanes>(dims: [usize; 3], fields: [&[f32]; 2], q: [L::F; 3]) -> [L::F; 2] {
+fn coarse<L: Lanes>(dims: [usize; 3], field: &[f32], q: [L::F; 3]) -> L::F {
     let s = L::F::splat;
     let inside = |a: usize, x: L::F| x.max(s(0.0)).min(s(((dims[a] - 1) as f32).next_down()));
     let x = [inside(0, q[0]), inside(1, q[1]), inside(2, q[2])];
@@ -400,19 +405,14 @@ fn coarse<L: Lanes>(dims: [usize; 3], fields: [&[f32]; 2], q: [L::F; 3]) -> [L::
     let w = [x[0] - L::F::from(cell[0]), x[1] - L::F::from(cell[1]), x[2] - L::F::from(cell[2])];
     let (row, slice) = (dims[0], dims[0] * dims[1]);
     let index = ((cell[2] * L::I::splat(dims[1] as i32) + cell[1]) * L::I::splat(row as i32) + cell[0]).to_indices();
-    let mut both = [s(0.0); 2];
-    for (field, out) in fields.into_iter().zip(&mut both) {
-        let mut corners = [s(0.0); 4];
-        for (corner, offset) in corners.iter_mut().zip([0, row, slice, slice + row]) {
-            // SAFETY: cells are at most dims - 2 on every axis, so with a row, a slice, or both added, and one more, an
-            // index lies inside.
-            #[expect(unsafe_code, reason = "indices were clamped at once")]
-            let (a, b) = unsafe { L::pairs(&field[offset..], &index) };
-            *corner = a + w[0] * (b - a);
-        }
-        let [near, far] =
-            [corners[0] + w[1] * (corners[1] - corners[0]), corners[2] + w[1] * (corners[3] - corners[2])];
-        *out = near + w[2] * (far - near);
+    let mut corners = [s(0.0); 4];
+    for (corner, offset) in corners.iter_mut().zip([0, row, slice, slice + row]) {
+        // SAFETY: cells are at most dims - 2 on every axis, so with a row, a slice, or both added, and one more, an
+        // index lies inside.
+        #[expect(unsafe_code, reason = "indices were clamped at once")]
+        let (a, b) = unsafe { L::pairs(&field[offset..], &index) };
+        *corner = a + w[0] * (b - a);
     }
-    both
+    let [near, far] = [corners[0] + w[1] * (corners[1] - corners[0]), corners[2] + w[1] * (corners[3] - corners[2])];
+    near + w[2] * (far - near)
 }

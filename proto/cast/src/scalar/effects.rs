@@ -137,10 +137,14 @@ impl Course<'_> {
         let (effects, mut color) = (self.effects, color);
         let (mut shadow, mut open) = (1.0, 1.0);
         if let Some(volume) = &effects.volume {
-            count::light();
-            let [transmittance, openness] = volume.at(self.at(t));
-            shadow = 1.0 - effects.shadows * (1.0 - transmittance);
-            open = 1.0 - effects.ambient_occlusion * (1.0 - openness);
+            if let Some(transmittance) = &volume.transmittance {
+                count::shadow();
+                shadow = 1.0 - effects.shadows * (1.0 - volume.at(transmittance, self.at(t)));
+            }
+            if let Some(openness) = &volume.openness {
+                count::occlusion();
+                open = 1.0 - effects.ambient_occlusion * (1.0 - volume.at(openness, self.at(t)));
+            }
         }
         let (mut scale, mut highlight) = (open * shadow, 0.0);
         if let Some(s) = &effects.shading {

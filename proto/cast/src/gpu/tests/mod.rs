@@ -1,5 +1,6 @@
 //! The parts of the GPU level, each against Rust; whole pictures and VDIs are compared in generator-node/tests/levels.
 
+mod count;
 mod layout;
 mod leaf;
 mod scan;
