@@ -59,9 +59,15 @@ fn every_knob_is_measured_and_errors_fall_with_the_step() {
         let order = number(of(knob)[0], "order");
         assert!((1.5..2.4).contains(&order), "{knob}: order {order}");
     }
-    for (knob, count) in
-        [("step", 6), ("step_integrated", 6), ("opacity_cutoff", 9), ("gamma", 8), ("resolution", 8), ("color_bits", 8), ("blended", 2)]
-    {
+    for (knob, count) in [
+        ("step", 6),
+        ("step_integrated", 6),
+        ("opacity_cutoff", 9),
+        ("gamma", 8),
+        ("resolution", 8),
+        ("color_bits", 8),
+        ("blended", 2),
+    ] {
         let rows = of(knob);
         assert_eq!(rows.len(), count, "{knob}");
         assert!(number(rows[count - 1], "psnr_db") > number(rows[0], "psnr_db") + 0.5, "{knob}: the finest is better");

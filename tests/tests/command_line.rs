@@ -4,9 +4,10 @@
 
 use glam::DVec3;
 use lamina_model::{Grid, Representation, Volume, Voxels};
-use lamina_tests::processes::{recorded_series, run};
+use lamina_tests::processes::{binary, recorded_series, run};
 use lamina_viz_node::store::StepRow;
 use std::path::Path;
+use std::process::Command;
 
 fn lamina(arguments: &[&str]) -> String {
     let output = run("lamina", arguments);
@@ -379,4 +380,13 @@ fn a_reduced_volume_is_made_shown_and_chosen_where_it_serves_better() {
         assert!(row.psnr_db.is_some_and(|q| f64::from(q) > 30.0), "{line}");
     }
     refused(&[&["generate"], &input[..], &["--representation", "mesh", "--out", &at("y")]].concat(), &["mesh", "vdi"]);
+}
+
+#[test]
+fn a_reader_that_leaves_ends_nothing() {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let output = Command::new(binary("lamina")).arg("doctor").stdout(writer).output().unwrap();
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && !error.contains("panicked"), "{error}");
 }

@@ -166,17 +166,17 @@ impl Clock {
             rounds: usize,
         }
         if !json {
-            println!("{:<24}{:>12}{:>12}{:>12}", "median of rounds", "wall ms", "CPU ms", "least wall");
+            say!("{:<24}{:>12}{:>12}{:>12}", "median of rounds", "wall ms", "CPU ms", "least wall");
         }
         for m in &self.measured {
             let least_wall_ms = m.wall_ms.iter().copied().fold(f64::INFINITY, f64::min);
             let (wall_ms, cpu_ms) = (median(&m.wall_ms).context("no round")?, median(&m.cpu_ms));
             if json {
                 let line = Line { name: &m.name, wall_ms, least_wall_ms, cpu_ms, rounds: m.wall_ms.len() };
-                println!("{}", serde_json::to_string(&line)?);
+                say!("{}", serde_json::to_string(&line)?);
             } else {
                 let cpu = cpu_ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.2}"));
-                println!("{:<24}{wall_ms:>12.2}{cpu:>12}{least_wall_ms:>12.2}", m.name);
+                say!("{:<24}{wall_ms:>12.2}{cpu:>12}{least_wall_ms:>12.2}", m.name);
             }
         }
         Ok(())
@@ -206,13 +206,13 @@ struct Memory {
 impl Memory {
     fn print(&self, json: bool) -> anyhow::Result<()> {
         if json {
-            println!("{}", serde_json::to_string(self)?);
+            say!("{}", serde_json::to_string(self)?);
         } else {
             let (peak, before) = (self.peak_bytes, self.before_bytes);
             for (what, bytes) in
                 [("peak", peak), ("before", before), ("volume", self.volume_bytes), ("VDI", self.vdi_bytes)]
             {
-                println!("{:<24}{what:<8}{:>12.2} MB", self.name, bytes as f64 / 1e6);
+                say!("{:<24}{what:<8}{:>12.2} MB", self.name, bytes as f64 / 1e6);
             }
         }
         Ok(())

@@ -7,18 +7,18 @@ const PORTS: [(u16, &str); 3] = [(7101, "generator-node"), (7102, "viz-node and 
 
 /// Prints one line a finding.
 pub fn doctor() -> anyhow::Result<()> {
-    println!("lamina     {}", env!("CARGO_PKG_VERSION"));
-    println!("cores      {}", std::thread::available_parallelism().map_or(1, usize::from));
-    println!("vectors    {}", vector_units());
-    println!("memory     {}", memory());
+    say!("lamina     {}", env!("CARGO_PKG_VERSION"));
+    say!("cores      {}", std::thread::available_parallelism().map_or(1, usize::from));
+    say!("vectors    {}", vector_units());
+    say!("memory     {}", memory());
     for (port, node) in PORTS {
         let free = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).is_ok();
         let state = if free { "free" } else { "in use; choose another with --listen or --viewer" };
-        println!("port {port}  {state} ({node})");
+        say!("port {port}  {state} ({node})");
     }
     match lamina_device::adapter() {
-        Some(a) => println!("gpu        {} ({}, {})", a.name, a.kind, a.driver),
-        None => println!("gpu        none (no Vulkan loader or no device); nothing needs one"),
+        Some(a) => say!("gpu        {} ({}, {})", a.name, a.kind, a.driver),
+        None => say!("gpu        none (no Vulkan loader or no device); nothing needs one"),
     }
     Ok(())
 }

@@ -83,11 +83,11 @@ pub fn print(arguments: &cli::Bench) -> anyhow::Result<()> {
     let backend = Backend::open(arguments.input.backend)?;
     let with = |effects: Effects| Scene { effects, ..scene.clone() }.check();
     let none = cost(arguments, &backend, &volume, &with(Effects::default())?)?;
-    println!("{:40} {:>12} {:>12} {:>12} {:>12}", "effects", "prepare_ms", "raycast_ms", "generate_ms", "psnr_db");
+    say!("{:40} {:>12} {:>12} {:>12} {:>12}", "effects", "prepare_ms", "raycast_ms", "generate_ms", "psnr_db");
     let line = |name: &str, c: &Cost| -> anyhow::Result<()> {
         let ms = |d: Duration| 1e3 * d.as_secs_f64();
         let db = psnr(&c.image, &none.image)?;
-        println!("{name:40} {:12.1} {:12.1} {:12.1} {db:12.2}", ms(c.prepare), ms(c.raycast), ms(c.generate));
+        say!("{name:40} {:12.1} {:12.1} {:12.1} {db:12.2}", ms(c.prepare), ms(c.raycast), ms(c.generate));
         Ok(())
     };
     line("none", &none)?;

@@ -1,5 +1,10 @@
 //! The binary `lamina`: all nodes and an example simulation in one process, and the command-line tools.
 
+#![deny(clippy::print_stdout)]
+
+#[macro_use]
+mod say;
+
 mod accuracy;
 mod bench;
 mod cli;

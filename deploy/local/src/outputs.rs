@@ -132,7 +132,7 @@ impl Outputs {
             pictures: self.pictures.clone(),
         };
         self.write("report.html", report::render(&report).as_bytes())?;
-        println!("{} steps, {broken} above their limit; see {}", rows.len(), self.dir.join("report.html").display());
+        say!("{} steps, {broken} above their limit; see {}", rows.len(), self.dir.join("report.html").display());
         Ok(())
     }
 

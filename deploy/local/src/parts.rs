@@ -49,7 +49,7 @@ pub fn raycast(arguments: &cli::Raycast) -> anyhow::Result<()> {
     let backend = Backend::open(arguments.input.backend)?;
     let start = Instant::now();
     let image = backend.raycast(&field, &camera, size, size)?;
-    println!("raycast_ms {:.1}", start.elapsed().as_secs_f64() * 1e3);
+    say!("raycast_ms {:.1}", start.elapsed().as_secs_f64() * 1e3);
     picture_file::write(&arguments.view.out, &image)
 }
 
@@ -77,10 +77,10 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
         Representation::Vdi => "supersegments",
         Representation::Volume => "sample_points",
     };
-    println!("{elements} {}", intermediate.elements());
-    println!("generation_ms {:.1}", generation_time.as_secs_f64() * 1e3);
-    println!("encode_ms {:.1}", generated.elapsed().as_secs_f64() * 1e3);
-    println!("size_bytes {}", bytes.len());
+    say!("{elements} {}", intermediate.elements());
+    say!("generation_ms {:.1}", generation_time.as_secs_f64() * 1e3);
+    say!("encode_ms {:.1}", generated.elapsed().as_secs_f64() * 1e3);
+    say!("size_bytes {}", bytes.len());
     std::fs::write(&arguments.out, bytes).with_context(|| format!("{}: cannot be written", arguments.out.display()))
 }
 
@@ -93,13 +93,13 @@ pub fn render(arguments: &cli::Render) -> anyhow::Result<()> {
     let backend = lamina_viz_node::kernel::Backend::open(arguments.backend)?;
     let start = Instant::now();
     let image = backend.render(&shown, &camera, size, size, Detail::Blended)?;
-    println!("render_ms {:.1}", start.elapsed().as_secs_f64() * 1e3);
+    say!("render_ms {:.1}", start.elapsed().as_secs_f64() * 1e3);
     picture_file::write(&arguments.view.out, &image)
 }
 
 /// `lamina compare`.
 pub fn compare(arguments: &cli::Compare) -> anyhow::Result<()> {
     let (a, b) = (picture_file::read(&arguments.a)?, picture_file::read(&arguments.b)?);
-    println!("psnr_db {:.4}", psnr(&a, &b)?);
+    say!("psnr_db {:.4}", psnr(&a, &b)?);
     Ok(())
 }

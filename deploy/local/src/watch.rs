@@ -74,11 +74,11 @@ fn push_only(
     let mut step = 0;
     while let Some((time, volume)) = next.filter(|_| steps.is_none_or(|n| step < n)) {
         match push(&mut client, step, time, &volume) {
-            Ok(()) => println!("step {step:4}  time {time:.4}  pushed"),
+            Ok(()) => say!("step {step:4}  time {time:.4}  pushed"),
             Err(error @ (ClientError::Invalid(_) | ClientError::Refused(_))) => return Err(error.into()),
             // The simulation goes on; the client tries again by itself.
             Err(error) => {
-                println!("step {step:4}  time {time:.4}  lost: {error}");
+                say!("step {step:4}  time {time:.4}  lost: {error}");
                 std::thread::sleep(Duration::from_millis(100));
             }
         }
@@ -87,7 +87,7 @@ fn push_only(
     }
     let summary = client.close();
     let dropped = summary.run_dropped_steps.unwrap_or(summary.dropped);
-    println!("pushed {}  dropped {dropped}  lost {}", summary.pushed, summary.lost);
+    say!("pushed {}  dropped {dropped}  lost {}", summary.pushed, summary.lost);
     Ok(())
 }
 
@@ -170,7 +170,7 @@ fn watch(
     nodes.on_stop_signal(move || set.store(true, Ordering::Relaxed));
     let stopped = move || stop.load(Ordering::Relaxed);
     if !options.headless {
-        println!("watching {} ({}): open http://{}/   (Ctrl-C ends)", source.name(), source.field(), nodes.viewer);
+        say!("watching {} ({}): open http://{}/   (Ctrl-C ends)", source.name(), source.field(), nodes.viewer);
     }
     let mut client = connect(source, &first.1, &nodes.generator, policy)?;
     let bar = progress(steps, options.headless);
@@ -189,7 +189,7 @@ fn watch(
         next = if stopped() { None } else { source.next()? };
     }
     if !options.headless && !stopped() {
-        println!("all steps are in; the viewer goes on until Ctrl-C");
+        say!("all steps are in; the viewer goes on until Ctrl-C");
         while !stopped() {
             shown = show_new(&nodes, &bar, shown, outputs.as_mut())?;
             std::thread::sleep(Duration::from_millis(100));
@@ -215,7 +215,7 @@ fn show_new(
 ) -> anyhow::Result<Option<u64>> {
     let rows: Vec<StepRow> = nodes.store.rows().into_iter().filter(|r| shown.is_none_or(|s| r.step > s)).collect();
     for row in &rows {
-        bar.suspend(|| println!("{}", line(row)));
+        bar.suspend(|| say!("{}", line(row)));
     }
     if let Some(outputs) = outputs {
         outputs.add(&rows)?;

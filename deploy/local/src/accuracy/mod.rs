@@ -94,9 +94,9 @@ pub fn accuracy(arguments: &cli::Accuracy) -> anyhow::Result<()> {
     let command: Vec<String> = std::env::args().skip(1).collect();
     page::write(&arguments.out, &findings, &volume, &format!("lamina {}", command.join(" ")))?;
     for line in across::cheapest(&findings) {
-        println!("{line}");
+        say!("{line}");
     }
-    println!("report, table and picture: {}", arguments.out.join("report.html").display());
+    say!("report, table and picture: {}", arguments.out.join("report.html").display());
     Ok(())
 }
 

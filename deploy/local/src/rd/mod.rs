@@ -125,7 +125,7 @@ pub fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
     if most_points(&bench.field) > 0 {
         curves.extend(bench.volumes(&base)?);
     } else {
-        println!("no reduced volume can stand for this: voxels are missing, or colours come from a second field");
+        say!("no reduced volume can stand for this: voxels are missing, or colours come from a second field");
     }
     if let Some(table) = &arguments.beside {
         curves.extend(beside::curves(table, &bench)?);
@@ -136,7 +136,7 @@ pub fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
         let path = arguments.out.join(name);
         std::fs::write(&path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
     }
-    print!("{}", table(&curves));
+    say!("{}", table(&curves).trim_end());
     Ok(())
 }
 

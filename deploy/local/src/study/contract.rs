@@ -32,12 +32,11 @@ pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
     let before = Used::now();
     let runtime = tokio::runtime::Builder::new_current_thread().build()?;
     let all = runtime.block_on(candidates(&mut trial, &arguments.representation, &arguments.grid, &base))?;
-    let found =
-        runtime.block_on(search(&mut trial, contract, &all, None, |row| println!("  {}", line(contract, row))))?;
-    println!("contract   {contract}");
+    let found = runtime.block_on(search(&mut trial, contract, &all, None, |row| say!("  {}", line(contract, row))))?;
+    say!("contract   {contract}");
     verdict(contract, &found)?;
     let time = before.secs().map_or_else(String::new, |s| format!(", {s:.1} s of processor time"));
-    println!("trials     {} of {} candidates{time}", found.study.rows.len(), all.len());
+    say!("trials     {} of {} candidates{time}", found.study.rows.len(), all.len());
     Ok(())
 }
 
@@ -58,20 +57,20 @@ fn verdict(contract: &Contract, found: &Found) -> anyhow::Result<()> {
     let rows = &found.study.rows;
     let Some(best) = found.study.best else {
         if let Some(nearest) = found.study.nearest(contract) {
-            println!("nearest    {}", line(contract, &rows[nearest]));
+            say!("nearest    {}", line(contract, &rows[nearest]));
         }
         anyhow::bail!(
             "nothing tried keeps this contract (chance that something untried does: {:.0} %); relax the limit that the nearest breaks",
             100.0 * found.hope
         );
     };
-    println!("best       {}", line(contract, &rows[best]));
-    println!("sure       no other candidate is expected to gain more than {:.3} ({})", found.left, contract.utility());
+    say!("best       {}", line(contract, &rows[best]));
+    say!("sure       no other candidate is expected to gain more than {:.3} ({})", found.left, contract.utility());
     let (size, time) = offers(rows, best);
     let more = |o: Option<Offer>| {
         if let Some(o) = o {
             let p = &rows[o.row].params;
-            println!(
+            say!(
                 "more       {:+.1} kB and {:+.1} ms for {:+.2} dB: {} r {}, gamma {}",
                 o.extra_kilobytes,
                 o.extra_ms,
@@ -85,9 +84,9 @@ fn verdict(contract: &Contract, found: &Found) -> anyhow::Result<()> {
     more(size);
     more(time.filter(|t| size.is_none_or(|s| s.row != t.row)));
     let front = front(rows);
-    println!("front      {} of the trials are beaten by no other:", front.len());
+    say!("front      {} of the trials are beaten by no other:", front.len());
     for n in front {
-        println!("  {}", line(contract, &rows[n]));
+        say!("  {}", line(contract, &rows[n]));
     }
     Ok(())
 }

@@ -80,8 +80,8 @@ pub fn study(arguments: &cli::Study) -> anyhow::Result<()> {
     csv::search(&arguments.out, &outcomes)?;
     let command: Vec<String> = std::env::args().skip(1).collect();
     page::write(&arguments.out, &all, &limits, &outcomes, &format!("lamina {}", command.join(" ")))?;
-    println!("{}", replay::summary(&outcomes));
-    println!("report and tables: {}", arguments.out.join("report.html").display());
+    say!("{}", replay::summary(&outcomes));
+    say!("report and tables: {}", arguments.out.join("report.html").display());
     Ok(())
 }
 
