@@ -1,10 +1,12 @@
 //! The loop: watch steps, study when one calls for it, push the winner.
 
+use crate::ahead::{Ahead, follow};
 use crate::characteristic::{Characteristic, choose};
 use crate::push::{push, setting};
 use crate::remote::{Remote, connect};
 use crate::search::{candidates, search};
 use crate::trial::{Cost, TrialError};
+use crate::tune::Row;
 use crate::{Config, status::Status};
 use lamina_model::GenerationParams;
 use lamina_wire::v1::{self, control_client::ControlClient};
@@ -168,13 +170,38 @@ impl Daemon {
         outcome
     }
 
+    /// The parameters pushed last; before any, those that the generator-node has of itself, if they could be a candidate.
+    fn in_use(&self, report: &v1::StepReport) -> Option<GenerationParams> {
+        let read = |params: Option<v1::GenerationParams>| GenerationParams::try_from(params?).ok();
+        let Some(setting) = &self.setting else {
+            let own = read(report.params)?;
+            let like_base = own.with_resolution(self.base.resolution()).ok()?.with_gamma(self.base.gamma()).ok()?;
+            return (like_base.with_representation(self.base.representation()) == self.base).then_some(own);
+        };
+        read(setting.params)
+    }
+
     async fn measure(&mut self, control: &ControlClient<Channel>, report: &v1::StepReport) -> Result<(), TrialError> {
         let contract = self.config.contract.clone();
         let mut remote = Remote::open(control, &self.config.generator).await?;
         let all = candidates(&mut remote, &self.config.representations, &self.config.grid, &self.base).await?;
-        let in_use = self.setting.as_ref().and_then(|s| GenerationParams::try_from(s.params?).ok());
-        let found = search(&mut remote, &contract, &all, in_use.as_ref(), |row| self.status.tried(row)).await?;
-        let study = found.study;
+        let in_use = self.in_use(report);
+        let (ahead, picked) = Ahead::new(&contract);
+        // What is in use is tried first: only what is better than it goes ahead.
+        let mut ahead = Some(ahead).filter(|_| self.setting.is_none() && in_use.is_some());
+        let status = &self.status;
+        let progress = move |row: &Row| {
+            status.tried(row);
+            if let Some(ahead) = &mut ahead {
+                ahead.tried(row);
+            }
+        };
+        let searching = search(&mut remote, &contract, &all, in_use.as_ref(), progress);
+        let (found, pushed) = tokio::join!(searching, follow(control, picked));
+        if let Some((setting, from)) = pushed {
+            (self.setting, self.holds_from) = (Some(setting), from);
+        }
+        let study = found?.study;
         self.run.studied_step = Some(study.step.max(report.step));
         let Some(chosen) = choose(&study, &contract, in_use.as_ref()) else { return Ok(()) };
         let row = &study.rows[chosen];

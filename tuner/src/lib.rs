@@ -2,6 +2,7 @@
 //!
 //! Algorithm 1 and a search over `trait Trial`, so that they run without sockets too. The tuner sees numbers, never voxels or pixels.
 
+mod ahead;
 pub mod characteristic;
 pub mod config;
 pub mod contract;

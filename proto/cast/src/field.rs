@@ -244,13 +244,7 @@ pub fn units(voxels: Voxels, range: &ScalarRange) -> Vec<f32> {
             v
         }
         other if range.scale() == Scale::Linear => {
-            // As `unit_from_value`, its question of the scale asked once.
-            let (lo, most) = (range.lo(), f64::from(ScalarRange::FARTHEST));
-            let unit = move |x: f64| {
-                let unit = ((x - lo) / width).clamp(-most, most) as f32;
-                if x.is_finite() { unit } else { f32::NAN }
-            };
-            for_voxels!(&other, v => v.par_iter().map(|&x| unit(x.into())).collect())
+            for_voxels!(&other, v => v.par_iter().map(|&x| range.linear(x.into())).collect())
         }
         other => for_voxels!(&other, v => v.par_iter().map(|&x| range.unit_from_value(x.into())).collect()),
     }

@@ -22,8 +22,10 @@ const REACH: i64 = 2;
 pub struct LightVolume {
     /// Points per side, 2 or more.
     pub dims: [usize; 3],
-    /// From units of sample points to its own.
+    /// From units of sample points to its own, by `scale` and then `offset`: an axis with one sample point is drawn, and
+    /// lit, from half a spacing before to half a spacing behind it.
     pub scale: [f64; 3],
+    pub offset: [f64; 3],
     /// Transmittance towards the light, if there are shadows.
     pub transmittance: Option<Vec<f32>>,
     /// Openness, if there is ambient occlusion.
@@ -43,12 +45,13 @@ impl LightVolume {
     pub fn new(grid: &Grid, light: Option<DVec3>, occluded: bool, extinction: impl Fn(DVec3) -> f64 + Sync) -> Self {
         let dims = grid.dims().map(|n| ((n - 1).div_ceil(2) + 1).clamp(2, MOST));
         let scale: [f64; 3] = std::array::from_fn(|a| (dims[a] - 1) as f64 / (grid.dims()[a] - 1).max(1) as f64);
-        let per_cell = DVec3::from_array(scale.map(f64::recip));
+        let offset = grid.dims().map(|n| if n == 1 { 0.5 } else { 0.0 });
+        let (per_cell, first) = (DVec3::from_array(scale.map(f64::recip)), DVec3::from_array(offset));
         let most = 1e4 / grid.voxel_length();
         // Each point stands for its surroundings: the mean of eight places a quarter of a cell away.
         let mean = |p: DVec3| {
             let place = |n: u32| p + DVec3::from_array([0, 1, 2].map(|a| if n >> a & 1 == 0 { -0.25 } else { 0.25 }));
-            (0..8).map(|n| extinction(place(n) * per_cell).min(most)).sum::<f64>() / 8.0
+            (0..8).map(|n| extinction((place(n) - first) * per_cell).min(most)).sum::<f64>() / 8.0
         };
         let point = |n: usize| DVec3::from_array(coordinates(dims, n).map(|c| c as f64));
         let count = dims.iter().product();
@@ -57,12 +60,13 @@ impl LightVolume {
         let open = |n: usize| coarse.openness(coordinates(dims, n));
         let openness = occluded.then(|| (0..count).into_par_iter().map(open).collect());
         let transmittance = light.map(|light| coarse.transmittance(light));
-        Self { dims, scale, transmittance, openness }
+        Self { dims, scale, offset, transmittance, openness }
     }
 
     /// Its `values`, transmittance or openness, at `index` in units of the field's sample points.
     pub fn at(&self, values: &[f32], index: DVec3) -> f64 {
-        trilinear(self.dims, values, index * DVec3::from_array(self.scale))
+        let index = index * DVec3::from_array(self.scale) + DVec3::from_array(self.offset);
+        trilinear(self.dims, values, index)
     }
 }
 

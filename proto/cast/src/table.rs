@@ -116,6 +116,17 @@ impl Integral {
         if depth > 0.0 { ([r / depth, g / depth, b / depth], depth) } else { ([0.0; 3], 0.0) }
     }
 
+    /// As single precision can add them up: per row its sum, what that was rounded by, and what is added up to the next row.
+    pub fn split(&self) -> Vec<[[f32; 4]; 3]> {
+        let next = self.sums.iter().skip(1).chain(self.sums.last());
+        let row = |(sum, next): (&[f64; 4], &[f64; 4])| {
+            let rounded = sum.map(|x| x as f32);
+            let rest = std::array::from_fn(|c| (sum[c] - f64::from(rounded[c])) as f32);
+            [rounded, rest, std::array::from_fn(|c| (next[c] - sum[c]) as f32)]
+        };
+        self.sums.iter().zip(next).map(row).collect()
+    }
+
     fn at(&self, row: f64) -> [f64; 4] {
         let (x, last) = (row.clamp(0.0, self.bins() as f64), self.bins() - 1);
         let n = (x as usize).min(last);

@@ -1,105 +1,7 @@
 //! Transfer functions: from a scalar to colour and extinction.
 
-use crate::{Grid, Invalid, composite};
+use crate::{Grid, Invalid, ScalarRange, Scale, composite};
 use serde::{Deserialize, Serialize};
-
-/// How scalars are spread over the transfer function.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Scale {
-    /// In proportion.
-    Linear,
-    /// By the decadic logarithm, for data that spans decades.
-    Log10,
-}
-
-/// The scalars that map to 0 and 1 of the transfer function.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "RangeFields", into = "RangeFields")]
-pub struct ScalarRange {
-    lo: f64,
-    hi: f64,
-    scale: Scale,
-}
-
-/// A scalar range as written in files.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RangeFields {
-    /// Maps to 0.
-    pub lo: f64,
-    /// Maps to 1.
-    pub hi: f64,
-    /// `linear` or `log10`.
-    pub scale: Scale,
-}
-
-impl TryFrom<RangeFields> for ScalarRange {
-    type Error = Invalid;
-    fn try_from(f: RangeFields) -> Result<Self, Invalid> {
-        Self::new(f.lo, f.hi, f.scale)
-    }
-}
-
-impl From<ScalarRange> for RangeFields {
-    fn from(r: ScalarRange) -> Self {
-        Self { lo: r.lo, hi: r.hi, scale: r.scale }
-    }
-}
-
-impl ScalarRange {
-    /// Positions farther from the range are brought to it: in single precision their differences, and rows of a table,
-    /// stay numbers.
-    pub const FARTHEST: f32 = 1e30;
-
-    /// The range from `lo` to `hi`.
-    ///
-    /// # Errors
-    /// If the ends are not finite, not `lo < hi`, or under [`Scale::Log10`] not positive or without different logarithms.
-    pub fn new(lo: f64, hi: f64, scale: Scale) -> Result<Self, Invalid> {
-        if !(lo.is_finite() && hi.is_finite() && lo < hi && (hi - lo).is_finite()) {
-            return Err(Invalid::new("range", format!("{lo} to {hi} must be two finite numbers, the lower first")));
-        }
-        if scale == Scale::Log10 && lo <= 0.0 {
-            return Err(Invalid::new("range", format!("log10 needs a positive lower end, not {lo}")));
-        }
-        if scale == Scale::Log10 && hi.ln() <= lo.ln() {
-            let text = format!("the logarithms of {lo} and {hi} are the same in double precision; use a linear scale");
-            return Err(Invalid::new("range", text));
-        }
-        Ok(Self { lo, hi, scale })
-    }
-
-    /// Lower end, data units.
-    pub fn lo(&self) -> f64 {
-        self.lo
-    }
-    /// Upper end, data units.
-    pub fn hi(&self) -> f64 {
-        self.hi
-    }
-    /// Linear or logarithmic.
-    pub fn scale(&self) -> Scale {
-        self.scale
-    }
-
-    /// Where `value` lies: 0 at `lo`, 1 at `hi`. What is not finite becomes NaN, which is drawn as empty. Values the
-    /// logarithm cannot take count as one whole range below `lo`.
-    #[inline]
-    pub fn unit_from_value(&self, value: f64) -> f32 {
-        if !value.is_finite() {
-            return f32::NAN;
-        }
-        let u = match self.scale {
-            Scale::Linear => (value - self.lo) / (self.hi - self.lo),
-            Scale::Log10 if value <= 0.0 => -1.0,
-            // Not the logarithm of a ratio: over six hundred decades that has no end.
-            Scale::Log10 => ((value.ln() - self.lo.ln()) / (self.hi.ln() - self.lo.ln())).max(-1.0),
-        };
-        let farthest = f64::from(Self::FARTHEST);
-        u.clamp(-farthest, farthest) as f32
-    }
-}
 
 /// One corner of the piecewise-linear transfer function.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -344,9 +246,9 @@ impl TransferFunction {
     /// An identity: equal for equal transfer functions (64-bit FNV-1a over all numbers in order).
     pub fn id(&self) -> u64 {
         let head = [
-            self.range.lo,
-            self.range.hi,
-            f64::from(u8::from(self.range.scale == Scale::Log10)),
+            self.range.lo(),
+            self.range.hi(),
+            f64::from(u8::from(self.range.scale() == Scale::Log10)),
             self.unit_length.unwrap_or(0.0),
         ];
         let points = self.points.iter().flat_map(|p| [p.at, p.color[0], p.color[1], p.color[2], p.opacity]);
@@ -467,16 +369,6 @@ mod tests {
         assert!((tf(1.0 - 1e-7).classify(0.0, 2.0).extinction - 0.5 * 1e7f64.ln()).abs() < 1e-8);
         assert_eq!(tf(1.0).classify(0.0, 2.0).extinction, f64::INFINITY);
         assert_eq!(tf(0.0).classify(0.0, 2.0), Classified::EMPTY);
-    }
-
-    #[test]
-    fn log_range_maps_decades_evenly_and_nonpositive_values_below() {
-        let r = ScalarRange::new(0.01, 100.0, Scale::Log10).unwrap();
-        assert!((r.unit_from_value(1.0) - 0.5).abs() < 1e-6);
-        assert_eq!(r.unit_from_value(-3.0), -1.0);
-        assert!(r.unit_from_value(f64::NAN).is_nan() && r.unit_from_value(f64::INFINITY).is_nan());
-        assert!(ScalarRange::new(0.0, 1.0, Scale::Log10).is_err());
-        assert!(ScalarRange::new(1.0, 1.0, Scale::Linear).is_err());
     }
 
     #[test]

@@ -70,14 +70,19 @@ impl Caster {
         }
     }
 
-    pub fn generate(&self, field: &Field, params: &GenerationParams) -> Result<Vdi, String> {
+    pub fn generate(
+        &self,
+        field: &Field,
+        params: &GenerationParams,
+        segmentation: Segmentation,
+    ) -> Result<Vdi, String> {
         match self {
-            Self::Scalar => Ok(scalar::generate(field, params, Segmentation::Greedy).unwrap()),
+            Self::Scalar => Ok(scalar::generate(field, params, segmentation).unwrap()),
             Self::Lanes(level) => {
                 fits(field)?;
-                Ok(lanes::generate(*level, field, params, Segmentation::Greedy).unwrap())
+                Ok(lanes::generate(*level, field, params, segmentation).unwrap())
             }
-            Self::Gpu(gpu) => gpu.generate(field, params, Segmentation::Greedy).map(|(vdi, _)| vdi).map_err(too_large),
+            Self::Gpu(gpu) => gpu.generate(field, params, segmentation).map(|(vdi, _)| vdi).map_err(too_large),
         }
     }
 }

@@ -2,6 +2,7 @@
 //! case states only what it is about.
 
 use crate::fields::VolumeFields;
+use crate::stages::STAGES;
 use lamina_model::{Camera, GenerationParams, Scene};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -31,6 +32,9 @@ pub struct Case {
     /// Whether nothing at all is to be seen from the scene's camera.
     #[serde(default)]
     pub clear: bool,
+    /// Whether colours tell little of what is there, so that its optical depth is what is held.
+    #[serde(default)]
+    pub faint: bool,
     /// Supersegments of the longest list, where they are part of the case.
     pub longest_list: Option<usize>,
     /// By stage. Stages without one are not run.
@@ -61,6 +65,15 @@ pub enum Tolerance {
     Each { scalar: f64, lanes: f64, gpu: f64 },
 }
 
+impl Tolerance {
+    pub fn greatest(self) -> f64 {
+        match self {
+            Self::All(error) => error,
+            Self::Each { scalar, lanes, gpu } => scalar.max(lanes).max(gpu),
+        }
+    }
+}
+
 impl Case {
     /// The tolerance of `stage` on `backend`, if the case has that stage.
     pub fn tolerance(&self, stage: &str, backend: &str) -> Option<f64> {
@@ -88,6 +101,10 @@ pub fn read(path: &Path) -> Vec<Case> {
         lay_over(&mut whole, case.as_table().unwrap());
         let case: Case = whole.try_into().unwrap_or_else(|e| panic!("{}: {e}", path.display()));
         assert!(!case.reason.is_empty(), "{} has no reason", case.name);
+        for stage in case.tolerance.keys() {
+            assert!(STAGES.contains(&stage.as_str()), "{}: no stage {stage}", case.name);
+        }
+        assert!(!case.faint || case.tolerance.contains_key("depth"), "{} holds no depth", case.name);
         case
     };
     cases.into_iter().map(read).collect()

@@ -2,8 +2,10 @@
 //!
 //! - `raycast`: pictures of the volume; greatest difference of a channel.
 //! - `generate`: what comes through up to every start and end of a supersegment; greatest difference.
+//! - `depth`: a ray's optical depth, over the greatest that is finite; greatest difference.
 //! - `color`: colours of supersegments, where there is one; greatest difference of a channel.
-//! - `composite`: a list's colour, composited by `model::composite`; greatest difference of a channel.
+//! - `composite`: a list's colour, composited by `model::composite`; greatest difference of a channel. Of fitted lists too,
+//!   and so `depth`.
 //! - `encode`: supersegments that come back with other depths, or are not stored the same when encoded once more.
 //! - `decode`: as `composite`, after encoding and decoding.
 //! - `render`: pictures of the VDI against the exact light of that VDI; greatest difference of a channel.
@@ -16,9 +18,13 @@ use crate::expected::{Lights, View, of_vdi, of_volume, views};
 use crate::table::Table;
 use lamina_cast::Field;
 use lamina_model::composite::Accumulator;
-use lamina_model::{Supersegment, Vdi};
+use lamina_model::{Segmentation, Supersegment, Vdi};
 use lamina_tests::reference::Light;
 use lamina_wire::codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode, encode};
+
+/// What a case may have a tolerance for.
+pub const STAGES: [&str; 10] =
+    ["raycast", "generate", "depth", "color", "composite", "encode", "decode", "render", "own view", "novel"];
 
 const CODECS: [(&str, Codec, Layout); 4] = [
     ("columns bzip2", Codec::Bzip2, Layout::Columns),
@@ -35,10 +41,13 @@ pub fn run(case: &Case, casters: &[Caster], drawers: &[Drawer], table: &mut Tabl
     let seen: Vec<_> = views.iter().map(|view| of_volume(case, &volume, view)).collect();
     let shows = seen[0].iter().any(|rays| rays[0].last() != Some(&Light::CLEAR));
     assert_eq!(case.clear, !shows, "{} is said to show something or not, wrongly", case.name);
+    if !case.clear && !case.faint {
+        telling(case, &views, &seen, table);
+    }
     for caster in casters {
         let report = &mut Report { case, backend: caster.name(), table };
         cast(report, caster, &field, &views, &seen);
-        let vdi = match caster.generate(&field, &case.params()) {
+        let vdi = match caster.generate(&field, &case.params(), Segmentation::Greedy) {
             Ok(vdi) => vdi,
             Err(reason) => {
                 report.pass_over("generate", &reason);
@@ -46,6 +55,9 @@ pub fn run(case: &Case, casters: &[Caster], drawers: &[Drawer], table: &mut Tabl
             }
         };
         lists(report, &vdi, &views[0], &seen[0]);
+        let fitted = caster.generate(&field, &case.params(), Segmentation::Fitted).unwrap();
+        let report = &mut Report { case, backend: format!("{} fitted", caster.name()), table };
+        rays(report, &fitted, &views[0], &seen[0]);
         for (name, codec, layout) in CODECS {
             let report = &mut Report { case, backend: format!("{} {name}", caster.kind()), table };
             encoded(report, &vdi, &EncodeOptions { codec, layout }, &views[0], &seen[0]);
@@ -60,6 +72,27 @@ pub fn run(case: &Case, casters: &[Caster], drawers: &[Drawer], table: &mut Tabl
             let report = &mut Report { case, backend, table };
             drawn(report, drawer, &vdi, &views, [&exact, &seen], generated.unwrap_or(0.0));
         }
+    }
+}
+
+/// What the case allows in each stage must be less than half of what a picture of nothing would be off.
+fn telling(case: &Case, views: &[View], seen: &[Vec<Vec<Lights>>], table: &mut Table) {
+    let background = case.scene.background;
+    let blank = |n: usize| {
+        let nothing = vec![background; views[n].pixels.len()];
+        errors(&nothing, &seen[n], background).collect::<Vec<f64>>()
+    };
+    let own = blank(0).into_iter().fold(0.0, greater);
+    let novel: Vec<f64> = (1..views.len()).flat_map(blank).collect();
+    let through = seen[0].iter().map(|rays| 1.0 - rays[0][rays[0].len() - 1].transmittance).fold(0.0, greater);
+    for (stage, tolerance) in &case.tolerance {
+        let nothing = match stage.as_str() {
+            "raycast" | "composite" | "decode" | "render" | "own view" => own,
+            "generate" => through,
+            "novel" => (novel.iter().map(|e| e * e).sum::<f64>() / novel.len() as f64).sqrt(),
+            _ => continue,
+        };
+        table.add(&case.name, stage, "nothing, half", tolerance.greatest(), 0.5 * nothing);
     }
 }
 
@@ -115,6 +148,21 @@ fn lists(report: &mut Report, vdi: &Vdi, view: &View, seen: &[Vec<Lights>]) {
         let of = |s: &Supersegment| (0..3).map(|c| (f64::from(s.color[c]) - color[c]).abs()).fold(0.0, f64::max);
         report.add("color", vdi.segments().iter().map(of).fold(0.0, f64::max));
     }
+    rays(report, vdi, view, seen);
+}
+
+/// The stages `depth` and `composite`: what whole rays come to.
+fn rays(report: &mut Report, vdi: &Vdi, view: &View, seen: &[Vec<Lights>]) {
+    let depth = |lights: &Lights| -lights[lights.len() - 1].transmittance.ln();
+    let finite = seen.iter().map(|rays| depth(&rays[0])).filter(|d| d.is_finite());
+    let greatest = finite.fold(0.0, f64::max);
+    let off = |(&(i, j), rays): (&(u32, u32), &Vec<Lights>)| {
+        let found: f64 = vdi.list(i, j).iter().map(|s| f64::from(s.optical_depth)).sum();
+        let errors = rays.iter().map(depth).filter(|d| d.is_finite()).map(|d| (found - d).abs() / greatest);
+        errors.fold(f64::INFINITY, f64::min)
+    };
+    let all = view.pixels.iter().zip(seen).map(off).filter(|e| e.is_finite());
+    report.add("depth", all.fold(0.0, greater));
     report.add("composite", worst_channel(&composited(vdi, view), seen, vdi.header().background));
 }
 

@@ -78,9 +78,7 @@ impl Resources {
             .effects()
             .filter(|e| e.pre_integrated)
             .map(|_| Integral::new(&field.scene().transfer, field.unit_length(), step_length));
-        let narrow = |row: &[f64; 4]| row.map(|x| x as f32);
-        let sums: Vec<[f32; 4]> =
-            integral.as_ref().map_or_else(|| vec![[0.0; 4]], |i| i.sums.iter().map(narrow).collect());
+        let sums = integral.as_ref().map_or_else(|| vec![[[0.0; 4]; 3]], Integral::split);
         let uniform = uniform(field, integral.as_ref(), camera, step_length);
         Self {
             uniform: gpu.upload("effects", bytemuck::bytes_of(&uniform), BufferUsages::UNIFORM),

@@ -12,7 +12,7 @@ override CUED: bool = false;
 override COLORED: bool = false;
 
 @group(2) @binding(0) var<uniform> effects: Effects;
-// Integral: sums of a step's optical depth x (red, green, blue, 1).
+// Integral::split: of a step's optical depth x (red, green, blue, 1) the sum, its rest and the next summand.
 @group(2) @binding(1) var<storage, read> sums: array<vec4f>;
 // LightVolume: transmittance of all points where there are shadows, then openness where there is occlusion.
 @group(2) @binding(2) var<storage, read> light_volume: array<f32>;
@@ -104,15 +104,13 @@ fn look(span: Span, course: Course, s: Sample) -> Look {
         if whole && abs(high - low) * f32(view.bins) >= FEWEST_ROWS {
             let a = sum_at(low);
             let b = sum_at(high);
-            let sum = b - a;
-            // Behind an opaque part of the range single precision has no digits left for a faint one.
-            if abs(sum.w) >= 1e-4 * max(a.w, b.w) {
-                color = vec3f(0.0);
-                if sum.w != 0.0 {
-                    color = clamp(sum.xyz / sum.w, vec3f(0.0), vec3f(1.0));
-                }
-                depth = max(sum.w / ((high - low) * f32(view.bins)) * size, 0.0);
+            // Behind an opaque part of the range a sum has no digits left for a faint one, but its rest has.
+            let sum = (b.sum - a.sum) + (b.rest - a.rest) + (b.part - a.part);
+            color = vec3f(0.0);
+            if sum.w != 0.0 {
+                color = clamp(sum.xyz / sum.w, vec3f(0.0), vec3f(1.0));
             }
+            depth = max(sum.w / ((high - low) * f32(view.bins)) * size, 0.0);
         }
     }
     if depth > 0.0 {
@@ -152,13 +150,20 @@ fn own_color(index: vec3f, color: ptr<function, vec3f>) {
     *color = mapped;
 }
 
-// The sums up to position `u` of the range, which go on as they end outside of it.
-fn sum_at(u: f32) -> vec4f {
+// A sum in parts that are exact by themselves.
+struct Sum {
+    sum: vec4f,
+    rest: vec4f,
+    part: vec4f,
+}
+
+// The sum up to position `u` of the range, which goes on as it ends outside of it.
+fn sum_at(u: f32) -> Sum {
     let row = row_at(max(u, 0.0), view.bins, 0u);
-    let a = sums[row.index];
-    let inside = a + row.weight * (sums[row.index + 1u] - a);
+    let n = 3u * row.index;
     let beyond = (u - clamp(u, 0.0, 1.0)) * f32(view.bins);
-    return inside + beyond * select(effects.before, effects.beyond, u > 0.5);
+    let part = row.weight * sums[n + 2u] + beyond * select(effects.before, effects.beyond, u > 0.5);
+    return Sum(sums[n], sums[n + 1u], part);
 }
 
 fn meet_surfaces(span: Span, course: Course, at: vec2f, ends: vec2f, medium: Look) -> Look {
@@ -267,14 +272,16 @@ fn gradient_at(index: vec3f, gradient: ptr<function, vec3f>) -> bool {
     return dot(*gradient, *gradient) > 0.0;
 }
 
-// The light volume's values from `first` on, at `index`.
-fn light_at(index: vec3f, first: u32) -> f32 {
-    let x = clamp(index * effects.light_scale, vec3f(0.0), vec3f(effects.light_dims - 1u));
+// The light volume's values from `start` on, at `index`.
+fn light_at(index: vec3f, start: u32) -> f32 {
+    // An axis with one sample point is drawn half a spacing beyond it to both sides.
+    let first = select(vec3f(0.0), vec3f(0.5), volume.last == vec3u(0u));
+    let x = clamp(index * effects.light_scale + first, vec3f(0.0), vec3f(effects.light_dims - 1u));
     let base = min(vec3u(x), effects.light_dims - 2u);
     let w = x - vec3f(base);
     let row = effects.light_dims.x;
     let slice = row * effects.light_dims.y;
-    let n = first + base.z * slice + base.y * row + base.x;
+    let n = start + base.z * slice + base.y * row + base.x;
     let near = mix(light_along_x(n, w.x), light_along_x(n + row, w.x), w.y);
     let far = mix(light_along_x(n + slice, w.x), light_along_x(n + slice + row, w.x), w.y);
     return mix(near, far, w.z);

@@ -54,10 +54,11 @@ struct Mapped<'a> {
     corners: Vec<(f32, [f32; 3])>,
 }
 
-/// [`Integral`] in single precision.
+/// [`Integral`] in single precision, and as it is.
 struct Sums {
     rows: Vec<[f32; 4]>,
     ends: [[f32; 4]; 2],
+    exact: Integral,
 }
 
 impl<'a> Prepared<'a> {
@@ -67,7 +68,7 @@ impl<'a> Prepared<'a> {
         let integral = effects.pre_integrated.then(|| {
             let exact = Integral::new(&field.scene().transfer, field.unit_length(), step_length);
             let narrow = |row: [f64; 4]| row.map(|x| x as f32);
-            Sums { rows: exact.sums.iter().copied().map(narrow).collect(), ends: exact.ends.map(narrow) }
+            Sums { rows: exact.sums.iter().copied().map(narrow).collect(), ends: exact.ends.map(narrow), exact }
         });
         let rows = table.bins() as f64;
         let surface = |s: &crate::effects::Surface| {
@@ -217,7 +218,7 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
     #[inline(always)]
     fn integrate(&self, [u, v]: [L::F; 2], length: L::F, live: L::M, color: &mut [L::F; 3], depth: &mut L::F) {
         let s = L::F::splat;
-        let Some(Sums { rows: sums, ends: outside }) = &self.prepared.integral else { return };
+        let Some(Sums { rows: sums, ends: outside, exact }) = &self.prepared.integral else { return };
         let apart = live & s(FEWEST_ROWS as f32).le((v - u).abs());
         if !apart.any() {
             return;
@@ -231,8 +232,6 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
                 row[c] = row[c] + before * s(outside[0][c]) + beyond * s(outside[1][c]);
             }
         }
-        // Behind an opaque part of the range single precision has no digits left for a faint one.
-        let apart = apart & ((high[3].max(low[3])) * s(1e-4)).le((high[3] - low[3]).abs());
         let whole = (high[3] - low[3]).div(v - u);
         let straight = s(1.0).div((high[3] - low[3]).abs().max(s(f32::MIN_POSITIVE)));
         let sign = L::F::select(u.lt(v), straight, s(0.0) - straight);
@@ -241,6 +240,15 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
             color[c] = L::F::select(apart, mean, color[c]);
         }
         *depth = L::F::select(apart, (whole * length).max(s(0.0)), *depth);
+        // Behind an opaque part of the range single precision has no digits left for a faint one; beyond all that shows there
+        // is nothing to look for.
+        let lost = apart & (high[3] - low[3]).abs().lt(high[3].max(low[3]) * s(1e-4));
+        let lost = lost & u.min(v).le(s(self.view.table.visible[1]));
+        if lost.any() {
+            let mut arrays = (color.map(|c| c.to_array()), depth.to_array());
+            exactly(exact, [u.to_array(), v.to_array()], length.to_array(), lost.bits(), &mut arrays);
+            (*color, *depth) = (arrays.0.map(L::F::from_array), L::F::from_array(arrays.1));
+        }
     }
 
     /// Lights the middle of a step, and puts the surfaces crossed between both `ends` into it. One loop, first the medium
@@ -329,6 +337,7 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
         let p = packet.at(t);
         let (mut shadow, mut open) = (s(1.0), s(1.0));
         if let Some(volume) = &effects.volume {
+            // Every axis has a cell here: nothing is offset.
             let scale = volume.scale.map(|x| x as f32);
             let q = [p[0] * s(scale[0]), p[1] * s(scale[1]), p[2] * s(scale[2])];
             if let Some(transmittance) = &volume.transmittance {
@@ -386,6 +395,22 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
             }
         }
         gradient
+    }
+}
+
+/// Colours and depths of steps between rows `u` and `v`, in double precision, for the lanes whose bits are set.
+fn exactly(
+    exact: &Integral,
+    [u, v]: [[f32; WIDTH]; 2],
+    length: [f32; WIDTH],
+    lanes: u32,
+    (colors, depths): &mut ([[f32; WIDTH]; 3], [f32; WIDTH]),
+) {
+    let rows = exact.bins() as f64;
+    for l in (0..WIDTH).filter(|l| lanes >> l & 1 == 1) {
+        let (color, whole) = exact.between(f64::from(u[l]) / rows, f64::from(v[l]) / rows);
+        colors.iter_mut().zip(color).for_each(|(out, c)| out[l] = c.clamp(0.0, 1.0) as f32);
+        depths[l] = whole as f32 * length[l];
     }
 }
 

@@ -281,3 +281,57 @@ fn opaque_media_and_faint_surfaces_stay_finite() {
         assert!(vdi.segments().iter().all(|s| s.color.iter().all(|c| c.is_finite()) && !s.optical_depth.is_nan()));
     }
 }
+
+/// A field rising along x through a needle of opacity, in steps longer than the needle: whatever is opaque where the field
+/// has no value, the needle's optical depth is 2 / 0.3 of the integral of -ln(1 - a) up to 0.3.
+#[test]
+fn what_is_opaque_elsewhere_in_the_range_hides_nothing_from_pre_integration() {
+    let grid = Grid::new([17, 9, 9], DVec3::ONE, DVec3::ZERO).unwrap();
+    let range = ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap();
+    let point = |at, opacity| ControlPoint { at, color: [0.8; 3], opacity };
+    let needle = [point(0.55, 0.0), point(0.6, 0.3), point(0.65, 0.0)];
+    let below = [point(0.0, 1.0), point(0.1, 1.0), point(0.1, 0.0)];
+    let above = [point(0.95, 0.0), point(0.95, 1.0)];
+    let camera = Camera::new(DVec3::new(1e5, 4.0, 4.0), DVec3::new(8.0, 4.0, 4.0), DVec3::Y, 0.001).unwrap();
+    let gpu = testing::gpu().map(|gpu| GpuKernels::new(gpu).unwrap());
+    let depth = 2.0 / 0.3 * (0.7 * 0.7_f64.ln() + 0.3);
+    let expected = 0.8 * -(-depth).exp_m1();
+    for points in [[&needle[..], &[]].concat(), [&below[..], &needle].concat(), [&below[..], &needle, &above].concat()]
+    {
+        let voxels = Voxels::F32((0..17 * 81).map(|n| 0.2 + 0.7 * (n % 17) as f32 / 14.0).collect());
+        let transfer = TransferFunction::new(range, Some(1.0), points).unwrap();
+        let effects = Effects { pre_integrated: true, ..Effects::default() };
+        let scene = Scene { transfer, camera, background: [0.0; 3], step_voxels: 4.0, effects }.check().unwrap();
+        let field = Field::new(Volume::new(grid, voxels).unwrap(), &scene);
+        let on_gpu = gpu.as_ref().map(|gpu| gpu.raycast_pixels(&field, &camera, 3, 3, &[(1, 1)]).unwrap()[0]);
+        for found in [Some(center(&field)), on_gpu].into_iter().flatten() {
+            assert!((f64::from(found[0]) - expected).abs() < 2e-4, "{found:?}, {expected}");
+        }
+    }
+}
+
+/// One layer of sample points is a slab one spacing thick, lit alike from both sides: the integral of kappa exp(-kappa s)
+/// times the light, which falls from 1 to exp(-kappa), linearly on its coarse grid.
+#[test]
+fn a_single_layer_is_shadowed_alike_from_both_sides() {
+    let grid = Grid::new([17, 17, 1], DVec3::ONE, DVec3::ZERO).unwrap();
+    let range = ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap();
+    let points = vec![ControlPoint { at: 0.0, color: [1.0; 3], opacity: 0.9 }];
+    let transfer = TransferFunction::new(range, Some(1.0), points).unwrap();
+    let kappa = 10.0_f64.ln();
+    let lit = |s: f64| kappa * (-kappa * s).exp() * (1.0 - 0.9 * s);
+    let expected = (0..1000).map(|n| lit((f64::from(n) + 0.5) / 1000.0)).sum::<f64>() / 1000.0;
+    let gpu = testing::gpu().map(|gpu| GpuKernels::new(gpu).unwrap());
+    for side in [1.0, -1.0] {
+        let camera = Camera::new(DVec3::new(8.0, 8.0, side * 1e5), DVec3::new(8.0, 8.0, 0.0), DVec3::Y, 1e-4).unwrap();
+        let effects = Effects { light: Some(DVec3::Z * side), shadows: Some(1.0), ..Effects::default() };
+        let background = [0.0; 3];
+        let scene = Scene { transfer: transfer.clone(), camera, background, step_voxels: 1.0 / 32.0, effects };
+        let volume = Volume::new(grid, Voxels::F32(vec![0.5; 289])).unwrap();
+        let field = Field::new(volume, &scene.check().unwrap());
+        let on_gpu = gpu.as_ref().map(|gpu| gpu.raycast_pixels(&field, &camera, 3, 3, &[(1, 1)]).unwrap()[0]);
+        for found in [Some(center(&field)), on_gpu].into_iter().flatten() {
+            assert!((f64::from(found[0]) - expected).abs() < 1e-3, "{side}: {found:?}, {expected}");
+        }
+    }
+}

@@ -13,8 +13,8 @@ const COUNTERS: [(&str, &str); 8] = [
     ("fn value_at(index: vec3f, u: ptr<function, f32>) -> bool {", "counts.fetches += 1.0;"),
     ("fn gradient_at(index: vec3f, gradient: ptr<function, vec3f>) -> bool {", "counts.gradients += 1.0;"),
     (
-        "fn light_at(index: vec3f, first: u32) -> f32 {",
-        "if SHADOWED && first == 0u { counts.shadows += 1.0; } else { counts.occlusion += 1.0; }",
+        "fn light_at(index: vec3f, start: u32) -> f32 {",
+        "if SHADOWED && start == 0u { counts.shadows += 1.0; } else { counts.occlusion += 1.0; }",
     ),
     ("fn own_color(index: vec3f, color: ptr<function, vec3f>) {", "counts.colors += 1.0;"),
     ("colors[3u * n] = color.x;", "colors[3u * n] = counts.samples + 4096.0 * counts.fetches;"),
