@@ -9,6 +9,7 @@ use lamina_cast::{Backend, Field, scalar};
 use lamina_device::testing;
 use lamina_model::camera::CameraFields;
 use lamina_model::composite::{Accumulator, TRANSMITTANCE_FLOOR};
+use lamina_model::effects::{ClipPlane, DepthCue, Effects, Isosurface, Shading};
 use lamina_model::{
     Camera, ControlPoint, GenerationParams, Grid, Image, Intermediate, ScalarRange, Scale, Scene, Segmentation,
     Supersegment, TransferFunction, Vdi, Volume, Voxels, psnr,
@@ -102,6 +103,37 @@ fn world() -> impl Strategy<Value = World> {
     })
 }
 
+/// A world with some effects.
+fn lit_world() -> impl Strategy<Value = World> {
+    let direction = || vector(-1.0..1.0).prop_filter("a direction", |v| v.length() > 0.1);
+    let color = || [channel(), channel(), channel()];
+    let surface =
+        (-0.2..1.2_f64, color(), channel()).prop_map(|(value, color, opacity)| Isosurface { value, color, opacity });
+    let cue = (color(), channel()).prop_map(|(color, strength)| DepthCue { color, strength });
+    let light = (direction(), prop::option::of(Just(Shading::default())), prop::option::of(channel()));
+    let plane = prop::option::of((direction(), vector(0.0..1.0)));
+    let others = (prop::option::of(channel()), any::<bool>(), prop::option::of(cue));
+    (world(), light, prop::collection::vec(surface, 0..3), plane, others).prop_map(
+        |(mut world, (light, shading, shadows), isosurfaces, plane, (ambient_occlusion, pre_integrated, depth_cue))| {
+            let bounds = world.volume.grid().bounds();
+            let through = |at: DVec3| bounds.min + at * bounds.size();
+            let planes = plane.map(|(normal, at)| ClipPlane { normal, offset: normal.dot(through(at)) });
+            world.scene.effects = Effects {
+                light: Some(light),
+                shading,
+                shadows,
+                ambient_occlusion,
+                isosurfaces,
+                clip_planes: planes.into_iter().collect(),
+                pre_integrated,
+                depth_cue,
+                ..Effects::default()
+            };
+            world
+        },
+    )
+}
+
 fn all_pixels() -> Vec<(u32, u32)> {
     (0..SIZE[1]).flat_map(|j| (0..SIZE[0]).map(move |i| (i, j))).collect()
 }
@@ -152,7 +184,9 @@ fn scaled(world: &World, factor: f64) -> World {
     let (range, points) = (*scene.transfer.range(), scene.transfer.points().to_vec());
     let unit_length = scene.transfer.stated_unit_length().map(|l| factor * l);
     let transfer = TransferFunction::new(range, unit_length, points).unwrap();
-    let scene = Scene { transfer, camera: camera(scene.camera), ..scene.clone() };
+    let mut effects = scene.effects.clone();
+    effects.clip_planes.iter_mut().for_each(|p| p.offset *= factor);
+    let scene = Scene { transfer, camera: camera(scene.camera), effects, ..scene.clone() };
     let volume = Volume::new(grid, world.volume.voxels().clone()).unwrap();
     World { volume, scene, novel: camera(world.novel), params: world.params }
 }
@@ -173,7 +207,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 96, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn colours_are_numbers_from_0_to_1(world in world()) {
+    fn colours_are_numbers_from_0_to_1(world in prop_oneof![world(), lit_world()]) {
         let (field, vdi, [w, h]) = (world.field(), world.vdi(), SIZE);
         let camera = &world.scene.camera;
         for picture in [
@@ -213,7 +247,7 @@ proptest! {
     }
 
     #[test]
-    fn neither_order_nor_neighbours_nor_threads_nor_level_change_a_bit(world in world(), chunk in 1_usize..40, turn in 1_usize..273) {
+    fn neither_order_nor_neighbours_nor_threads_nor_level_change_a_bit(world in prop_oneof![world(), lit_world()], chunk in 1_usize..40, turn in 1_usize..273) {
         let (field, pixels, [w, h]) = (world.field(), all_pixels(), SIZE);
         // A prime beside 273 = 21 x 13 and any start visit every pixel once.
         let order: Vec<usize> = (0..pixels.len()).map(|n| (turn + 101 * n) % pixels.len()).collect();
@@ -284,7 +318,7 @@ proptest! {
     }
 
     #[test]
-    fn a_greater_world_with_a_greater_unit_length_looks_the_same(world in world(), power in -30..30_i32) {
+    fn a_greater_world_with_a_greater_unit_length_looks_the_same(world in prop_oneof![world(), lit_world()], power in -30..30_i32) {
         // Powers of two: no rounding differs, so nothing may.
         let (other, [w, h]) = (scaled(&world, 2.0_f64.powi(power)), SIZE);
         let lists = |world: &World| (world.vdi().offsets().to_vec(), world.vdi().segments().to_vec());

@@ -19,7 +19,7 @@ macro_rules! counter {
 }
 
 counter!(
-    /// The field interpolated for an effect: at a step's end, a surface.
+    /// The field interpolated for an effect: at a step's end, a surface, the middle of what clipping leaves of a step.
     value,
     0
 );
@@ -55,7 +55,7 @@ pub fn take() -> [u64; 5] {
 pub mod cases {
     use crate::Field;
     use glam::DVec3;
-    use lamina_model::effects::{ColorField, Isosurface, Shading};
+    use lamina_model::effects::{ClipPlane, ColorField, DepthCue, Isosurface, Shading};
     use lamina_model::{
         Camera, ControlPoint, Effects, Grid, ScalarRange, Scale, Scene, TransferFunction, Volume, Voxels,
     };
@@ -68,8 +68,11 @@ pub mod cases {
         let range = ScalarRange::new(0.0, 9.0, Scale::Linear).unwrap();
         let second = ColorField { name: "second".into(), range, points: ColorField::cool_to_warm() };
         let both = (Some(0.5), Some(0.5));
+        let plane = ClipPlane { normal: DVec3::Z, offset: 5.2 };
         vec![
             (Effects { light, ..none() }, [false; 5]),
+            (Effects { depth_cue: Some(DepthCue { color: [0.0; 3], strength: 0.5 }), ..none() }, [false; 5]),
+            (Effects { clip_planes: vec![plane], ..none() }, [true, false, false, false, false]),
             (Effects { isosurfaces: vec![surface], ..none() }, [true, false, false, false, false]),
             (Effects { pre_integrated: true, ..none() }, [true, false, false, false, false]),
             (Effects { light, shading: Some(Shading::default()), ..none() }, [false, true, false, false, false]),

@@ -200,6 +200,10 @@ impl Effects {
             let (min, max) = (b.min, b.max);
             return Err(Invalid::new("effects.clip_box", format!("{min} to {max}: the lower corner comes first")));
         }
+        if let Some([a, b]) = self.nothing_between() {
+            let reason = format!("{a:?} and {b:?} leave nothing between them; turn one round, or move it");
+            return Err(Invalid::new("effects.clip_planes", reason));
+        }
         if let Some(cue) = self.depth_cue {
             cue.color.iter().chain([&cue.strength]).try_for_each(|x| share("effects.depth_cue", *x))?;
         }
@@ -223,6 +227,16 @@ impl Effects {
         Ok(())
     }
 
+    /// Two half spaces, if any, that face away from each other and have no point in common.
+    fn nothing_between(&self) -> Option<[ClipPlane; 2]> {
+        let all = self.half_spaces();
+        let apart = |a: &ClipPlane, b: &ClipPlane| {
+            let (m, n) = (a.normal.length(), b.normal.length());
+            a.normal.dot(b.normal) <= -(1.0 - 1e-12) * m * n && a.offset / m < -b.offset / n
+        };
+        all.iter().enumerate().find_map(|(n, a)| all[..n].iter().find(|b| apart(a, b)).map(|b| [*a, *b]))
+    }
+
     /// All half spaces, those of the box among them.
     pub fn half_spaces(&self) -> Vec<ClipPlane> {
         let sides = self.clip_box.iter().flat_map(|b| {
@@ -241,10 +255,13 @@ impl Effects {
 mod tests {
     use super::*;
 
+    fn range() -> ScalarRange {
+        ScalarRange::new(1.0, 10.0, Scale::Log10).unwrap()
+    }
+
     fn refused(text: &str) -> String {
-        let range = ScalarRange::new(1.0, 10.0, Scale::Log10).unwrap();
         match serde_json::from_str::<Effects>(text) {
-            Ok(effects) => effects.check(&range).unwrap_err().to_string(),
+            Ok(effects) => effects.check(&range()).unwrap_err().to_string(),
             Err(error) => error.to_string(),
         }
     }
@@ -258,6 +275,12 @@ mod tests {
         assert!(refused(r#"{"light": [0, 0, 1], "shadows": 2}"#).contains("effects.shadows"));
         assert!(refused(r#"{"light": [0, 0, 1], "shading": {"shininess": 5}}"#).contains("shininess"));
         assert!(refused(r#"{"isosurfaces": [{"value": 3, "color": [0, 0, 2]}]}"#).contains("isosurfaces"));
+        let planes = |low: f64| {
+            let plane = |x: i32, offset: f64| format!(r#"{{"normal": [{x}, 0, 0], "offset": {offset}}}"#);
+            format!(r#"{{"clip_planes": [{}, {}]}}"#, plane(2, 6.0), plane(-1, -low))
+        };
+        assert!(refused(&planes(4.0)).contains("leave nothing"), "x up to 3 and from 4 on");
+        serde_json::from_str::<Effects>(&planes(2.0)).unwrap().check(&range()).unwrap();
         assert!(refused(r#"{"isosurfaces": [{"value": -3, "color": [0, 0, 1]}]}"#).contains("value -3"));
         assert!(refused(r#"{"clip_box": {"min": [0, 0, 0], "max": [1, 0, 1]}}"#).contains("clip_box"));
         assert!(refused(r#"{"clip_planes": [{"normal": [0, 0, 0], "offset": 1}]}"#).contains("clip_planes"));

@@ -102,7 +102,11 @@ pub fn accuracy(arguments: &cli::Accuracy) -> anyhow::Result<()> {
 
 /// The field, if there is something in it to see.
 fn visible(volume: &Volume, scene: &Scene) -> anyhow::Result<Field> {
-    ensure!(scene.effects.is_none(), "the scene asks for effects: the reference knows emission and absorption only");
+    ensure!(
+        scene.effects.is_none(),
+        "effects: the reference knows emission and absorption only; take [effects] out of the scene (pre-integration is \
+         measured without being asked for)"
+    );
     let voxels = volume.voxels();
     let finite = (0..voxels.len()).any(|n| voxels.get(n).is_finite());
     ensure!(finite, "no voxel is a finite number: there is nothing to measure");

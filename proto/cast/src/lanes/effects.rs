@@ -159,7 +159,12 @@ impl<L: Lanes, V: Pair> Source<L> for WithEffects<'_, L, V> {
             return None;
         }
         let middle = from + s(0.5) * length;
-        let at = if effects.half_spaces.is_empty() { at } else { self.view.sample::<L>(packet.at(middle)) };
+        let at = if effects.half_spaces.is_empty() {
+            at
+        } else {
+            count::value();
+            self.view.sample::<L>(packet.at(middle))
+        };
         let [r, g, b, unit, depth, _] = L::rows6(&table.unit, at);
         let shown = live & table.shown::<L>(at) & s(0.0).lt(unit);
         let straight = s(1.0).div(unit.max(s(f32::MIN_POSITIVE)));

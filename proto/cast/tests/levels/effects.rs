@@ -291,14 +291,14 @@ fn what_is_opaque_elsewhere_in_the_range_hides_nothing_from_pre_integration() {
     let point = |at, opacity| ControlPoint { at, color: [0.8; 3], opacity };
     let needle = [point(0.55, 0.0), point(0.6, 0.3), point(0.65, 0.0)];
     let below = [point(0.0, 1.0), point(0.1, 1.0), point(0.1, 0.0)];
-    let above = [point(0.95, 0.0), point(0.95, 1.0)];
+    let above = [point(0.97, 0.0), point(0.97, 1.0)];
     let camera = Camera::new(DVec3::new(1e5, 4.0, 4.0), DVec3::new(8.0, 4.0, 4.0), DVec3::Y, 0.001).unwrap();
     let gpu = testing::gpu().map(|gpu| GpuKernels::new(gpu).unwrap());
     let depth = 2.0 / 0.3 * (0.7 * 0.7_f64.ln() + 0.3);
     let expected = 0.8 * -(-depth).exp_m1();
     for points in [[&needle[..], &[]].concat(), [&below[..], &needle].concat(), [&below[..], &needle, &above].concat()]
     {
-        let voxels = Voxels::F32((0..17 * 81).map(|n| 0.2 + 0.7 * (n % 17) as f32 / 14.0).collect());
+        let voxels = Voxels::F32((0..17 * 81).map(|n| 0.15 + 0.05 * (n % 17) as f32).collect());
         let transfer = TransferFunction::new(range, Some(1.0), points).unwrap();
         let effects = Effects { pre_integrated: true, ..Effects::default() };
         let scene = Scene { transfer, camera, background: [0.0; 3], step_voxels: 4.0, effects }.check().unwrap();

@@ -1,11 +1,13 @@
 //! What the kernel looks up: the ray caster's text with counters put in, which it writes instead of colours.
 
+use crate::Field;
 use crate::count::cases;
 use crate::gpu::GpuKernels;
 use crate::gpu::effects::Set;
 use crate::gpu::pipelines::RAYCAST;
 use crate::gpu::resident::Kind;
-use lamina_device::testing;
+use lamina_device::{DeviceError, testing};
+use lamina_model::Effects;
 
 /// Where each count is raised, and the three sums that are told: exact in single precision for counts below 4096.
 const COUNTERS: [(&str, &str); 8] = [
@@ -32,20 +34,52 @@ fn counting() -> String {
     })
 }
 
+/// The ray caster's text without all that is for effects.
+fn without_effects() -> String {
+    let start = RAYCAST.find("    if EFFECTS {\n        let course").unwrap();
+    let length = RAYCAST[start..].find("\n    }\n").unwrap() + "\n    }\n".len();
+    let bare = format!("{}{}", &RAYCAST[..start], &RAYCAST[start + length..]);
+    let effects = include_str!("../effects.wgsl");
+    // What the pipeline sets has to be there.
+    let switches: Vec<&str> = effects.lines().filter(|line| line.starts_with("override")).collect();
+    let bare = bare.replace(effects, &switches.join("\n")).replace("EFFECTS ||", "");
+    assert!(!bare.contains("look(") && !bare.contains("if EFFECTS"));
+    bare
+}
+
+#[test]
+fn without_effects_no_bit_differs_from_a_kernel_that_never_had_them() {
+    let (field, camera) = cases::field(Effects::default());
+    let picture = |source: String| {
+        let kernels = GpuKernels::new(testing::gpu()?).unwrap();
+        put(&kernels, &field, &source);
+        Some(kernels.raycast_pixels(&field, &camera, 16, 16, &pixels()).unwrap())
+    };
+    let [Some(ours), Some(bare)] = [RAYCAST.to_owned(), without_effects()].map(picture) else { return };
+    assert!(ours.iter().any(|c| c[0] > 0.0) && ours == bare);
+}
+
+fn pixels() -> Vec<(u32, u32)> {
+    (0..256).map(|n| (n % 16, n / 16)).collect()
+}
+
+/// Makes `source` the kernel for `field`.
+fn put(kernels: &GpuKernels, field: &Field, source: &str) {
+    let gpu = &kernels.gpu;
+    let kernel = || Ok::<_, DeviceError>(kernels.pipelines.march_of(gpu, Kind::Single, Set::of(field), source));
+    let march = gpu.run("compiling", kernel).unwrap();
+    kernels.state.lock().unwrap().marches.push(march);
+}
+
 #[test]
 fn what_is_not_asked_for_is_not_looked_up() {
     let Some(gpu) = testing::gpu() else { return };
     let kernels = GpuKernels::new(gpu).unwrap();
     let source = counting();
-    let pixels: Vec<(u32, u32)> = (0..256).map(|n| (n % 16, n / 16)).collect();
     for (effects, asked) in cases::asked() {
         let (field, camera) = cases::field(effects.clone());
-        let gpu = &kernels.gpu;
-        let counting = gpu.run("compiling", || {
-            Ok::<_, lamina_device::DeviceError>(kernels.pipelines.march_of(gpu, Kind::Single, Set::of(&field), &source))
-        });
-        kernels.state.lock().unwrap().marches.push(counting.unwrap());
-        let told = kernels.raycast_pixels(&field, &camera, 16, 16, &pixels).unwrap();
+        put(&kernels, &field, &source);
+        let told = kernels.raycast_pixels(&field, &camera, 16, 16, &pixels()).unwrap();
         let sum = |channel: usize| {
             told.iter().fold([0, 0], |[low, high], c| {
                 let both = c[channel] as u64;
