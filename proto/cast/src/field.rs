@@ -244,7 +244,8 @@ pub fn units(voxels: Voxels, range: &ScalarRange) -> Vec<f32> {
             v
         }
         other if range.scale() == Scale::Linear => {
-            for_voxels!(&other, v => v.par_iter().map(|&x| range.linear(x.into())).collect())
+            let lo = range.lo();
+            for_voxels!(&other, v => v.par_iter().map(|&x| ScalarRange::linear(x.into(), lo, width)).collect())
         }
         other => for_voxels!(&other, v => v.par_iter().map(|&x| range.unit_from_value(x.into())).collect()),
     }

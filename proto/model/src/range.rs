@@ -88,15 +88,15 @@ impl ScalarRange {
     #[inline]
     pub fn unit_from_value(&self, value: f64) -> f32 {
         match self.scale {
-            Scale::Linear => self.linear(value),
+            Scale::Linear => Self::linear(value, self.lo, self.hi - self.lo),
             Scale::Log10 => unit(value, if value <= 0.0 { -1.0 } else { self.logarithmic(value) }),
         }
     }
 
-    /// The same under [`Scale::Linear`], whatever the scale is: for loops that ask for it once.
+    /// The same under [`Scale::Linear`], from a range's lower end and width: for loops that ask for these once.
     #[inline]
-    pub fn linear(&self, value: f64) -> f32 {
-        unit(value, (value - self.lo) / (self.hi - self.lo))
+    pub fn linear(value: f64, lo: f64, width: f64) -> f32 {
+        unit(value, (value - lo) / width)
     }
 
     /// Not the logarithm of a ratio: over six hundred decades that has no end.

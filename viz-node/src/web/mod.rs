@@ -44,6 +44,8 @@ impl Web {
         Router::new()
             .route("/", text("text/html; charset=utf-8", include_str!("../page/index.html")))
             .route("/page.js", text("text/javascript; charset=utf-8", include_str!("../page/page.js")))
+            .route("/camera.js", text("text/javascript; charset=utf-8", include_str!("../page/camera.js")))
+            .route("/plots.js", text("text/javascript; charset=utf-8", include_str!("../page/plots.js")))
             .route("/colours.js", text("text/javascript; charset=utf-8", include_str!("../page/colours.js")))
             .route("/page.css", text("text/css; charset=utf-8", include_str!("../page/page.css")))
             .route("/api/state", get(state))
