@@ -85,8 +85,8 @@ const PAGE_KEYS = {
   "=": () => zoomBy(1.15),
   "-": () => zoomBy(1 / 1.15),
   "0": resetCamera,
-  l: followNewest,
-  L: followNewest,
+  l: () => followNewest(),
+  L: () => followNewest(),
 };
 const TIMELINE_KEYS = {
   ArrowLeft: () => choose(shownIndex() - 1),
