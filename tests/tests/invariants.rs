@@ -149,6 +149,16 @@ fn thinned(vdi: &Vdi) -> Vdi {
     Vdi::new(*vdi.header(), vdi.offsets().to_vec(), vdi.segments().iter().map(thin).collect()).unwrap()
 }
 
+/// `vdi` with the first supersegment of each list alone.
+fn first_alone(vdi: &Vdi) -> Vdi {
+    let (mut offsets, mut segments) = (vec![0], Vec::new());
+    for list in vdi.offsets().windows(2) {
+        segments.extend(vdi.segments()[list[0] as usize..list[1] as usize].first());
+        offsets.push(segments.len() as u32);
+    }
+    Vdi::new(*vdi.header(), offsets, segments).unwrap()
+}
+
 /// `vdi` with every supersegment of whole steps cut in two. A ray's last step may be shorter, so what ends there stays.
 fn halved(vdi: &Vdi, share: f64) -> Vdi {
     let (header, r) = (vdi.header(), vdi.resolution());
@@ -243,7 +253,12 @@ proptest! {
         let [a, b] = [&whole, &parts].map(|vdi| drawn::render(vdi, &world.novel, w, h).unwrap());
         prop_assert!(greatest_difference(a.pixels(), b.pixels()) < 1e-6);
         let [a, b] = [&whole, &parts].map(|vdi| PreparedVdi::new(vdi).render(&world.novel, w, h).unwrap());
-        prop_assert!(greatest_difference(a.pixels(), b.pixels()) < 3e-6, "single precision");
+        prop_assert!(greatest_difference(a.pixels(), b.pixels()) < 3e-6, "single precision, many supersegments a ray");
+        // One supersegment a ray, whose every ray is a list's own.
+        let (whole, r) = (first_alone(&whole), whole.resolution());
+        let parts = halved(&whole, share);
+        let [a, b] = [&whole, &parts].map(|vdi| PreparedVdi::new(vdi).render(&world.scene.camera, r, r).unwrap());
+        prop_assert!(greatest_difference(a.pixels(), b.pixels()) < 1e-6, "single precision, one");
     }
 
     #[test]

@@ -170,26 +170,32 @@ impl Daemon {
         outcome
     }
 
-    /// The parameters pushed last; before any, those that the generator-node has of itself, if they could be a candidate.
-    fn in_use(&self, report: &v1::StepReport) -> Option<GenerationParams> {
+    /// The parameters pushed last; before any, those that the generator-node has of itself, if they lie among `candidates`.
+    fn in_use(&self, report: &v1::StepReport, candidates: &[GenerationParams]) -> Option<GenerationParams> {
         let read = |params: Option<v1::GenerationParams>| GenerationParams::try_from(params?).ok();
-        let Some(setting) = &self.setting else {
-            let own = read(report.params)?;
-            let like_base = own.with_resolution(self.base.resolution()).ok()?.with_gamma(self.base.gamma()).ok()?;
-            return (like_base.with_representation(self.base.representation()) == self.base).then_some(own);
+        if let Some(setting) = &self.setting {
+            return read(setting.params);
+        }
+        let own = read(report.params)?;
+        // But for these they are like it.
+        let like = |c: &GenerationParams| {
+            c.with_resolution(own.resolution()).and_then(|c| c.with_gamma(own.gamma())).is_ok_and(|c| c == own)
         };
-        read(setting.params)
+        let spanned = |of: fn(&GenerationParams) -> f64| {
+            let values = || candidates.iter().filter(|c| like(c)).map(of);
+            values().any(|v| v <= of(&own)) && values().any(|v| v >= of(&own))
+        };
+        (spanned(|p| p.resolution().into()) && spanned(GenerationParams::gamma)).then_some(own)
     }
 
     async fn measure(&mut self, control: &ControlClient<Channel>, report: &v1::StepReport) -> Result<(), TrialError> {
         let contract = self.config.contract.clone();
         let mut remote = Remote::open(control, &self.config.generator).await?;
         let all = candidates(&mut remote, &self.config.representations, &self.config.grid, &self.base).await?;
-        let in_use = self.in_use(report);
-        let (ahead, picked) = Ahead::new(&contract);
-        // What is in use is tried first: only what is better than it goes ahead.
-        let mut ahead = Some(ahead).filter(|_| self.setting.is_none() && in_use.is_some());
-        let status = &self.status;
+        let in_use = self.in_use(report, &all);
+        let (mut ahead, picked) =
+            in_use.filter(|_| self.setting.is_none()).map(|own| Ahead::new(&contract, own)).unzip();
+        let status = &*self.status;
         let progress = move |row: &Row| {
             status.tried(row);
             if let Some(ahead) = &mut ahead {
@@ -197,11 +203,15 @@ impl Daemon {
             }
         };
         let searching = search(&mut remote, &contract, &all, in_use.as_ref(), progress);
-        let (found, pushed) = tokio::join!(searching, follow(control, picked));
+        let (found, pushed) = match picked {
+            Some(picked) => tokio::join!(searching, follow(control, status, picked)),
+            None => (searching.await, None),
+        };
         if let Some((setting, from)) = pushed {
             (self.setting, self.holds_from) = (Some(setting), from);
         }
         let study = found?.study;
+        let in_use = self.in_use(report, &all);
         self.run.studied_step = Some(study.step.max(report.step));
         let Some(chosen) = choose(&study, &contract, in_use.as_ref()) else { return Ok(()) };
         let row = &study.rows[chosen];

@@ -201,7 +201,8 @@ impl Effects {
             return Err(Invalid::new("effects.clip_box", format!("{min} to {max}: the lower corner comes first")));
         }
         if let Some([a, b]) = self.nothing_between() {
-            let reason = format!("{a:?} and {b:?} leave nothing between them; turn one round, or move it");
+            let reason =
+                format!("{a:?} and {b:?} (a box has six such) leave nothing between them; turn one round, or move it");
             return Err(Invalid::new("effects.clip_planes", reason));
         }
         if let Some(cue) = self.depth_cue {
@@ -231,8 +232,8 @@ impl Effects {
     fn nothing_between(&self) -> Option<[ClipPlane; 2]> {
         let all = self.half_spaces();
         let apart = |a: &ClipPlane, b: &ClipPlane| {
-            let (m, n) = (a.normal.length(), b.normal.length());
-            a.normal.dot(b.normal) <= -(1.0 - 1e-12) * m * n && a.offset / m < -b.offset / n
+            let opposite = a.normal.cross(b.normal) == DVec3::ZERO && a.normal.dot(b.normal) < 0.0;
+            opposite && a.offset / a.normal.length() < -b.offset / b.normal.length()
         };
         all.iter().enumerate().find_map(|(n, a)| all[..n].iter().find(|b| apart(a, b)).map(|b| [*a, *b]))
     }

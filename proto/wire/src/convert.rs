@@ -88,19 +88,6 @@ impl TryFrom<v1::Camera> for Camera {
     }
 }
 
-impl From<&ScalarRange> for v1::ScalarRange {
-    fn from(r: &ScalarRange) -> Self {
-        Self { lo: r.lo(), hi: r.hi(), log10: r.scale() == Scale::Log10 }
-    }
-}
-
-impl TryFrom<v1::ScalarRange> for ScalarRange {
-    type Error = Invalid;
-    fn try_from(r: v1::ScalarRange) -> Result<Self, Invalid> {
-        Self::new(r.lo, r.hi, if r.log10 { Scale::Log10 } else { Scale::Linear })
-    }
-}
-
 impl From<&TransferFunction> for v1::TransferFunction {
     fn from(t: &TransferFunction) -> Self {
         let point = |p: &ControlPoint| {
@@ -108,7 +95,9 @@ impl From<&TransferFunction> for v1::TransferFunction {
             v1::ControlPoint { at: p.at, red, green, blue, opacity: p.opacity }
         };
         Self {
-            range: Some(t.range().into()),
+            lo: t.range().lo(),
+            hi: t.range().hi(),
+            log10: t.range().scale() == Scale::Log10,
             unit_length: t.stated_unit_length(),
             points: t.points().iter().map(point).collect(),
         }
@@ -118,9 +107,10 @@ impl From<&TransferFunction> for v1::TransferFunction {
 impl TryFrom<v1::TransferFunction> for TransferFunction {
     type Error = Invalid;
     fn try_from(t: v1::TransferFunction) -> Result<Self, Invalid> {
+        let scale = if t.log10 { Scale::Log10 } else { Scale::Linear };
         let point =
             |p: &v1::ControlPoint| ControlPoint { at: p.at, color: [p.red, p.green, p.blue], opacity: p.opacity };
-        Self::new(required(t.range, "transfer.range")?.try_into()?, t.unit_length, t.points.iter().map(point).collect())
+        Self::new(ScalarRange::new(t.lo, t.hi, scale)?, t.unit_length, t.points.iter().map(point).collect())
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::{required, v1};
 use lamina_model::effects::{ClipBox, ClipPlane, ColorField, ColorPoint, DepthCue, Effects, Isosurface, Shading};
-use lamina_model::{Invalid, Scene};
+use lamina_model::{Invalid, ScalarRange, Scale, Scene};
 
 impl From<&Effects> for v1::Effects {
     fn from(e: &Effects) -> Self {
@@ -40,17 +40,24 @@ impl From<&ColorField> for v1::ColorField {
             let [red, green, blue] = p.color;
             v1::ColorPoint { at: p.at, red, green, blue }
         };
-        Self { name: f.name.clone(), range: Some((&f.range).into()), points: f.points.iter().map(point).collect() }
+        Self {
+            name: f.name.clone(),
+            lo: f.range.lo(),
+            hi: f.range.hi(),
+            log10: f.range.scale() == Scale::Log10,
+            points: f.points.iter().map(point).collect(),
+        }
     }
 }
 
 impl TryFrom<v1::ColorField> for ColorField {
     type Error = Invalid;
     fn try_from(f: v1::ColorField) -> Result<Self, Invalid> {
-        let named = |e: Invalid| Invalid::new("effects.color_field.range", e.reason);
+        let scale = if f.log10 { Scale::Log10 } else { Scale::Linear };
         let point = |p: v1::ColorPoint| ColorPoint { at: p.at, color: [p.red, p.green, p.blue] };
         Ok(Self {
-            range: required(f.range, "effects.color_field.range")?.try_into().map_err(named)?,
+            range: ScalarRange::new(f.lo, f.hi, scale)
+                .map_err(|e| Invalid::new("effects.color_field.range", e.reason))?,
             points: f.points.into_iter().map(point).collect(),
             name: f.name,
         })
@@ -102,7 +109,6 @@ pub(crate) fn of(scene: &Scene) -> Option<v1::Effects> {
 mod tests {
     use super::*;
     use glam::DVec3;
-    use lamina_model::{ScalarRange, Scale};
 
     #[test]
     fn what_is_sent_arrives() {

@@ -158,11 +158,12 @@ fn rays(report: &mut Report, vdi: &Vdi, view: &View, seen: &[Vec<Lights>]) {
     let greatest = finite.fold(0.0, f64::max);
     let off = |(&(i, j), rays): (&(u32, u32), &Vec<Lights>)| {
         let found: f64 = vdi.list(i, j).iter().map(|s| f64::from(s.optical_depth)).sum();
-        let errors = rays.iter().map(depth).filter(|d| d.is_finite()).map(|d| (found - d).abs() / greatest);
-        errors.fold(f64::INFINITY, f64::min)
+        let expected = rays.iter().map(depth).filter(|d| d.is_finite());
+        // A ray that lets nothing through has no depth to compare with.
+        let least = |a: f64, b: f64| if a.is_nan() { a } else { a.min(b) };
+        expected.map(|d| (found - d).abs() / greatest.max(f64::MIN_POSITIVE)).reduce(least)
     };
-    let all = view.pixels.iter().zip(seen).map(off).filter(|e| e.is_finite());
-    report.add("depth", all.fold(0.0, greater));
+    report.add("depth", view.pixels.iter().zip(seen).filter_map(off).fold(0.0, greater));
     report.add("composite", worst_channel(&composited(vdi, view), seen, vdi.header().background));
 }
 

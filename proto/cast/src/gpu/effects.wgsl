@@ -150,7 +150,7 @@ fn own_color(index: vec3f, color: ptr<function, vec3f>) {
     *color = mapped;
 }
 
-// A sum in parts that are exact by themselves.
+// A sum in parts, of which the first may be great where the others are not.
 struct Sum {
     sum: vec4f,
     rest: vec4f,
