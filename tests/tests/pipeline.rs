@@ -199,6 +199,8 @@ fn killing_each_daemon_in_turn_stops_nobody_and_loses_nothing_recorded() {
     cluster.start_generator();
     let seen = newest(&cluster);
     assert!(go_on(&mut || newest(&cluster) > seen + 2), "a restarted generator-node is found again by all");
+    let limited = |r: &StepRow| r.step > seen && r.size_limit_bytes == Some(LIMIT_BYTES);
+    assert!(go_on(&mut || cluster.rows().iter().any(limited)), "and told again what the tuner found");
     assert_eq!(cluster.rows()[..before.len()], before, "rows recorded before stay as they were");
 
     let before = cluster.rows();

@@ -231,6 +231,12 @@ impl quality_server::Quality for Liar {
         let batch_mse = vec![f64::NAN; request.into_inner().batches as usize];
         Ok(Response::new(v1::QualityReply { views: vec![v1::View { angle_deg: 10.0, batch_mse }] }))
     }
+
+    type StepsStream = stream::Pending<Result<v1::StepQuality, Status>>;
+
+    async fn steps(&self, _: Request<v1::StepsRequest>) -> Result<Response<Self::StepsStream>, Status> {
+        Ok(Response::new(stream::pending()))
+    }
 }
 
 /// Starts one; it stays subscribed as long as the stream is held.

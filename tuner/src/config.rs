@@ -26,7 +26,7 @@ pub struct Config {
     pub step_voxels: f64,
     /// Tune again every n-th step; 0: only when a step is unlike those tuned for, or breaks a limit.
     pub retune_every: u64,
-    /// The most share of the time that studies may take, 0 to 1; the first one is always made.
+    /// The most share of the time that studies after the first may take, 0 to 1; 1 is no limit.
     pub budget: f64,
 }
 

@@ -30,6 +30,9 @@ pub struct Contract {
     pub utility: Option<Utility>,
 }
 
+/// Decibels above a limit that a study aims at.
+const MARGIN_DB: f64 = 0.2;
+
 const HELP: &str = "write limits such as `size <= 300kB, time <= 40ms, time+encoding <= 60ms, psnr >= 35dB, cone <= 30deg`, and \
      `maximise psnr`, `minimise size`, `minimise time` or `maximise q - 0.01 * sigma`";
 
@@ -68,6 +71,13 @@ impl Contract {
     /// Test views that the cone calls for, degrees; `None` without a cone.
     pub fn angles_deg(&self) -> Option<Vec<f64>> {
         self.cone_deg.map(|d| [-3.0, -2.0, -1.0, 1.0, 2.0, 3.0].map(|k| k * d / 3.0).to_vec())
+    }
+
+    /// What a study is to reach: a little more quality than the limit says, so that the next steps, which differ a little, keep
+    /// it too.
+    #[must_use]
+    pub fn aim(&self) -> Self {
+        Self { psnr_db: self.psnr_db.map(|q| q + MARGIN_DB), ..self.clone() }
     }
 
     /// The time that the limit is about.

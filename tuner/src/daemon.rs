@@ -2,21 +2,25 @@
 
 use crate::ahead::{Ahead, follow};
 use crate::characteristic::{Characteristic, choose};
+use crate::live::LiveQuality;
 use crate::push::{push, setting};
 use crate::remote::{Remote, connect};
 use crate::search::{candidates, search};
-use crate::trial::{Cost, TrialError};
+use crate::trial::{Cost, Trial as _, TrialError};
 use crate::tune::Row;
 use crate::{Config, status::Status};
+use futures::StreamExt;
 use lamina_model::GenerationParams;
 use lamina_wire::v1::{self, control_client::ControlClient};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use tonic::Streaming;
 use tonic::transport::Channel;
 
 /// Pause before a lost generator-node is tried again.
 const RETRY: Duration = Duration::from_millis(500);
+
+/// Reports taken at once.
+const MEANWHILE: usize = 1024;
 
 /// What the loop remembers between steps.
 struct Daemon {
@@ -36,21 +40,35 @@ struct Run {
     since: Instant,
     characteristic: Characteristic,
     studied_step: Option<u64>,
-    /// The last study found something that keeps the contract.
-    feasible: bool,
-    /// Wall time of all studies.
+    /// Wall time of all studies, of those after the first, and of the last.
     spent: Duration,
+    later: Duration,
+    last: Duration,
 }
 
 impl Run {
     fn new(id: String) -> Self {
-        let characteristic = Characteristic::default();
-        Self { id, since: Instant::now(), characteristic, studied_step: None, feasible: true, spent: Duration::ZERO }
+        let (characteristic, none) = (Characteristic::default(), Duration::ZERO);
+        Self { id, since: Instant::now(), characteristic, studied_step: None, spent: none, later: none, last: none }
     }
 
-    /// True if studies so far took no more than this share of the time since the run was first seen.
+    /// True if the studies after the first, and another as long as the last one, take no more than this share of the time
+    /// since the run was first seen. The first is always made; a budget of 1 is none.
     fn may_study(&self, budget: f64) -> bool {
-        self.studied_step.is_none() || self.spent.as_secs_f64() <= budget * self.since.elapsed().as_secs_f64()
+        let with_another = (self.later + self.last).as_secs_f64();
+        let affordable = with_another <= budget * self.since.elapsed().as_secs_f64();
+        self.studied_step.is_none() || budget >= 1.0 || affordable
+    }
+
+    /// A study ended; what gave nothing is not what another one is expected to take.
+    fn took(&mut self, time: Duration, first: bool, gave: bool) {
+        self.spent += time;
+        if !first {
+            self.later += time;
+        }
+        if gave {
+            self.last = time;
+        }
     }
 }
 
@@ -61,7 +79,16 @@ enum Call {
     /// It is like a step studied before: that one's parameters.
     Switch(v1::SetParametersRequest),
     /// It is like none, or the contract was broken.
-    Study,
+    Study(Why),
+}
+
+/// What calls for a study.
+#[derive(Clone, Copy, PartialEq)]
+enum Why {
+    /// Size or time, or that nothing is known.
+    Cost,
+    /// Quality alone: steps of its size do not tell what this one calls for.
+    Quality,
 }
 
 /// Tunes for ever.
@@ -90,18 +117,29 @@ impl Daemon {
         let generator = self.config.generator.clone();
         let control = ControlClient::new(connect(&generator).await?);
         let failed = |s: tonic::Status| TrialError::Node { node: generator.clone(), reason: s.message().to_owned() };
-        let mut reports = control.clone().watch(v1::WatchRequest {}).await.map_err(failed)?.into_inner();
+        let reports = control.clone().watch(v1::WatchRequest {}).await.map_err(failed)?.into_inner();
+        // What came in meanwhile comes at once: only the newest matters.
+        let mut reports = reports.ready_chunks(MEANWHILE);
+        let mut quality = self.config.contract.psnr_db.map(|_| LiveQuality::follow(&control));
         tracing::info!(generator, "watching");
         // A restarted generator-node has forgotten its parameters.
         if let Some(setting) = self.setting.clone() {
-            push(&control, setting).await?;
+            self.holds_from = self.holds_from.max(push(&control, setting).await?);
         }
-        while let Some(report) = newest(&mut reports).await.map_err(failed)? {
+        while let Some(mut some) = reports.next().await {
+            let Some(report) = some.pop().transpose().map_err(failed)? else { continue };
             self.status.working(true);
-            let outcome = match self.call_of(&report) {
+            let call = match (self.call_of(&report), &mut quality) {
+                (Call::Nothing, Some(quality)) if self.may_fall_short(&report) => {
+                    let measured = quality.of(&report.run_id, report.step).await;
+                    measured.filter(|m| self.falls_short(m)).map_or(Call::Nothing, |_| Call::Study(Why::Quality))
+                }
+                (call, _) => call,
+            };
+            let outcome = match call {
                 Call::Nothing => Ok(()),
                 Call::Switch(setting) => self.switch(&control, setting).await,
-                Call::Study => self.study(&control, &report).await,
+                Call::Study(why) => self.study(&control, &report, why).await,
             };
             self.status.failed(outcome.as_ref().err());
             if let Err(error) = outcome {
@@ -112,31 +150,46 @@ impl Daemon {
         Ok(())
     }
 
+    /// True if a live step made with what was pushed last may call for a study by its quality: one may be made, and steps like
+    /// it can keep the contract.
+    fn may_fall_short(&self, report: &v1::StepReport) -> bool {
+        let size_bytes = Cost::from(report.cost.unwrap_or_default()).size_bytes;
+        let like = read(report.params).and_then(|p| self.run.characteristic.like(&p, size_bytes));
+        report.step >= self.holds_from
+            && self.run.may_study(self.config.budget)
+            && like.is_none_or(|step| step.study.best.is_some())
+    }
+
+    /// True if a step that was made after the last study is worse than the contract allows.
+    fn falls_short(&self, measured: &v1::StepQuality) -> bool {
+        let since = measured.step >= self.holds_from && self.run.studied_step.is_some_and(|s| measured.step > s);
+        since && self.config.contract.excess(&Cost::default(), measured.psnr_db) > 0.0
+    }
+
     fn call_of(&mut self, report: &v1::StepReport) -> Call {
         if report.run_id != self.run.id {
             self.run = Run::new(report.run_id.clone());
             self.holds_from = 0;
         }
-        let Some(studied) = self.run.studied_step else { return Call::Study };
+        let Some(studied) = self.run.studied_step else { return Call::Study(Why::Cost) };
         if report.step < self.holds_from {
             return Call::Nothing;
         }
-        let study = if self.run.may_study(self.config.budget) { Call::Study } else { Call::Nothing };
+        let study = if self.run.may_study(self.config.budget) { Call::Study(Why::Cost) } else { Call::Nothing };
         if self.config.retune_every > 0 && report.step >= studied + self.config.retune_every {
             return study;
         }
         let cost = Cost::from(report.cost.unwrap_or_default());
-        let params = report.params.and_then(|p| GenerationParams::try_from(p).ok());
-        let like = params.and_then(|p| self.run.characteristic.like(&p, cost.size_bytes));
+        let like = read(report.params).and_then(|p| self.run.characteristic.like(&p, cost.size_bytes));
         let kept = self.config.contract.excess(&cost, f64::NAN) <= 0.0;
         // Parameters other than those pushed mean that the generator-node had to fall back to keep the size limit.
         let fell_back = self.setting.as_ref().is_some_and(|s| s.params != report.params);
         match like {
-            // Where nothing keeps the contract, every step breaks it; asking again each time would find the same.
-            Some(_) if !self.run.feasible => Call::Nothing,
             Some(step) => match setting(&step.study, step.chosen, &self.config.contract) {
                 known if self.setting.as_ref().is_none_or(|s| s.params != known.params) => Call::Switch(known),
                 _ if kept && !fell_back => Call::Nothing,
+                // Where nothing keeps the contract, every step breaks it; asking again each time would find the same.
+                _ if step.study.best.is_none() => Call::Nothing,
                 _ => study,
             },
             None => study,
@@ -161,10 +214,15 @@ impl Daemon {
         Ok(())
     }
 
-    async fn study(&mut self, control: &ControlClient<Channel>, report: &v1::StepReport) -> Result<(), TrialError> {
-        let begun = Instant::now();
-        let outcome = self.measure(control, report).await;
-        self.run.spent += begun.elapsed();
+    async fn study(
+        &mut self,
+        control: &ControlClient<Channel>,
+        report: &v1::StepReport,
+        why: Why,
+    ) -> Result<(), TrialError> {
+        let (begun, first) = (Instant::now(), self.run.studied_step.is_none());
+        let outcome = self.measure(control, report, why).await;
+        self.run.took(begun.elapsed(), first, outcome.is_ok());
         let (studies, run) = (self.run.spent.as_secs_f64(), self.run.since.elapsed().as_secs_f64());
         tracing::info!(kept = self.run.characteristic.len(), "studies took {studies:.1} s of {run:.1} s");
         outcome
@@ -172,7 +230,6 @@ impl Daemon {
 
     /// The parameters pushed last; before any, those that the generator-node has of itself, if they lie among `candidates`.
     fn in_use(&self, report: &v1::StepReport, candidates: &[GenerationParams]) -> Option<GenerationParams> {
-        let read = |params: Option<v1::GenerationParams>| GenerationParams::try_from(params?).ok();
         if let Some(setting) = &self.setting {
             return read(setting.params);
         }
@@ -188,30 +245,42 @@ impl Daemon {
         (spanned(|p| p.resolution().into()) && spanned(GenerationParams::gamma)).then_some(own)
     }
 
-    async fn measure(&mut self, control: &ControlClient<Channel>, report: &v1::StepReport) -> Result<(), TrialError> {
+    async fn measure(
+        &mut self,
+        control: &ControlClient<Channel>,
+        report: &v1::StepReport,
+        why: Why,
+    ) -> Result<(), TrialError> {
         let contract = self.config.contract.clone();
         let mut remote = Remote::open(control, &self.config.generator).await?;
         let all = candidates(&mut remote, &self.config.representations, &self.config.grid, &self.base).await?;
-        let in_use = self.in_use(report, &all);
+        let mut in_use = self.in_use(report, &all);
         let (mut ahead, picked) =
             in_use.filter(|_| self.setting.is_none()).map(|own| Ahead::new(&contract, own)).unzip();
         let status = &*self.status;
+        let (step, mut tried) = (remote.step(), Vec::new());
+        let rows: &mut Vec<Row> = &mut tried;
+        // Ends what goes ahead with the search.
         let progress = move |row: &Row| {
             status.tried(row);
+            rows.push(row.clone());
             if let Some(ahead) = &mut ahead {
                 ahead.tried(row);
             }
         };
-        let searching = search(&mut remote, &contract, &all, in_use.as_ref(), progress);
+        let aim = contract.aim();
+        let searching = search(&mut remote, &aim, &all, in_use.as_ref(), progress);
         let (found, pushed) = match picked {
             Some(picked) => tokio::join!(searching, follow(control, status, picked)),
             None => (searching.await, None),
         };
         if let Some((setting, from)) = pushed {
+            in_use = read(setting.params);
             (self.setting, self.holds_from) = (Some(setting), from);
         }
-        let study = found?.study;
-        let in_use = self.in_use(report, &all);
+        // A study given up has measured something all the same.
+        let found = found.inspect_err(|_| status.measured(step, &tried, None))?;
+        let study = if found.study.best.is_some() { found.study } else { found.study.under(&contract) };
         self.run.studied_step = Some(study.step.max(report.step));
         let Some(chosen) = choose(&study, &contract, in_use.as_ref()) else { return Ok(()) };
         let row = &study.rows[chosen];
@@ -232,24 +301,49 @@ impl Daemon {
             gamma = row.params.gamma(),
             bytes = row.measured.cost.size_bytes,
             psnr_db = row.measured.quality.psnr_db(),
+            left = found.left,
             from,
             "tuned"
         );
-        (self.setting, self.holds_from, self.run.feasible) = (Some(setting), from, study.best.is_some());
-        self.status.finished(&study, chosen);
+        let before = self.setting.replace(setting).and_then(|s| read(s.params));
+        self.holds_from = from;
+        if let (Why::Quality, Some(params), Some(before)) = (why, read(report.params), before) {
+            let size_bytes = Cost::from(report.cost.unwrap_or_default()).size_bytes;
+            self.run.characteristic.forget(&params, size_bytes, &before);
+        }
+        self.status.measured(study.step, &study.rows, Some(chosen));
         self.run.characteristic.keep(study, chosen);
         Ok(())
     }
 }
 
-/// The next report, or the newest of those that came in meanwhile.
-async fn newest(reports: &mut Streaming<v1::StepReport>) -> Result<Option<v1::StepReport>, tonic::Status> {
-    let Some(mut newest) = reports.message().await? else { return Ok(None) };
-    while let Ok(next) = tokio::time::timeout(Duration::ZERO, reports.message()).await {
-        match next? {
-            Some(report) => newest = report,
-            None => break,
-        }
+fn read(params: Option<v1::GenerationParams>) -> Option<GenerationParams> {
+    GenerationParams::try_from(params?).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn studies_after_the_first_stay_within_their_budget() {
+        let second = Duration::from_secs(1);
+        let mut run = Run::new("a".to_owned());
+        assert!(run.may_study(0.0), "the first is always made");
+        // Nobody measured for a minute: no price of tuning.
+        run.took(60 * second, true, false);
+        run.took(2 * second, true, true);
+        run.studied_step = Some(0);
+        let mut at = |secs: u32, later: u32| {
+            run.since = Instant::now() - secs * second;
+            run.later = later * second;
+            run.may_study(0.05)
+        };
+        // Another of 2 s within 5 %.
+        assert!(!at(39, 0) && at(41, 0));
+        assert!(!at(79, 2) && at(81, 2));
+        run.took(2 * second, false, true);
+        assert_eq!((run.later, run.last), (4 * second, 2 * second));
+        assert!(!run.may_study(0.05) && run.may_study(1.0), "all of the time is no limit");
     }
-    Ok(Some(newest))
 }

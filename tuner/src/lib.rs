@@ -8,6 +8,7 @@ pub mod config;
 pub mod contract;
 mod daemon;
 pub mod interval;
+mod live;
 pub mod pareto;
 mod push;
 pub mod remote;

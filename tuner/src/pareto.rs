@@ -1,6 +1,7 @@
 //! The front of what can be had: measurements that no other one beats in size, quality and time at once.
 
 use crate::tune::Row;
+use lamina_model::Quality;
 
 /// Size, time and squared error of a row: less is better in each.
 fn prices(row: &Row) -> [f64; 3] {
@@ -32,6 +33,12 @@ pub struct Offer {
     pub extra_ms: f64,
 }
 
+/// Decibels by which `b` is better than `a`, on the pixels that both were measured on.
+fn gain_db(a: &Quality, b: &Quality) -> f64 {
+    let both = a.batches().min(b.batches());
+    b.first(both).psnr_db() - a.first(both).psnr_db()
+}
+
 /// What the front offers beyond row `chosen`, at least 0.1 dB better: the most decibels per kilobyte, and the most per
 /// millisecond.
 pub fn offers(rows: &[Row], chosen: usize) -> (Option<Offer>, Option<Offer>) {
@@ -40,7 +47,7 @@ pub fn offers(rows: &[Row], chosen: usize) -> (Option<Offer>, Option<Offer>) {
         let p = prices(&rows[row]);
         Offer {
             row,
-            gain_db: 10.0 * (from[2] / p[2]).log10(),
+            gain_db: gain_db(&rows[chosen].measured.quality, &rows[row].measured.quality),
             extra_kilobytes: (p[0] - from[0]) / 1e3,
             extra_ms: 1e3 * (p[1] - from[1]),
         }
@@ -90,5 +97,14 @@ mod tests {
             (size.gain_db - 1.0).abs() < 1e-9 && size.extra_kilobytes == 10.0 && (time.extra_ms - 2.0).abs() < 1e-9
         );
         assert_eq!(offers(&rows, 3), (None, None));
+    }
+
+    #[test]
+    fn gains_are_of_the_same_pixels() {
+        // The second batch is ten times as hard; who was not measured on it is not better for that.
+        let mut rows = [row(100, 10, 30.0), row(110, 30, 31.0)];
+        rows[0].measured.quality.views[0].batch_mse.push(1e-2);
+        let gain = offers(&rows, 0).0.unwrap().gain_db;
+        assert!((gain - 1.0).abs() < 1e-9, "{gain}");
     }
 }

@@ -63,7 +63,7 @@ fn node_error(kind: &str, address: &str, reason: &str) -> TrialError {
 }
 
 /// What a failed call says: the cause at the bottom, if the transport knows one.
-fn words(status: &Status) -> String {
+pub(crate) fn words(status: &Status) -> String {
     std::error::Error::source(status).map_or_else(|| status.message().to_owned(), innermost)
 }
 

@@ -1,7 +1,7 @@
 //! What the tuner is doing and has measured, for those who ask.
 
 use crate::trial::TrialError;
-use crate::tune::{Row, Study};
+use crate::tune::Row;
 use lamina_wire::v1::{self, tuning_server};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tonic::{Request, Response};
@@ -47,10 +47,10 @@ impl Status {
         tracing::debug!(resolution = row.params.resolution(), gamma = row.params.gamma(), alpha = row.cost, "trial");
     }
 
-    /// A study ended with a choice.
-    pub fn finished(&self, study: &Study, chosen: usize) {
+    /// A study of `step` ended, with row `chosen` in use or with none.
+    pub fn measured(&self, step: u64, rows: &[Row], chosen: Option<usize>) {
         let record = |(n, row): (usize, &Row)| v1::TrialRecord {
-            step: study.step,
+            step,
             params: Some((&row.params).into()),
             cost: Some(v1::Cost {
                 size_bytes: row.measured.cost.size_bytes,
@@ -59,13 +59,15 @@ impl Status {
                 supersegments: row.measured.cost.supersegments,
             }),
             psnr_db: row.measured.quality.psnr_db(),
-            chosen: n == chosen,
+            chosen: Some(n) == chosen,
         };
         let mut state = self.state();
-        state.trials.extend(study.rows.iter().enumerate().map(record));
+        state.trials.extend(rows.iter().enumerate().map(record));
         let excess = state.trials.len().saturating_sub(MOST_TRIALS);
         state.trials.drain(..excess);
-        state.chosen = Some((&study.rows[chosen].params).into());
+        if let Some(chosen) = chosen {
+            state.chosen = Some((&rows[chosen].params).into());
+        }
     }
 }
 

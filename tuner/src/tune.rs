@@ -15,6 +15,18 @@ pub struct Row {
     pub cost: f64,
 }
 
+impl Row {
+    /// By which factor the worst limit is exceeded, as its logarithm ([`Contract::excess`]); infinite where the limit on quality
+    /// is the question and there was none measured.
+    pub fn excess(&self, contract: &Contract) -> f64 {
+        let psnr_db = self.measured.quality.psnr_db();
+        if contract.psnr_db.is_some() && psnr_db.is_nan() {
+            return f64::INFINITY;
+        }
+        contract.excess(&self.measured.cost, psnr_db)
+    }
+}
+
 /// All trials of one step, and the best of them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Study {
@@ -57,11 +69,13 @@ pub async fn tune(
     Ok(study)
 }
 
-/// The most parameters of a ladder, and those not measured among them.
+/// The most parameters of a ladder.
 const LONGEST_LADDER: usize = 8;
-const STEEPER: usize = 6;
-/// By which factors r and gamma change from one to the next, as the best parameters do when a limit gets tighter: those of
-/// VDIs along with each other, those of volumes by the bound alone.
+/// How much steeper than the chosen ones those are that were not measured. Each rung costs a generation; the first are short
+/// all the same, because most series grow by little from step to step. The last takes off some 70 %.
+const STEEPER: [f64; 6] = [0.3, 0.8, 1.5, 2.5, 4.0, 5.5];
+/// By which factors r and gamma change where that is 1, as the best parameters do when a limit gets tighter: those of VDIs
+/// along with each other, those of volumes by the bound alone.
 fn steeper(representation: Representation) -> (f64, f64) {
     match representation {
         Representation::Vdi => (0.92, 1.12),
@@ -81,18 +95,26 @@ impl Study {
         self.rows.push(row);
     }
 
+    /// The same trials under another contract.
+    #[must_use]
+    pub fn under(self, contract: &Contract) -> Self {
+        let mut study = Self { step: self.step, rows: Vec::new(), best: None };
+        self.rows.into_iter().for_each(|row| study.add(Row { cost: contract.cost(&row.measured), ..row }));
+        study
+    }
+
     /// Parameters for steps on which `from` would be too large, by falling size: first from there on with larger and larger
     /// gamma (VDIs with ever fewer rays as well), then the best of each size measured, each at least 15 % smaller than the one before.
     pub fn ladder(&self, from: usize) -> Vec<GenerationParams> {
         let start = self.rows[from].params;
         let (fewer, coarser) = steeper(start.representation());
-        let steeper = |k: usize| {
-            let resolution = (f64::from(start.resolution()) * fewer.powi(k as i32)).round().max(1.0) as u32;
+        let steeper = |much: &f64| {
+            let resolution = (f64::from(start.resolution()) * fewer.powf(*much)).round().max(1.0) as u32;
             // Digits enough for a person to write down again.
-            let gamma = format!("{:.3e}", start.gamma().max(LEAST_GAMMA) * coarser.powi(k as i32)).parse().ok()?;
+            let gamma = format!("{:.3e}", start.gamma().max(LEAST_GAMMA) * coarser.powf(*much)).parse().ok()?;
             start.with_resolution(resolution).ok()?.with_gamma(gamma).ok()
         };
-        let mut ladder: Vec<GenerationParams> = (1..=STEEPER).filter_map(steeper).collect();
+        let mut ladder: Vec<GenerationParams> = STEEPER.iter().filter_map(steeper).collect();
         let mut by_size: Vec<&Row> = self.rows.iter().filter(|r| !r.measured.quality.psnr_db().is_nan()).collect();
         by_size.sort_by_key(|r| r.measured.cost.size_bytes);
         // Keep what no smaller one beats.
@@ -102,7 +124,7 @@ impl Study {
             best_db = best_db.max(r.measured.quality.psnr_db());
             better
         });
-        // Below what the first rungs reach: each takes about a fifth off.
+        // Below what the first rungs reach.
         let mut below = 0.3 * self.rows[from].measured.cost.size_bytes as f64;
         for row in by_size.iter().rev() {
             let size = row.measured.cost.size_bytes as f64;
@@ -116,8 +138,8 @@ impl Study {
 
     /// The row that comes nearest to keeping all limits, for when none does.
     pub fn nearest(&self, contract: &Contract) -> Option<usize> {
-        let excess = |row: &Row| contract.excess(&row.measured.cost, row.measured.quality.psnr_db());
-        (0..self.rows.len()).min_by(|&a, &b| excess(&self.rows[a]).total_cmp(&excess(&self.rows[b])))
+        let excess = |n: usize| self.rows[n].excess(contract);
+        (0..self.rows.len()).min_by(|&a, &b| excess(a).total_cmp(&excess(b)))
     }
 }
 
@@ -202,15 +224,15 @@ mod tests {
     async fn the_ladder_falls_in_size_and_is_never_beaten_by_something_smaller() {
         let s = study(Contract::size(60_000)).await;
         let ladder = s.ladder(s.best.unwrap());
-        assert!(ladder.len() > STEEPER && ladder.len() <= LONGEST_LADDER);
+        assert!(ladder.len() > STEEPER.len() && ladder.len() <= LONGEST_LADDER);
         let best = s.rows[s.best.unwrap()].params;
-        for (k, p) in ladder[..STEEPER].iter().enumerate() {
+        for (k, p) in ladder[..STEEPER.len()].iter().enumerate() {
             assert!(p.resolution() < best.resolution() && p.gamma() > best.gamma(), "rung {k}");
             assert_eq!((p.opacity_cutoff(), p.step_voxels()), (best.opacity_cutoff(), best.step_voxels()));
         }
         let rung = |p: &GenerationParams| s.rows.iter().find(|r| r.params == *p).unwrap().measured.indicators();
         let mut last = rung(&best);
-        for p in &ladder[STEEPER..] {
+        for p in &ladder[STEEPER.len()..] {
             let this = rung(p);
             assert!(this.size_bytes as f64 <= 0.85 * last.size_bytes as f64);
             assert!(

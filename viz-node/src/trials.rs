@@ -1,15 +1,18 @@
-//! Trials that arrived, decoded and kept for as long as there is room: batches of each are measured when asked for.
+//! What the tuner asks for: trials that arrived, decoded and kept for as long as there is room, of which batches are measured;
+//! and the quality of live steps.
 
 use crate::kernel::{Detail, Prepared};
 use crate::measure::Meter;
-use crate::store::StepRow;
+use crate::store::{Event, StepRow};
 use lamina_model::{Quality, ReferenceSamples};
 use lamina_wire::v1::{self, quality_server};
 use std::collections::VecDeque;
+use std::pin::Pin;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::watch;
+use tokio_stream::{Stream, StreamExt};
 use tonic::{Request, Response, Status};
 
 /// Trials kept at once, the newest.
@@ -139,6 +142,18 @@ impl quality_server::Quality for QualityService {
         self.0.store.tried();
         self.0.counters.trials.fetch_add(1, Ordering::Relaxed);
         Ok(Response::new((&quality).into()))
+    }
+
+    type StepsStream = Pin<Box<dyn Stream<Item = Result<v1::StepQuality, Status>> + Send>>;
+
+    async fn steps(&self, _: Request<v1::StepsRequest>) -> Result<Response<Self::StepsStream>, Status> {
+        let measured = self.0.store.events().filter_map(|event| match event {
+            Event::Step(run_id, row) => {
+                Some(Ok(v1::StepQuality { run_id, step: row.step, psnr_db: row.psnr_db?.into() }))
+            }
+            Event::Run(_) | Event::Trial => None,
+        });
+        Ok(Response::new(Box::pin(measured)))
     }
 }
 

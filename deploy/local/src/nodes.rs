@@ -46,7 +46,7 @@ pub struct Tuning {
     pub grid: Grid,
     /// Tune again every n-th step.
     pub retune_every: u64,
-    /// The most share of the time that studies may take.
+    /// The most share of the time that studies after the first may take.
     pub budget: f64,
 }
 

@@ -17,8 +17,12 @@ use lamina_model::{GenerationParams, Invalid, decibels};
 
 /// The most trials of one representation.
 const MOST_TRIALS: usize = 24;
+/// The most trials while nothing is hoped for any more, but to come nearer to the limits.
+const MOST_NEARER: usize = 10;
 /// Gammas of the march at the lowest resolution.
 const MARCH: usize = 12;
+/// The least probability that is worth a trial.
+const HOPE: f64 = 0.005;
 /// Samples of what a candidate may give.
 const DRAWS: usize = 48;
 
@@ -72,16 +76,19 @@ struct Promise {
     params: Option<GenerationParams>,
     /// By how much it is expected to improve on the best.
     improvement: f64,
-    /// How likely it is to keep the contract.
+    /// How likely it is to keep the contract; where nothing was found to, how likely anything is.
     feasible: f64,
+    /// By how much it is expected to come nearer to the limits, on a logarithmic scale.
+    nearer: f64,
 }
 
 impl Promise {
-    /// With something in hand: if it is expected to get noticeably better; else if there is hope.
+    /// With something in hand: if it is expected to get noticeably better; else if there is hope, or for some trials that of
+    /// coming nearer by a hundredth.
     fn worth_trying(&self, race: &Race) -> bool {
         match race.least_cost() {
             Some(least) => self.improvement > race.tolerance(least),
-            None => self.feasible > 0.005,
+            None => self.feasible > HOPE || (race.tried.len() < MOST_NEARER && self.nearer > 0.01),
         }
     }
 }
@@ -209,7 +216,9 @@ impl<'a> Race<'a> {
         };
         // Quality of what breaks another limit matters only while the model of quality knows little.
         let known = self.tried.iter().filter(|r| r.measured.quality.batches() > 0).count();
-        if self.contract.excess(&measured.cost, f64::NAN) <= 0.0 || known < 6 {
+        // So does that of whatever may come nearest to a limit on it.
+        let nearest = self.contract.psnr_db.is_some() && self.least_cost().is_none();
+        if self.contract.excess(&measured.cost, f64::NAN) <= 0.0 || known < 6 || nearest {
             let first = self.first_batches() as u32;
             match one(trial, params, first).await? {
                 Ok(more) => measured = more,
@@ -294,28 +303,36 @@ impl<'a> Race<'a> {
         let (sizes, times, qualities) = self.models();
         let Some(qualities) = qualities else { return none };
         let least = self.least_cost();
+        let nearest = self.tried.iter().map(|r| r.excess(self.contract)).fold(f64::INFINITY, f64::min);
         let untried =
             self.candidates.iter().filter(|c| !self.refused.contains(c) && !self.tried.iter().any(|r| r.params == **c));
         let promise = |params: &GenerationParams| {
             let at = place(params);
             let of = [sizes.predict(&at), times.predict(&at), qualities.predict(&at)];
-            let (improvement, feasible) = self.expectation(&of, least);
-            Promise { params: Some(*params), improvement, feasible }
+            Promise { params: Some(*params), ..self.expectation(&of, least, nearest) }
         };
-        // Without anything in hand, what is surest to keep the limits, and of those the best.
-        let order = |p: &Promise| {
-            if least.is_some() { p.improvement } else { (p.feasible * 20.0).round() * 1e6 + p.improvement }
+        let promises: Vec<Promise> = untried.map(promise).collect();
+        let hope = promises.iter().map(|p| p.feasible).fold(0.0, f64::max);
+        // Without anything in hand, what is surest to keep the limits, and of those the best; without hope, what comes nearest.
+        let order = |p: &Promise| match least {
+            Some(_) => p.improvement,
+            None if hope > HOPE => (p.feasible * 20.0).round() * 1e6 + p.improvement,
+            None => p.nearer,
         };
-        untried.map(promise).max_by(|a, b| order(a).total_cmp(&order(b))).unwrap_or(none)
+        let best = promises.into_iter().max_by(|a, b| order(a).total_cmp(&order(b))).unwrap_or(none);
+        if least.is_none() { Promise { feasible: hope, ..best } } else { best }
     }
 
-    /// Mean improvement on `least`, and the share of draws that keep the contract.
-    fn expectation(&self, of: &[Prediction; 3], least: Option<f64>) -> (f64, f64) {
-        let (mut improvement, mut feasible) = (0.0, 0.0);
+    /// Mean improvement on `least`, the share of draws that keep the contract, and by how much they exceed it less than
+    /// `nearest`.
+    fn expectation(&self, of: &[Prediction; 3], least: Option<f64>, nearest: f64) -> Promise {
+        let (mut improvement, mut feasible, mut nearer) = (0.0, 0.0, 0.0);
         for draw in &self.draws {
             let [size, time, q] = std::array::from_fn(|k| of[k].mean + of[k].deviation * draw[k]);
             let (bytes, ms) = (size.exp(), time.exp());
-            if self.contract.excess_of(bytes, ms, q) <= 0.0 {
+            let excess = self.contract.excess_of(bytes, ms, q);
+            nearer += (nearest - excess).max(0.0);
+            if excess <= 0.0 {
                 feasible += 1.0;
                 let cost = self.utility.cost(bytes as u64, q, ms);
                 // Without a best, cheaper is better by itself; the offset keeps the order's sign.
@@ -323,7 +340,7 @@ impl<'a> Race<'a> {
             }
         }
         let n = self.draws.len() as f64;
-        (improvement / n, feasible / n)
+        Promise { params: None, improvement: improvement / n, feasible: feasible / n, nearer: nearer / n }
     }
 
     /// Measures contenders on all pixels, until nothing else may be the best; true if there were any.

@@ -16,6 +16,8 @@ use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::broadcast;
+use tokio_stream::wrappers::BroadcastStream;
+use tokio_stream::{Stream, StreamExt};
 
 /// Why a step cannot be stored or shown.
 #[derive(Debug, thiserror::Error)]
@@ -66,8 +68,8 @@ impl From<&v1::Run> for Run {
 pub enum Event {
     /// Another run began.
     Run(Run),
-    /// A step was recorded.
-    Step(StepRow),
+    /// A step of the run of this id was recorded.
+    Step(String, StepRow),
     /// A trial was measured.
     Trial,
 }
@@ -119,9 +121,9 @@ impl Store {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Changes from now on.
-    pub fn events(&self) -> broadcast::Receiver<Event> {
-        self.events.subscribe()
+    /// Changes from now on; who falls behind misses some.
+    pub fn events(&self) -> impl Stream<Item = Event> + Send + use<> {
+        BroadcastStream::new(self.events.subscribe()).filter_map(Result::ok)
     }
 
     /// Turns to `run`; a run already recorded is gone on with.
@@ -165,13 +167,13 @@ impl Store {
             }
         }
         let run_id = state.run.as_ref().map(|r| r.id.clone()).unwrap_or_default();
-        state.decoded.push_back((run_id, row.step, shown));
+        state.decoded.push_back((run_id.clone(), row.step, shown));
         while state.decoded.len() > DECODED {
             state.decoded.pop_front();
         }
         state.rows.insert(row.step, row.clone());
         drop(state);
-        let _ = self.events.send(Event::Step(row));
+        let _ = self.events.send(Event::Step(run_id, row));
         Ok(())
     }
 

@@ -103,7 +103,7 @@ impl StepRow {
             gamma: params.gamma,
             size_bytes: cost.size_bytes,
             generation_ms: cost.generation_ns as f64 / 1e6,
-            psnr_db: quality.map(|q| q.psnr_db().into()),
+            psnr_db: quality.map(Quality::psnr_db).filter(|q| !q.is_nan()).map(Number::from),
             encode_ms: cost.encode_ns as f64 / 1e6,
             supersegments: cost.supersegments,
             dropped_steps: frame.dropped_steps,

@@ -11,13 +11,13 @@ use axum::http::{StatusCode, header};
 use axum::response::sse::{self, Sse};
 use axum::response::{IntoResponse, Response};
 use axum::{Json, Router, routing::get};
-use futures::{Stream, StreamExt, stream};
+use futures::{Stream, StreamExt};
 use lamina_model::{ControlPoint, TransferFunction};
 use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use tokio::sync::{Semaphore, broadcast::error::RecvError};
+use tokio::sync::Semaphore;
 
 /// What the handlers share.
 #[derive(Clone)]
@@ -89,25 +89,16 @@ async fn trials(State(web): State<Web>) -> Json<Vec<StepRow>> {
 }
 
 async fn events(State(web): State<Web>) -> Sse<impl Stream<Item = Result<sse::Event, Infallible>>> {
-    let changes = stream::unfold(web.store.events(), |mut events| async move {
-        loop {
-            match events.recv().await {
-                Ok(event) => return Some((event, events)),
-                // A page that fell behind fetches the state anew when the next run or step comes.
-                Err(RecvError::Lagged(_)) => {}
-                Err(RecvError::Closed) => return None,
-            }
-        }
-    });
     let to_sse = |event| {
         let (name, data) = match &event {
             Event::Run(run) => ("run", serde_json::to_string(run)),
-            Event::Step(row) => ("step", serde_json::to_string(row)),
+            Event::Step(_, row) => ("step", serde_json::to_string(row)),
             Event::Trial => ("trial", Ok("{}".to_owned())),
         };
         Ok(sse::Event::default().event(name).data(data.unwrap_or_default()))
     };
-    Sse::new(changes.map(to_sse)).keep_alive(sse::KeepAlive::default())
+    // A page that fell behind fetches the state anew when the next run or step comes.
+    Sse::new(web.store.events().map(to_sse)).keep_alive(sse::KeepAlive::default())
 }
 
 #[derive(Deserialize)]

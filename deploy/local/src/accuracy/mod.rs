@@ -124,9 +124,9 @@ fn measure(
     backends: (Backend, viz::Backend),
 ) -> anyhow::Result<Findings> {
     let start = Instant::now();
-    let say = |what: &str| eprintln!("{:6.1} s  {what}", start.elapsed().as_secs_f64());
+    let progress = |what: &str| eprintln!("{:6.1} s  {what}", start.elapsed().as_secs_f64());
     let closed_forms = closed_forms::check()?;
-    say(&format!("the reference meets {} closed forms", closed_forms.len()));
+    progress(&format!("the reference meets {} closed forms", closed_forms.len()));
     let scene = field.scene();
     let views = Views::new(scene, arguments.size)?;
     let rays = views.rays();
@@ -140,7 +140,7 @@ fn measure(
         "none of {} rays meets anything visible: the camera looks past the volume",
         rays.len()
     );
-    say(&page::reference_words(&reference));
+    progress(&page::reference_words(&reference));
     let effects = Effects { pre_integrated: true, ..Effects::default() };
     let integrated = prepare(volume.clone(), &Scene { effects, ..scene.clone() });
     let mut product = Product::new(field, &backends, &views, &reference.colors);
@@ -150,20 +150,20 @@ fn measure(
         sweep::raycast(&product, volume, knobs::RAYCAST_STEP, &knobs::steps(&base))?,
         sweep::raycast(&integrating, volume, knobs::RAYCAST_INTEGRATED, &by_integration.values)?,
     ];
-    say("ray casting");
+    progress("ray casting");
     let settings = knobs::settings(&base, &turned)?;
     let also = by_integration.values.iter().map(|&v| (by_integration.set)(base, v)).collect::<Result<Vec<_>, _>>()?;
     for round in 1..=product::ROUNDS {
         settings.iter().try_for_each(|params| product.round(params))?;
         also.iter().try_for_each(|params| integrating.round(params))?;
-        say(&format!("{} VDIs, round {round} of {}", settings.len() + also.len(), product::ROUNDS));
+        progress(&format!("{} VDIs, round {round} of {}", settings.len() + also.len(), product::ROUNDS));
     }
     for turned in &turned {
         curves.push(sweep::generation(&product, &base, turned)?);
     }
     curves.push(sweep::generation(&integrating, &base, &by_integration)?);
     curves.extend(sweep::bits(&product, &base)?);
-    say("bits of colour and depth");
+    progress("bits of colour and depth");
     curves.push(sweep::blended(&product, &base)?);
     let trials = [product.trials(), integrating.trials()].concat();
     curves.push(sweep::sample(&product, &views, &base)?);
@@ -172,7 +172,7 @@ fn measure(
     let (steps, single) = plain.steps(&base)?;
     curves.extend(steps);
     curves.extend(plain.interpolations(&base, arguments.tricubic)?);
-    say("the plain integrator's variants");
+    progress("the plain integrator's variants");
     let (size, rays, psnr_db) = (arguments.size, rays.len(), arguments.psnr);
     Ok(Findings { base, size, rays, closed_forms, reference, curves, trials, single, psnr_db })
 }

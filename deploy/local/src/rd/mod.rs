@@ -1,6 +1,6 @@
 //! `lamina rd`: decibels against bytes of every representation and coding, and of what users would ship instead.
 //!
-//! PSNR is pooled over the novel views of the study's sample plan (10 to 60 degrees, 768 x 768, one pixel in 16). Curves are
+//! PSNR is pooled over the paper's novel views (10 to 60 degrees, 768 x 768, one pixel in 16). Curves are
 //! fronts over all parameters measured; the anchor is the paper's plain layout.
 
 mod beside;
@@ -10,11 +10,10 @@ use crate::cli;
 use crate::parts::{open, prepare};
 use crate::report::numbers::significant;
 use crate::report::panel::{CLASSES, Line, file, panel};
-use crate::study::sample_plan;
 use anyhow::{Context, ensure};
 use curve::{Curve, Sample, difference};
 use lamina_cast::{Backend, Field, most_points};
-use lamina_model::{GenerationParams, Intermediate, ReferenceSamples, Representation, Segmentation};
+use lamina_model::{GenerationParams, Intermediate, ReferenceSamples, Representation, SamplePlan, Segmentation};
 use lamina_tuner::units::show_bytes;
 use lamina_viz_node::kernel::{self as viz, Detail, Prepared};
 use lamina_wire::codec::{self, Codec, DecodeLimits, EncodeOptions, Layout};
@@ -118,7 +117,8 @@ pub fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
     );
     let (backend, viewer) = (Backend::open(arguments.input.backend)?, viz::Backend::open(arguments.input.backend)?);
     let field = prepare(volume, &scene);
-    let reference = backend.reference_samples(&field, &sample_plan(), arguments.input.time_step as u64)?;
+    let plan = SamplePlan { batches: 64, ..SamplePlan::default() };
+    let reference = backend.reference_samples(&field, &plan, arguments.input.time_step as u64)?;
     let bench = Bench { field, backend, viewer, reference };
     let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
     let mut curves = bench.vdis(&base)?;

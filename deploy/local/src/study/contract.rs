@@ -1,7 +1,7 @@
 //! `lamina tune`: the best parameters of one step under a contract, with a few trials.
 
+use super::Local;
 use super::cache::Cache;
-use super::{Local, sample_plan};
 use crate::cli;
 use crate::parts::{read_step, with_step};
 use crate::process::Used;
@@ -25,7 +25,8 @@ pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
     let scene = with_step(scene_of(&series, input.scene.as_deref())?, input)?;
     let volume = with_colors(&series, input.time_step, volume, &scene)?;
     let backends = (Backend::open(input.backend)?, viz::Backend::open(input.backend)?);
-    let plan = SamplePlan { angles_deg: contract.angles_deg().unwrap_or(sample_plan().angles_deg), ..sample_plan() };
+    let plan = SamplePlan::default();
+    let plan = SamplePlan { angles_deg: contract.angles_deg().unwrap_or(plan.angles_deg), ..plan };
     let mut trial =
         Local::new(input.time_step as u64, volume, &scene, &backends, &plan, Segmentation::Fitted, Cache::in_memory())?;
     let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;

@@ -31,6 +31,9 @@ use lamina_tuner::tune::{Row, tune};
 use lamina_viz_node::kernel as viz;
 use std::path::Path;
 
+/// How often a generation is timed.
+const TIMES: u32 = 3;
+
 /// One step of one input, measured.
 pub struct Measured {
     /// The input's name.
@@ -41,11 +44,6 @@ pub struct Measured {
     pub rows: Vec<Row>,
     /// What can measure more of it.
     pub trial: Local,
-}
-
-/// Where study measures: the paper's views and picture, one pixel in 16.
-pub fn sample_plan() -> SamplePlan {
-    SamplePlan { batches: 64, ..SamplePlan::default() }
 }
 
 /// `lamina study`.
@@ -94,11 +92,11 @@ fn open(
     backends: &(Backend, viz::Backend),
     out: &Path,
 ) -> anyhow::Result<Local> {
-    let plan = sample_plan();
+    let plan = SamplePlan::default();
     let backend = format!("{:?}", std::mem::discriminant(&backends.0));
     let fingerprint = cache::fingerprint(&volume, scene, &plan, &backend)?;
     let cache = Cache::open(&out.join("cache").join(format!("{name}-{step}-{fingerprint}.jsonl")))?;
-    Ok(Local::new(step, volume, scene, backends, &plan, Segmentation::Greedy, cache)?)
+    Ok(Local::new(step, volume, scene, backends, &plan, Segmentation::Greedy, cache)?.timed(TIMES))
 }
 
 /// Every candidate of `grid`.

@@ -1,0 +1,124 @@
+//! The quality of live steps, as viz-nodes measure it.
+
+use crate::remote::{connect, words};
+use crate::trial::TrialError;
+use lamina_wire::v1::{self, control_client::ControlClient, quality_client::QualityClient};
+use std::collections::HashMap;
+use std::convert::Infallible;
+use std::time::Duration;
+use tokio::sync::watch;
+use tokio::task::{AbortHandle, JoinSet};
+use tonic::Status;
+use tonic::transport::Channel;
+
+/// How long a step's quality is waited for: drawing some thousand pixels takes a fraction of it.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// Pause before a viz-node that was lost is tried again.
+const RETRY: Duration = Duration::from_secs(2);
+
+/// What viz-nodes tell.
+#[derive(Default)]
+struct Told {
+    newest: Option<v1::StepQuality>,
+    /// How many are listened to.
+    streams: usize,
+}
+
+/// Follows all viz-nodes that measure, as long as it lives.
+pub struct LiveQuality {
+    told: watch::Receiver<Told>,
+    _following: JoinSet<()>,
+}
+
+impl LiveQuality {
+    /// Of the steps of the generator-node behind `control`.
+    pub fn follow(control: &ControlClient<Channel>) -> Self {
+        let (sender, told) = watch::channel(Told::default());
+        let (control, mut following) = (control.clone(), JoinSet::new());
+        following.spawn(async move {
+            if let Err(status) = follow_all(control, sender).await {
+                tracing::warn!("no list of viz-nodes: {}; the limit on quality is not watched", words(&status));
+            }
+        });
+        Self { told, _following: following }
+    }
+
+    /// The quality of `step`, waited for as long as somebody may tell; if it does not come in time, that of the newest step
+    /// that has one.
+    pub async fn of(&mut self, run_id: &str, step: u64) -> Option<v1::StepQuality> {
+        let of_run = |told: &Told| told.newest.clone().filter(|q| q.run_id == run_id);
+        let come = |told: &Told| told.streams == 0 || of_run(told).is_some_and(|q| q.step >= step);
+        if let Ok(Ok(told)) = tokio::time::timeout(PATIENCE, self.told.wait_for(|told| come(told))).await {
+            return of_run(&told);
+        }
+        of_run(&self.told.borrow())
+    }
+}
+
+async fn follow_all(mut control: ControlClient<Channel>, told: watch::Sender<Told>) -> Result<(), Status> {
+    let mut lists = control.viewers(v1::ViewersRequest {}).await?.into_inner();
+    let mut tasks = JoinSet::new();
+    let mut followed: HashMap<String, AbortHandle> = HashMap::new();
+    while let Some(list) = lists.message().await? {
+        let listed = |name: &String| list.viewers.iter().any(|v| v.viewer == *name);
+        followed.extract_if(|name, _| !listed(name)).for_each(|(_, task)| task.abort());
+        while tasks.try_join_next().is_some() {}
+        for v1::Viewer { viewer, address } in list.viewers {
+            followed.entry(viewer).or_insert_with(|| tasks.spawn(follow_one(address, told.clone())));
+        }
+    }
+    Ok(())
+}
+
+/// As long as it is listed.
+async fn follow_one(address: String, told: watch::Sender<Told>) {
+    let mut reported = String::new();
+    loop {
+        let Err(error) = until_lost(&address, &told).await;
+        // The same trouble twice is one line in the log.
+        if error.to_string() != reported {
+            reported = error.to_string();
+            tracing::warn!("{reported}; the limit on quality is not watched there until it answers");
+        }
+        tokio::time::sleep(RETRY).await;
+    }
+}
+
+async fn until_lost(address: &str, told: &watch::Sender<Told>) -> Result<Infallible, TrialError> {
+    let failed = |reason: String| TrialError::Node { node: format!("viz-node {address}"), reason };
+    let mut client = QualityClient::new(connect(address).await?);
+    let steps = client.steps(v1::StepsRequest {}).await.map_err(|s| failed(words(&s)))?;
+    let mut steps = steps.into_inner();
+    let _open = Open::new(told);
+    while let Some(quality) = steps.message().await.map_err(|s| failed(words(&s)))? {
+        // NaN would keep every limit.
+        if quality.psnr_db.is_nan() {
+            return Err(failed(format!("measured NaN of step {}", quality.step)));
+        }
+        // Another viz-node may be further.
+        told.send_if_modified(|told| {
+            let newer = told.newest.as_ref().is_none_or(|k| k.run_id != quality.run_id || k.step <= quality.step);
+            if newer {
+                told.newest = Some(quality);
+            }
+            newer
+        });
+    }
+    Err(failed("ended the stream of qualities".to_owned()))
+}
+
+/// A stream that is listened to, for as long as this lives.
+struct Open<'a>(&'a watch::Sender<Told>);
+
+impl<'a> Open<'a> {
+    fn new(told: &'a watch::Sender<Told>) -> Self {
+        told.send_modify(|told| told.streams += 1);
+        Self(told)
+    }
+}
+
+impl Drop for Open<'_> {
+    fn drop(&mut self) {
+        self.0.send_modify(|told| told.streams -= 1);
+    }
+}
