@@ -133,7 +133,8 @@ fn a_step_that_falls_short_of_the_quality_asked_for_is_tuned_for() {
     assert_eq!(kept, [true, false, true], "{found:?}");
     // What the tuner hears is what is recorded.
     for row in &found {
-        let heard = runtime.block_on(async { steps.message().await.unwrap().unwrap() });
+        let next = runtime.block_on(async { tokio::time::timeout(PATIENCE, steps.message()).await });
+        let heard = next.unwrap().unwrap().unwrap();
         assert_eq!(heard.step, row.step);
         let (heard, recorded) = (heard.psnr_db, f64::from(row.psnr_db.unwrap()));
         assert!(heard == recorded || (heard - recorded).abs() < 1e-3, "{heard} and {recorded}");

@@ -33,6 +33,9 @@ pub struct Contract {
 /// Decibels above a limit that a study aims at.
 const MARGIN_DB: f64 = 0.2;
 
+/// Further than any quality short of its limit.
+const FAR: f64 = 100.0;
+
 const HELP: &str = "write limits such as `size <= 300kB, time <= 40ms, time+encoding <= 60ms, psnr >= 35dB, cone <= 30deg`, and \
      `maximise psnr`, `minimise size`, `minimise time` or `maximise q - 0.01 * sigma`";
 
@@ -100,6 +103,20 @@ impl Contract {
         let psnr =
             self.psnr_db.filter(|_| !psnr_db.is_nan()).map(|least| (least - psnr_db) * std::f64::consts::LN_10 / 20.0);
         [size, time, psnr].into_iter().flatten().fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// How far these figures are from keeping all limits, to be compared with others'. Whatever keeps those on size and time is
+    /// nearer than what does not: the generator-node holds the limit on size in any case. Infinite where only the quality could
+    /// tell and there is none.
+    pub(crate) fn distance_of(&self, size_bytes: f64, ms: f64, psnr_db: f64) -> f64 {
+        let cost = self.excess_of(size_bytes, ms, f64::NAN);
+        if cost > 0.0 {
+            FAR + cost
+        } else if self.psnr_db.is_some() && psnr_db.is_nan() {
+            f64::INFINITY
+        } else {
+            self.excess_of(size_bytes, ms, psnr_db)
+        }
     }
 
     /// alpha: lower is better; +infinity breaks a limit or measures nothing.

@@ -130,9 +130,10 @@ impl Daemon {
             let Some(report) = some.pop().transpose().map_err(failed)? else { continue };
             self.status.working(true);
             let call = match (self.call_of(&report), &mut quality) {
-                (Call::Nothing, Some(quality)) if self.may_fall_short(&report) => {
+                (Call::Nothing, Some(quality)) if self.may_ask_quality(&report) => {
                     let measured = quality.of(&report.run_id, report.step).await;
-                    measured.filter(|m| self.falls_short(m)).map_or(Call::Nothing, |_| Call::Study(Why::Quality))
+                    let calls = measured.is_some_and(|m| self.quality_calls(&report, &m));
+                    if calls { Call::Study(Why::Quality) } else { Call::Nothing }
                 }
                 (call, _) => call,
             };
@@ -150,20 +151,23 @@ impl Daemon {
         Ok(())
     }
 
-    /// True if a live step made with what was pushed last may call for a study by its quality: one may be made, and steps like
-    /// it can keep the contract.
-    fn may_fall_short(&self, report: &v1::StepReport) -> bool {
-        let size_bytes = Cost::from(report.cost.unwrap_or_default()).size_bytes;
-        let like = read(report.params).and_then(|p| self.run.characteristic.like(&p, size_bytes));
-        report.step >= self.holds_from
-            && self.run.may_study(self.config.budget)
-            && like.is_none_or(|step| step.study.best.is_some())
+    /// True if a step's quality may call for a study.
+    fn may_ask_quality(&self, report: &v1::StepReport) -> bool {
+        report.step >= self.holds_from && self.run.may_study(self.config.budget)
     }
 
-    /// True if a step that was made after the last study is worse than the contract allows.
-    fn falls_short(&self, measured: &v1::StepQuality) -> bool {
+    /// True if a step that was made after the last study is worse than the contract allows; where nothing kept the contract on
+    /// steps like it, if it keeps it well: then something cheaper may.
+    fn quality_calls(&self, report: &v1::StepReport, measured: &v1::StepQuality) -> bool {
+        let contract = &self.config.contract;
+        let cost = Cost::from(report.cost.unwrap_or_default());
+        let like = read(report.params).and_then(|p| self.run.characteristic.like(&p, cost.size_bytes));
         let since = measured.step >= self.holds_from && self.run.studied_step.is_some_and(|s| measured.step > s);
-        since && self.config.contract.excess(&Cost::default(), measured.psnr_db) > 0.0
+        since
+            && match like {
+                Some(step) if step.study.best.is_none() => contract.aim().excess(&cost, measured.psnr_db) <= 0.0,
+                _ => contract.excess(&Cost::default(), measured.psnr_db) > 0.0,
+            }
     }
 
     fn call_of(&mut self, report: &v1::StepReport) -> Call {
@@ -280,7 +284,9 @@ impl Daemon {
         }
         // A study given up has measured something all the same.
         let found = found.inspect_err(|_| status.measured(step, &tried, None))?;
-        let study = if found.study.best.is_some() { found.study } else { found.study.under(&contract) };
+        let mut study = found.study;
+        // What misses the aim may keep the contract.
+        study.best = study.best.or_else(|| study.nearest(&aim).filter(|&n| study.rows[n].distance(&contract) <= 0.0));
         self.run.studied_step = Some(study.step.max(report.step));
         let Some(chosen) = choose(&study, &contract, in_use.as_ref()) else { return Ok(()) };
         let row = &study.rows[chosen];
@@ -307,7 +313,7 @@ impl Daemon {
         );
         let before = self.setting.replace(setting).and_then(|s| read(s.params));
         self.holds_from = from;
-        if let (Why::Quality, Some(params), Some(before)) = (why, read(report.params), before) {
+        if let (Why::Quality, Some(_), Some(params), Some(before)) = (why, study.best, read(report.params), before) {
             let size_bytes = Cost::from(report.cost.unwrap_or_default()).size_bytes;
             self.run.characteristic.forget(&params, size_bytes, &before);
         }

@@ -1,23 +1,27 @@
 //! The front of what can be had: measurements that no other one beats in size, quality and time at once.
 
+use crate::trial::Measured;
 use crate::tune::Row;
 use lamina_model::Quality;
 
-/// Size, time and squared error of a row: less is better in each.
-fn prices(row: &Row) -> [f64; 3] {
-    let m = &row.measured;
-    [m.cost.size_bytes as f64, m.cost.generation_time.as_secs_f64(), m.quality.mse()]
+/// True if `a` is nowhere worse than `b` in size, time and squared error, and somewhere better; on the pixels that both were
+/// measured on.
+fn beats(a: &Row, b: &Row) -> bool {
+    let (a, b) = (&a.measured, &b.measured);
+    let both = a.quality.batches().min(b.quality.batches());
+    let prices =
+        |m: &Measured| [m.cost.size_bytes as f64, m.cost.generation_time.as_secs_f64(), m.quality.first(both).mse()];
+    let (a, b) = (prices(a), prices(b));
+    a.iter().zip(&b).all(|(a, b)| a <= b) && a != b
 }
 
 /// Indices of the rows that no other row beats, smallest first. Rows without quality are none of them.
 pub fn front(rows: &[Row]) -> Vec<usize> {
-    let all: Vec<(usize, [f64; 3])> =
-        rows.iter().enumerate().map(|(n, row)| (n, prices(row))).filter(|(_, p)| !p[2].is_nan()).collect();
-    let beats = |a: &[f64; 3], b: &[f64; 3]| a.iter().zip(b).all(|(a, b)| a <= b) && a != b;
-    let mut front: Vec<(usize, [f64; 3])> =
-        all.iter().filter(|(_, p)| !all.iter().any(|(_, other)| beats(other, p))).copied().collect();
-    front.sort_by(|a, b| a.1[0].total_cmp(&b.1[0]));
-    front.into_iter().map(|(n, _)| n).collect()
+    let known = |row: &Row| !row.measured.quality.mse().is_nan();
+    let beaten = |row: &Row| rows.iter().any(|other| known(other) && beats(other, row));
+    let mut front: Vec<usize> = (0..rows.len()).filter(|&n| known(&rows[n]) && !beaten(&rows[n])).collect();
+    front.sort_by_key(|&n| rows[n].measured.cost.size_bytes);
+    front
 }
 
 /// What more of one thing buys.
@@ -42,14 +46,15 @@ fn gain_db(a: &Quality, b: &Quality) -> f64 {
 /// What the front offers beyond row `chosen`, at least 0.1 dB better: the most decibels per kilobyte, and the most per
 /// millisecond.
 pub fn offers(rows: &[Row], chosen: usize) -> (Option<Offer>, Option<Offer>) {
-    let from = prices(&rows[chosen]);
+    let from = &rows[chosen].measured;
     let offer = |row: usize| {
-        let p = prices(&rows[row]);
+        let to = &rows[row].measured;
+        let ms = |m: &Measured| 1e3 * m.cost.generation_time.as_secs_f64();
         Offer {
             row,
-            gain_db: gain_db(&rows[chosen].measured.quality, &rows[row].measured.quality),
-            extra_kilobytes: (p[0] - from[0]) / 1e3,
-            extra_ms: 1e3 * (p[1] - from[1]),
+            gain_db: gain_db(&from.quality, &to.quality),
+            extra_kilobytes: (to.cost.size_bytes as f64 - from.cost.size_bytes as f64) / 1e3,
+            extra_ms: ms(to) - ms(from),
         }
     };
     let better: Vec<Offer> = front(rows).into_iter().map(offer).filter(|o| o.gain_db >= 0.1).collect();
@@ -63,8 +68,8 @@ pub fn offers(rows: &[Row], chosen: usize) -> (Option<Offer>, Option<Offer>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trial::{Cost, Measured};
-    use lamina_model::{GenerationParams, Quality, ViewError};
+    use crate::trial::Cost;
+    use lamina_model::{GenerationParams, ViewError};
     use std::time::Duration;
 
     fn row(kilobytes: u64, ms: u64, db: f64) -> Row {

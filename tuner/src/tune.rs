@@ -16,14 +16,11 @@ pub struct Row {
 }
 
 impl Row {
-    /// By which factor the worst limit is exceeded, as its logarithm ([`Contract::excess`]); infinite where the limit on quality
-    /// is the question and there was none measured.
-    pub fn excess(&self, contract: &Contract) -> f64 {
-        let psnr_db = self.measured.quality.psnr_db();
-        if contract.psnr_db.is_some() && psnr_db.is_nan() {
-            return f64::INFINITY;
-        }
-        contract.excess(&self.measured.cost, psnr_db)
+    /// How far it is from keeping all limits; 0 or less keeps them.
+    pub fn distance(&self, contract: &Contract) -> f64 {
+        let cost = &self.measured.cost;
+        let ms = contract.time_of(cost.generation_time, cost.encode_time);
+        contract.distance_of(cost.size_bytes as f64, ms, self.measured.quality.psnr_db())
     }
 }
 
@@ -95,14 +92,6 @@ impl Study {
         self.rows.push(row);
     }
 
-    /// The same trials under another contract.
-    #[must_use]
-    pub fn under(self, contract: &Contract) -> Self {
-        let mut study = Self { step: self.step, rows: Vec::new(), best: None };
-        self.rows.into_iter().for_each(|row| study.add(Row { cost: contract.cost(&row.measured), ..row }));
-        study
-    }
-
     /// Parameters for steps on which `from` would be too large, by falling size: first from there on with larger and larger
     /// gamma (VDIs with ever fewer rays as well), then the best of each size measured, each at least 15 % smaller than the one before.
     pub fn ladder(&self, from: usize) -> Vec<GenerationParams> {
@@ -138,8 +127,8 @@ impl Study {
 
     /// The row that comes nearest to keeping all limits, for when none does.
     pub fn nearest(&self, contract: &Contract) -> Option<usize> {
-        let excess = |n: usize| self.rows[n].excess(contract);
-        (0..self.rows.len()).min_by(|&a, &b| excess(a).total_cmp(&excess(b)))
+        let distance = |n: usize| self.rows[n].distance(contract);
+        (0..self.rows.len()).min_by(|&a, &b| distance(a).total_cmp(&distance(b)))
     }
 }
 

@@ -78,7 +78,7 @@ struct Promise {
     improvement: f64,
     /// How likely it is to keep the contract; where nothing was found to, how likely anything is.
     feasible: f64,
-    /// By how much it is expected to come nearer to the limits, on a logarithmic scale.
+    /// By how much it is expected to come nearer to the limits ([`Row::distance`]).
     nearer: f64,
 }
 
@@ -216,9 +216,7 @@ impl<'a> Race<'a> {
         };
         // Quality of what breaks another limit matters only while the model of quality knows little.
         let known = self.tried.iter().filter(|r| r.measured.quality.batches() > 0).count();
-        // So does that of whatever may come nearest to a limit on it.
-        let nearest = self.contract.psnr_db.is_some() && self.least_cost().is_none();
-        if self.contract.excess(&measured.cost, f64::NAN) <= 0.0 || known < 6 || nearest {
+        if self.contract.excess(&measured.cost, f64::NAN) <= 0.0 || known < 6 {
             let first = self.first_batches() as u32;
             match one(trial, params, first).await? {
                 Ok(more) => measured = more,
@@ -303,7 +301,7 @@ impl<'a> Race<'a> {
         let (sizes, times, qualities) = self.models();
         let Some(qualities) = qualities else { return none };
         let least = self.least_cost();
-        let nearest = self.tried.iter().map(|r| r.excess(self.contract)).fold(f64::INFINITY, f64::min);
+        let nearest = self.tried.iter().map(|r| r.distance(self.contract)).fold(f64::INFINITY, f64::min);
         let untried =
             self.candidates.iter().filter(|c| !self.refused.contains(c) && !self.tried.iter().any(|r| r.params == **c));
         let promise = |params: &GenerationParams| {
@@ -316,6 +314,7 @@ impl<'a> Race<'a> {
         // Without anything in hand, what is surest to keep the limits, and of those the best; without hope, what comes nearest.
         let order = |p: &Promise| match least {
             Some(_) => p.improvement,
+            None if hope > HOPE && p.feasible == 0.0 => f64::NEG_INFINITY,
             None if hope > HOPE => (p.feasible * 20.0).round() * 1e6 + p.improvement,
             None => p.nearer,
         };
@@ -323,16 +322,16 @@ impl<'a> Race<'a> {
         if least.is_none() { Promise { feasible: hope, ..best } } else { best }
     }
 
-    /// Mean improvement on `least`, the share of draws that keep the contract, and by how much they exceed it less than
+    /// Mean improvement on `least`, the share of draws that keep the contract, and by how much they are nearer to it than
     /// `nearest`.
     fn expectation(&self, of: &[Prediction; 3], least: Option<f64>, nearest: f64) -> Promise {
         let (mut improvement, mut feasible, mut nearer) = (0.0, 0.0, 0.0);
         for draw in &self.draws {
             let [size, time, q] = std::array::from_fn(|k| of[k].mean + of[k].deviation * draw[k]);
             let (bytes, ms) = (size.exp(), time.exp());
-            let excess = self.contract.excess_of(bytes, ms, q);
-            nearer += (nearest - excess).max(0.0);
-            if excess <= 0.0 {
+            let distance = self.contract.distance_of(bytes, ms, q);
+            nearer += (nearest - distance).max(0.0);
+            if distance <= 0.0 {
                 feasible += 1.0;
                 let cost = self.utility.cost(bytes as u64, q, ms);
                 // Without a best, cheaper is better by itself; the offset keeps the order's sign.
