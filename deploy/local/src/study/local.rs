@@ -65,6 +65,16 @@ impl Local {
         &self.field
     }
 
+    /// What `params` give as a viewer has it: encoded and decoded.
+    ///
+    /// # Errors
+    /// If it cannot be generated or coded.
+    pub fn shown(&self, params: &GenerationParams) -> Result<Prepared, Invalid> {
+        let (intermediate, generation_time) = self.represent(params, 1)?;
+        let (bytes, _) = encode(&intermediate, generation_time)?;
+        Ok(Prepared::new(codec::decode_any(&bytes, &DecodeLimits::default())?))
+    }
+
     /// Generates and encodes; what was encoded is what will be looked at.
     fn generate(&mut self, params: &GenerationParams, times: u32) -> Result<(Cost, Spent), Invalid> {
         let start = clock();

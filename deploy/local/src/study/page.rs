@@ -9,11 +9,11 @@ use anyhow::Context;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use lamina_cast::Backend;
-use lamina_model::{Segmentation, psnr};
+use lamina_model::psnr;
 use lamina_tuner::Contract;
 use lamina_tuner::pareto::{front, offers};
 use lamina_tuner::tune::Row;
-use lamina_viz_node::kernel::{self as viz, Detail, PreparedVdi};
+use lamina_viz_node::kernel::{self as viz, Detail};
 use lamina_viz_node::view::png;
 use std::path::Path;
 
@@ -82,13 +82,12 @@ fn pictured<'a>(m: &'a Measured, limits: &Limits) -> Option<(&'a Row, String)> {
 /// The VDI's pictures above the ray-cast ones, q under each.
 fn strip(m: &Measured, limits: &Limits) -> anyhow::Result<String> {
     let Some((row, limit)) = pictured(m, limits) else { return Ok(String::new()) };
-    let (vdi, _) = Backend::cpu().generate(m.trial.field(), &row.params, Segmentation::Greedy)?;
-    let vdi = PreparedVdi::new(&vdi);
+    let shown = m.trial.shown(&row.params)?;
     let mut cells = String::new();
     for angle in ANGLES_DEG {
         let camera = m.trial.field().scene().camera.rotated_about_y(angle)?;
         let reference = Backend::cpu().raycast(m.trial.field(), &camera, PICTURE, PICTURE)?;
-        let drawn = viz::Backend::default().render_vdi(&vdi, &camera, PICTURE, PICTURE, Detail::Blended)?;
+        let drawn = viz::Backend::default().render(&shown, &camera, PICTURE, PICTURE, Detail::Blended)?;
         let image = |image: &lamina_model::Image, what: &str| -> anyhow::Result<String> {
             let data = STANDARD.encode(png(image)?);
             Ok(format!("<img src=\"data:image/png;base64,{data}\" alt=\"{what} at {angle} degrees\">"))
