@@ -28,7 +28,7 @@ pub fn scene_for(file: Option<&Path>, volumes: &[&Volume]) -> anyhow::Result<Sce
         }
     };
     let complete = || -> Result<Scene, Invalid> {
-        let first = volumes.first().ok_or_else(|| Invalid::new("series", "is empty; nothing to choose a scene for"))?;
+        let first = suggest::first_of(volumes)?;
         Scene {
             transfer: stated.transfer.map_or_else(|| suggest::suggest_transfer(volumes), Ok)?,
             camera: stated.camera.map_or_else(|| suggest::suggest_camera(&first.grid().bounds()), Ok)?,

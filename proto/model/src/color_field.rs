@@ -1,5 +1,6 @@
 //! A second field mapped to colour.
 
+use crate::corners::{self, Corner};
 use crate::{Invalid, ScalarRange};
 use serde::{Deserialize, Serialize};
 
@@ -30,6 +31,15 @@ pub struct ColorPoint {
     pub color: [f64; 3],
 }
 
+impl Corner<3> for ColorPoint {
+    fn at(&self) -> f64 {
+        self.at
+    }
+    fn values(&self) -> [f64; 3] {
+        self.color
+    }
+}
+
 impl ColorField {
     /// The most corners: kernels go through all of them.
     pub const MOST_POINTS: usize = 16;
@@ -49,24 +59,8 @@ impl ColorField {
     /// If it has no name, no point or too many, or one out of bounds or order.
     pub fn check(&self) -> Result<(), Invalid> {
         Self::check_name(&self.name)?;
-        let (n, most) = (self.points.len(), Self::MOST_POINTS);
-        if n == 0 || n > most {
-            return Err(Invalid::new("effects.color_field.points", format!("{n} given; one to {most} are needed")));
-        }
-        for p in &self.points {
-            if !p.color.iter().chain([&p.at]).all(|x| (0.0..=1.0).contains(x)) {
-                let reason = format!("{p:?}: every number must lie in 0..1");
-                return Err(Invalid::new("effects.color_field.points", reason));
-            }
-        }
-        let near = |w: &&[ColorPoint]| w[1].at - w[0].at < 0.999 * Self::NEAREST_POINTS;
-        if let Some(w) = self.points.windows(2).find(near) {
-            let (a, b) = (w[0].at, w[1].at);
-            let reason =
-                format!("{b} follows {a}; list them by ascending `at`, {} or more apart", Self::NEAREST_POINTS);
-            return Err(Invalid::new("effects.color_field.points", reason));
-        }
-        Ok(())
+        let bounds = (Self::MOST_POINTS, Self::NEAREST_POINTS);
+        corners::check("effects.color_field.points", &self.points, bounds)
     }
 
     /// Passes a name that a second field may have.
@@ -80,12 +74,7 @@ impl ColorField {
 
     /// The colour at position `u` of the range; of a field that has been checked.
     pub fn at(&self, u: f64) -> [f64; 3] {
-        let next = self.points.partition_point(|p| p.at <= u);
-        let (Some(a), Some(b)) = (next.checked_sub(1).map(|i| &self.points[i]), self.points.get(next)) else {
-            return self.points[next.saturating_sub(1)].color;
-        };
-        let w = (u - a.at) / (b.at - a.at);
-        std::array::from_fn(|c| a.color[c] + w * (b.color[c] - a.color[c]))
+        corners::interpolate(&self.points, 0, u)
     }
 }
 

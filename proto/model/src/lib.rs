@@ -7,6 +7,7 @@
 pub mod camera;
 mod color_field;
 pub mod composite;
+mod corners;
 pub mod effects;
 pub mod image;
 pub mod indicators;

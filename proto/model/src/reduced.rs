@@ -15,6 +15,10 @@ pub struct ReducedVolume {
 }
 
 impl ReducedVolume {
+    /// Why none can stand for a step, to those who know only that it may have 0 points on a side.
+    pub const WHY_NONE: &str =
+        "no reduced volume can stand for this step: voxels are missing, or colours come from a second field";
+
     /// Positions in the range of the scene's transfer function, `units`, on `grid`, x fastest.
     ///
     /// # Errors

@@ -29,7 +29,11 @@ pub fn suggest(volumes: &[&Volume]) -> Result<Scene, Invalid> {
     })
 }
 
-fn first_of<'a>(volumes: &[&'a Volume]) -> Result<&'a Volume, Invalid> {
+/// The first of `volumes`.
+///
+/// # Errors
+/// If there is none.
+pub fn first_of<'a>(volumes: &[&'a Volume]) -> Result<&'a Volume, Invalid> {
     volumes.first().copied().ok_or_else(|| Invalid::new("series", "is empty; nothing to choose a scene for"))
 }
 

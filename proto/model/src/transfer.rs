@@ -1,5 +1,6 @@
 //! Transfer functions: from a scalar to colour and extinction.
 
+use crate::corners::{self, Corner};
 use crate::{Grid, Invalid, ScalarRange, Scale, composite};
 use serde::{Deserialize, Serialize};
 
@@ -73,6 +74,15 @@ impl Classified {
     pub const EMPTY: Self = Self { color: [0.0; 3], opacity: 0.0, extinction: 0.0 };
 }
 
+impl Corner<4> for ControlPoint {
+    fn at(&self) -> f64 {
+        self.at
+    }
+    fn values(&self) -> [f64; 4] {
+        [self.color[0], self.color[1], self.color[2], self.opacity]
+    }
+}
+
 impl TransferFunction {
     /// The most control points accepted.
     pub const MAX_POINTS: usize = 4096;
@@ -82,22 +92,7 @@ impl TransferFunction {
     /// # Errors
     /// If there is no point, the points do not ascend, or a number is outside its interval.
     pub fn new(range: ScalarRange, unit_length: Option<f64>, points: Vec<ControlPoint>) -> Result<Self, Invalid> {
-        if points.is_empty() || points.len() > Self::MAX_POINTS {
-            let n = points.len();
-            return Err(Invalid::new("transfer.points", format!("{n} given; one to {} are needed", Self::MAX_POINTS)));
-        }
-        for p in &points {
-            if !p.color.iter().chain([&p.opacity, &p.at]).all(|x| (0.0..=1.0).contains(x)) {
-                return Err(Invalid::new("transfer.points", format!("{p:?}: every number must lie in 0..1")));
-            }
-        }
-        if let Some(w) = points.windows(2).find(|w| w[0].at > w[1].at) {
-            let (a, b) = (w[0].at, w[1].at);
-            return Err(Invalid::new(
-                "transfer.points",
-                format!("not sorted: {b} follows {a}; list them by ascending `at`"),
-            ));
-        }
+        corners::check("transfer.points", &points, (Self::MAX_POINTS, 0.0))?;
         if unit_length.is_some_and(|l| !(l.is_finite() && l > 0.0)) {
             return Err(Invalid::new("transfer.unit_length", format!("{unit_length:?} must be finite and positive")));
         }
@@ -141,17 +136,9 @@ impl TransferFunction {
             return ([0.0; 3], 0.0);
         }
         let u = f64::from(u);
-        let mut next = if u < 0.0 { 0 } else { usize::from(self.starts[((u * BINS as f64) as usize).min(BINS)]) };
-        while self.points.get(next).is_some_and(|p| p.at <= u) {
-            next += 1;
-        }
-        let (Some(a), Some(b)) = (next.checked_sub(1).map(|i| &self.points[i]), self.points.get(next)) else {
-            let end = if next == 0 { &self.points[0] } else { &self.points[next - 1] };
-            return (end.color, end.opacity);
-        };
-        let w = (u - a.at) / (b.at - a.at);
-        let lerp = |x: f64, y: f64| x + w * (y - x);
-        (std::array::from_fn(|c| lerp(a.color[c], b.color[c])), lerp(a.opacity, b.opacity))
+        let before = if u < 0.0 { 0 } else { usize::from(self.starts[((u * BINS as f64) as usize).min(BINS)]) };
+        let [red, green, blue, opacity] = corners::interpolate(&self.points, before, u);
+        ([red, green, blue], opacity)
     }
 
     /// Colour and extinction at position `u`, with opacities referring to `unit_length`.

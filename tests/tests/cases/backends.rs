@@ -3,7 +3,7 @@
 use lamina_cast::gpu::{GpuError as CastError, GpuKernels as CastKernels};
 use lamina_cast::lanes::{self, Level, Shot};
 use lamina_cast::{Field, scalar};
-use lamina_device::testing;
+use lamina_device::{Gpu, testing};
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
 use lamina_model::{Camera, GenerationParams, Segmentation, Vdi};
 use lamina_viz_node::kernel::gpu::{GpuError as DrawError, GpuKernels as DrawKernels};
@@ -19,24 +19,33 @@ pub struct Shown<'a> {
     pub pixels: &'a [(u32, u32)],
 }
 
-/// Casts rays through volumes.
-pub enum Caster {
+/// What runs: an oracle, a level of lanes, or a GPU with its kernels.
+pub enum Backend<Kernels> {
     Scalar,
     Lanes(Level),
-    Gpu(Box<CastKernels>),
+    Gpu(Kernels),
 }
 
-/// All that this machine has.
+/// Casts rays through volumes.
+pub type Caster = Backend<CastKernels>;
+
+/// Draws VDIs.
+pub type Drawer = Backend<DrawKernels>;
+
 pub fn casters() -> Vec<Caster> {
-    let gpu = testing::gpu().map(|gpu| Caster::Gpu(Box::new(CastKernels::new(gpu).unwrap())));
-    let lanes = Level::available().into_iter().map(Caster::Lanes);
-    [Caster::Scalar].into_iter().chain(lanes).chain(gpu).collect()
+    Backend::all(|gpu| CastKernels::new(gpu).unwrap())
 }
 
-impl Caster {
-    /// As its rows are called: "R" and its kind.
-    pub fn name(&self) -> String {
-        format!("R {}", self.kind())
+pub fn drawers() -> Vec<Drawer> {
+    Backend::all(|gpu| DrawKernels::new(gpu).unwrap())
+}
+
+impl<Kernels> Backend<Kernels> {
+    /// All that this machine has.
+    fn all(kernels: impl FnOnce(Gpu) -> Kernels) -> Vec<Self> {
+        let gpu = testing::gpu().map(|gpu| Self::Gpu(kernels(gpu)));
+        let lanes = Level::available().into_iter().map(Self::Lanes);
+        [Self::Scalar].into_iter().chain(lanes).chain(gpu).collect()
     }
 
     pub fn kind(&self) -> String {
@@ -45,6 +54,13 @@ impl Caster {
             Self::Lanes(level) => format!("lanes {level:?}"),
             Self::Gpu(_) => "gpu".to_owned(),
         }
+    }
+}
+
+impl Caster {
+    /// As its rows are called: "R" and its kind.
+    pub fn name(&self) -> String {
+        format!("R {}", self.kind())
     }
 
     /// The colours of some pixels, by the path for whole pictures where all are asked for.
@@ -96,32 +112,10 @@ fn too_large(error: CastError) -> String {
     error.to_string()
 }
 
-/// Draws VDIs.
-pub enum Drawer {
-    Scalar,
-    Lanes(Level),
-    Gpu(Box<DrawKernels>),
-}
-
-/// All that this machine has.
-pub fn drawers() -> Vec<Drawer> {
-    let gpu = testing::gpu().map(|gpu| Drawer::Gpu(Box::new(DrawKernels::new(gpu).unwrap())));
-    let lanes = Level::available().into_iter().map(Drawer::Lanes);
-    [Drawer::Scalar].into_iter().chain(lanes).chain(gpu).collect()
-}
-
 impl Drawer {
     /// As its rows are called: "I" and its kind.
     pub fn name(&self) -> String {
         format!("I {}", self.kind())
-    }
-
-    pub fn kind(&self) -> String {
-        match self {
-            Self::Scalar => "scalar".to_owned(),
-            Self::Lanes(level) => format!("lanes {level:?}"),
-            Self::Gpu(_) => "gpu".to_owned(),
-        }
     }
 
     /// The colours of some pixels, by the path for whole pictures where all are asked for.

@@ -112,6 +112,7 @@ fn uniform(field: &Field, integral: Option<&Integral>, camera: &Camera, step_len
     if let Some(volume) = &effects.volume {
         out.light_dims = volume.dims.map(|d| d as u32);
         out.light_scale = volume.scale.map(|s| s as f32);
+        out.light_offset = volume.offset.map(|o| o as f32);
     }
     if let Some(cue) = effects.cue {
         let (near, far) = cue_range(grid, camera.position());

@@ -274,9 +274,7 @@ fn gradient_at(index: vec3f, gradient: ptr<function, vec3f>) -> bool {
 
 // The light volume's values from `start` on, at `index`.
 fn light_at(index: vec3f, start: u32) -> f32 {
-    // An axis with one sample point is drawn half a spacing beyond it to both sides.
-    let first = select(vec3f(0.0), vec3f(0.5), volume.last == vec3u(0u));
-    let x = clamp(index * effects.light_scale + first, vec3f(0.0), vec3f(effects.light_dims - 1u));
+    let x = clamp(index * effects.light_scale + effects.light_offset, vec3f(0.0), vec3f(effects.light_dims - 1u));
     let base = min(vec3u(x), effects.light_dims - 2u);
     let w = x - vec3f(base);
     let row = effects.light_dims.x;

@@ -49,6 +49,8 @@ pub struct Effects {
     pub ambient: f32,
     pub light_scale: [f32; 3],
     pub diffuse: f32,
+    pub light_offset: [f32; 3],
+    pub pad0: u32,
     pub light_dims: [u32; 3],
     pub specular: f32,
     pub cue: [f32; 3],

@@ -53,9 +53,11 @@ struct Effects {
     // From differences over two voxels to shares of the range per voxel length.
     gradient: vec3f,
     ambient: f32,
-    // From sample points to points of the light volume.
+    // From sample points to points of the light volume, by scale and then offset.
     light_scale: vec3f,
     diffuse: f32,
+    light_offset: vec3f,
+    pad0: u32,
     light_dims: vec3u,
     specular: f32,
     cue: vec3f,

@@ -36,6 +36,8 @@ fn structs_equal_their_twins() {
             ambient,
             light_scale,
             diffuse,
+            light_offset,
+            pad0,
             light_dims,
             specular,
             cue,
