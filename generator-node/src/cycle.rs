@@ -228,10 +228,13 @@ impl Cycle {
             state.schedule.begin(number)
         };
         let (params, bytes, cost) = self.generate_within(&prepared, &setting)?;
-        let mut items = Vec::new();
+        let (mut items, mut has_reference) = (Vec::new(), false);
         if self.reference_every > 0 && number.is_multiple_of(self.reference_every) {
             match prepared.reference(&self.shared.plan) {
-                Ok(reference) => items.push(reference),
+                Ok(reference) => {
+                    items.push(reference);
+                    has_reference = true;
+                }
                 Err(error) => tracing::error!(step = number, %error, "no reference samples"),
             }
         }
@@ -243,6 +246,7 @@ impl Cycle {
             time: prepared.time,
             params: Some((&params).into()),
             cost: Some(cost),
+            has_reference,
         };
         tracing::info!(
             step = number,

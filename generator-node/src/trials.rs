@@ -5,6 +5,7 @@ use lamina_model::{GenerationParams, Invalid};
 use lamina_wire::{required, v1};
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 use tokio::sync::{SemaphorePermit, mpsc};
 use tokio::task::spawn_blocking;
 use tonic::codegen::Bytes;
@@ -12,6 +13,8 @@ use tonic::{Status, Streaming};
 
 /// Encoded VDIs kept, so that one whose cost was asked for can be sent without being generated again.
 const ENCODED: usize = 4;
+/// After so long live steps come first again.
+const TURN: Duration = Duration::from_millis(50);
 /// The most gammas of one request.
 const MOST_GAMMAS: usize = 1024;
 
@@ -141,11 +144,16 @@ impl Trials {
             let _permit = permit(&self.shared).await?;
             blocking(move || held.represent_all(&params, &gammas)).await?
         };
-        let mut costs = Vec::new();
-        for intermediate in all {
-            // Live steps come in between: encoding dozens takes longer than a simulation should wait.
+        let (mut costs, mut all) = (Vec::new(), all.into_iter());
+        while all.len() > 0 {
+            // Live steps come in between: encoding dozens takes longer than a simulation should wait. But for each of them
+            // to wait for a live step would take longer than a study should.
             let _permit = permit(&self.shared).await?;
-            costs.push(blocking(move || encode(&intermediate, march_time, &options)).await?.1);
+            let begun = Instant::now();
+            while begun.elapsed() < TURN {
+                let Some(intermediate) = all.next() else { break };
+                costs.push(blocking(move || encode(&intermediate, march_time, &options)).await?.1);
+            }
         }
         Ok(costs)
     }

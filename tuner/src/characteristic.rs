@@ -23,19 +23,21 @@ pub struct Kept {
     pub study: Study,
     /// The row in use.
     pub chosen: usize,
+    /// The study was cut short: something better may be found.
+    pub cut: bool,
     /// By representation.
     sizes: Vec<(Representation, Process<Price>)>,
 }
 
 impl Kept {
-    fn new(study: Study, chosen: usize) -> Self {
+    fn new(study: Study, chosen: usize, cut: bool) -> Self {
         let of = |representation: Representation| {
             let size = |r: &Row| (place(&r.params), (r.measured.cost.size_bytes.max(1) as f64).ln());
             let rows = study.rows.iter().filter(|r| r.params.representation() == representation);
             let (places, sizes): (Vec<_>, Vec<f64>) = rows.map(size).unzip();
             (!sizes.is_empty()).then(|| (representation, Price::of_sizes(representation, places, &sizes)))
         };
-        Self { sizes: Representation::ALL.into_iter().filter_map(of).collect(), study, chosen }
+        Self { sizes: Representation::ALL.into_iter().filter_map(of).collect(), study, chosen, cut }
     }
 
     /// How far a step of this size is from this one: the difference of the logarithms; `None` where the table does not tell.
@@ -57,9 +59,11 @@ pub struct Characteristic {
 }
 
 impl Characteristic {
-    /// Keeps a study, whose row `chosen` is used.
-    pub fn keep(&mut self, study: Study, chosen: usize) {
-        self.kept.push(Kept::new(study, chosen));
+    /// Keeps a study, whose row `chosen` is used, in place of those like it that were cut short.
+    pub fn keep(&mut self, study: Study, chosen: usize, cut: bool) {
+        let (params, size_bytes) = (study.rows[chosen].params, study.rows[chosen].measured.cost.size_bytes);
+        self.kept.retain(|k| !(k.cut && k.is_like(&params, size_bytes)));
+        self.kept.push(Kept::new(study, chosen, cut));
         if self.kept.len() > MOST {
             self.kept.remove(self.most_alike());
         }
@@ -150,7 +154,7 @@ mod tests {
         for (step, much) in [(0, 1.0), (10, 1.6)] {
             let study = study(step, much, 50_000);
             let chosen = study.best.unwrap();
-            all.keep(study, chosen);
+            all.keep(study, chosen, false);
         }
         let size = |much: f64| (much * 224_f64.powf(1.8) * 0.02_f64.powf(-0.3)) as u64;
         let like = |all: &Characteristic, much| all.like(&params(224, 0.02), size(much)).map(|k| k.study.step);
@@ -171,7 +175,7 @@ mod tests {
             // Slow growth, with one step that is like no other.
             let much = if n == 5 { 20.0 } else { 1.0 + 0.02 * f64::from(n) };
             let study = study(n.into(), much, 50_000_000);
-            all.keep(study, 0);
+            all.keep(study, 0, false);
         }
         assert_eq!(all.len(), MOST);
         assert!(all.kept.iter().any(|k| k.study.step == 5) && all.kept.iter().any(|k| k.study.step == 39));

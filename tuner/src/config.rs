@@ -24,9 +24,11 @@ pub struct Config {
     pub opacity_cutoff: f64,
     /// Sampling step of every candidate, voxels.
     pub step_voxels: f64,
-    /// Tune again every n-th step; 0: only when a step is unlike those tuned for, or breaks a limit.
+    /// Tune again every n-th step; 0: only when a step is unlike those tuned for, or breaks a limit, or the study for it was cut
+    /// short.
     pub retune_every: u64,
-    /// The most share of the time that studies after the first may take, 0 to 1; 1 is no limit.
+    /// The most share of the time that studies after the first may take, 0 to 1; 1 is no limit. None begins a trial that would
+    /// probably end later.
     pub budget: f64,
 }
 

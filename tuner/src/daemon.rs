@@ -1,10 +1,11 @@
 //! The loop: watch steps, study when one calls for it, push the winner.
 
 use crate::ahead::{Ahead, follow};
-use crate::characteristic::{Characteristic, choose};
+use crate::characteristic::choose;
 use crate::live::LiveQuality;
 use crate::push::{push, setting};
 use crate::remote::{Remote, connect};
+use crate::run::{End, Run, cost, read};
 use crate::search::{candidates, search};
 use crate::trial::{Cost, Trial as _, TrialError};
 use crate::tune::Row;
@@ -13,7 +14,8 @@ use futures::StreamExt;
 use lamina_model::GenerationParams;
 use lamina_wire::v1::{self, control_client::ControlClient};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
+use tokio::time::Instant;
 use tonic::transport::Channel;
 
 /// Pause before a lost generator-node is tried again.
@@ -32,44 +34,6 @@ struct Daemon {
     setting: Option<v1::SetParametersRequest>,
     /// First step the setting holds for: earlier ones do not speak against it.
     holds_from: u64,
-}
-
-/// What is known of the run watched.
-struct Run {
-    id: String,
-    since: Instant,
-    characteristic: Characteristic,
-    studied_step: Option<u64>,
-    /// Wall time of all studies, of those after the first, and of the last.
-    spent: Duration,
-    later: Duration,
-    last: Duration,
-}
-
-impl Run {
-    fn new(id: String) -> Self {
-        let (characteristic, none) = (Characteristic::default(), Duration::ZERO);
-        Self { id, since: Instant::now(), characteristic, studied_step: None, spent: none, later: none, last: none }
-    }
-
-    /// True if the studies after the first, and another as long as the last one, take no more than this share of the time
-    /// since the run was first seen. The first is always made; a budget of 1 is none.
-    fn may_study(&self, budget: f64) -> bool {
-        let with_another = (self.later + self.last).as_secs_f64();
-        let affordable = with_another <= budget * self.since.elapsed().as_secs_f64();
-        self.studied_step.is_none() || budget >= 1.0 || affordable
-    }
-
-    /// A study ended; what gave nothing is not what another one is expected to take.
-    fn took(&mut self, time: Duration, first: bool, gave: bool) {
-        self.spent += time;
-        if !first {
-            self.later += time;
-        }
-        if gave {
-            self.last = time;
-        }
-    }
 }
 
 /// What a step calls for.
@@ -131,7 +95,7 @@ impl Daemon {
             self.status.working(true);
             let call = match (self.call_of(&report), &mut quality) {
                 (Call::Nothing, Some(quality)) if self.may_ask_quality(&report) => {
-                    let measured = quality.of(&report.run_id, report.step).await;
+                    let measured = quality.of(&report).await;
                     let calls = measured.is_some_and(|m| self.quality_calls(&report, &m));
                     if calls { Call::Study(Why::Quality) } else { Call::Nothing }
                 }
@@ -160,12 +124,12 @@ impl Daemon {
     /// steps like it, if it keeps it well: then something cheaper may.
     fn quality_calls(&self, report: &v1::StepReport, measured: &v1::StepQuality) -> bool {
         let contract = &self.config.contract;
-        let cost = Cost::from(report.cost.unwrap_or_default());
-        let like = read(report.params).and_then(|p| self.run.characteristic.like(&p, cost.size_bytes));
         let since = measured.step >= self.holds_from && self.run.studied_step.is_some_and(|s| measured.step > s);
         since
-            && match like {
-                Some(step) if step.study.best.is_none() => contract.aim().excess(&cost, measured.psnr_db) <= 0.0,
+            && match self.run.like(report) {
+                Some(step) if step.study.best.is_none() => {
+                    contract.aim().excess(&cost(report), measured.psnr_db) <= 0.0
+                }
                 _ => contract.excess(&Cost::default(), measured.psnr_db) > 0.0,
             }
     }
@@ -183,16 +147,16 @@ impl Daemon {
         if self.config.retune_every > 0 && report.step >= studied + self.config.retune_every {
             return study;
         }
-        let cost = Cost::from(report.cost.unwrap_or_default());
-        let like = read(report.params).and_then(|p| self.run.characteristic.like(&p, cost.size_bytes));
-        let kept = self.config.contract.excess(&cost, f64::NAN) <= 0.0;
+        let kept = self.config.contract.excess(&cost(report), f64::NAN) <= 0.0;
         // Parameters other than those pushed mean that the generator-node had to fall back to keep the size limit.
         let fell_back = self.setting.as_ref().is_some_and(|s| s.params != report.params);
-        match like {
+        match self.run.like(report) {
+            Some(step) if step.cut && matches!(study, Call::Study(_)) => study,
             Some(step) => match setting(&step.study, step.chosen, &self.config.contract) {
                 known if self.setting.as_ref().is_none_or(|s| s.params != known.params) => Call::Switch(known),
                 _ if kept && !fell_back => Call::Nothing,
-                // Where nothing keeps the contract, every step breaks it; asking again each time would find the same.
+                // Where nothing keeps the contract, every step breaks it; asking again each time would find the same. What was
+                // cut short is asked again above, as soon as there is time.
                 _ if step.study.best.is_none() => Call::Nothing,
                 _ => study,
             },
@@ -226,18 +190,19 @@ impl Daemon {
     ) -> Result<(), TrialError> {
         let (begun, first) = (Instant::now(), self.run.studied_step.is_none());
         let outcome = self.measure(control, report, why).await;
-        self.run.took(begun.elapsed(), first, outcome.is_ok());
-        let (studies, run) = (self.run.spent.as_secs_f64(), self.run.since.elapsed().as_secs_f64());
+        self.run.took(begun.elapsed(), first, *outcome.as_ref().unwrap_or(&End::Failed));
+        let (studies, run) = ((self.run.first + self.run.later).as_secs_f64(), self.run.since.elapsed().as_secs_f64());
         tracing::info!(kept = self.run.characteristic.len(), "studies took {studies:.1} s of {run:.1} s");
-        outcome
+        outcome.map(|_| ())
     }
 
-    /// The parameters pushed last; before any, those that the generator-node has of itself, if they lie among `candidates`.
+    /// The parameters that the step was made with: those pushed, or what the generator-node fell back to; before any were
+    /// pushed, those that it has of itself, if they lie among `candidates`.
     fn in_use(&self, report: &v1::StepReport, candidates: &[GenerationParams]) -> Option<GenerationParams> {
-        if let Some(setting) = &self.setting {
-            return read(setting.params);
-        }
         let own = read(report.params)?;
+        if self.setting.is_some() {
+            return Some(own);
+        }
         // But for these they are like it.
         let like = |c: &GenerationParams| {
             c.with_resolution(own.resolution()).and_then(|c| c.with_gamma(own.gamma())).is_ok_and(|c| c == own)
@@ -249,15 +214,34 @@ impl Daemon {
         (spanned(|p| p.resolution().into()) && spanned(GenerationParams::gamma)).then_some(own)
     }
 
+    /// What there is to choose from; and true if that is what an earlier study found, because finding it again would take more
+    /// than a quarter of the time.
+    async fn candidates(
+        &mut self,
+        remote: &mut Remote,
+        until: Option<Instant>,
+    ) -> Result<(Vec<GenerationParams>, bool), TrialError> {
+        let begun = Instant::now();
+        let short = until.is_some_and(|until| until.saturating_duration_since(begun) < 4 * self.run.finding);
+        let old = short && !self.run.candidates.is_empty();
+        if !old {
+            let Config { representations, grid, .. } = &self.config;
+            self.run.candidates = candidates(remote, representations, grid, &self.base).await?;
+            self.run.finding = begun.elapsed();
+        }
+        Ok((self.run.candidates.clone(), old))
+    }
+
     async fn measure(
         &mut self,
         control: &ControlClient<Channel>,
         report: &v1::StepReport,
         why: Why,
-    ) -> Result<(), TrialError> {
-        let contract = self.config.contract.clone();
+    ) -> Result<End, TrialError> {
+        let (contract, until) = (self.config.contract.clone(), self.run.until(self.config.budget));
+        let given = until.map_or(Duration::ZERO, |until| until - Instant::now());
         let mut remote = Remote::open(control, &self.config.generator).await?;
-        let all = candidates(&mut remote, &self.config.representations, &self.config.grid, &self.base).await?;
+        let (all, old) = self.candidates(&mut remote, until).await?;
         let mut in_use = self.in_use(report, &all);
         let (mut ahead, picked) =
             in_use.filter(|_| self.setting.is_none()).map(|own| Ahead::new(&contract, own)).unzip();
@@ -273,7 +257,7 @@ impl Daemon {
             }
         };
         let aim = contract.aim();
-        let searching = search(&mut remote, &aim, &all, in_use.as_ref(), progress);
+        let searching = search(&mut remote, &aim, &all, in_use.as_ref(), until, progress);
         let (found, pushed) = match picked {
             Some(picked) => tokio::join!(searching, follow(control, status, picked)),
             None => (searching.await, None),
@@ -287,13 +271,21 @@ impl Daemon {
         let mut study = found.study;
         // What misses the aim may keep the contract.
         study.best = study.best.or_else(|| study.nearest(&aim).filter(|&n| study.rows[n].distance(&contract) <= 0.0));
-        self.run.studied_step = Some(study.step.max(report.step));
-        let Some(chosen) = choose(&study, &contract, in_use.as_ref()) else { return Ok(()) };
+        let studied = study.step.max(report.step);
+        // "Nothing keeps the contract" is no knowledge of a search that was cut short, nor of one among old candidates.
+        let cut = found.cut || (old && study.best.is_none());
+        let end = if cut { End::Cut(given) } else { End::Whole };
+        let Some(chosen) = choose(&study, &contract, in_use.as_ref()) else {
+            tracing::warn!(step = study.step, cut, "nothing could be tried");
+            self.run.studied_step = self.run.studied_step.or(Some(studied).filter(|_| !cut));
+            return Ok(end);
+        };
         let row = &study.rows[chosen];
         if study.best.is_none() {
             tracing::warn!(
                 step = study.step,
-                "nothing keeps the contract; nearest: {}",
+                "nothing {} the contract; nearest: {}",
+                if cut { "tried in the time there was keeps" } else { "keeps" },
                 contract.describe(&row.measured)
             );
         }
@@ -308,48 +300,18 @@ impl Daemon {
             bytes = row.measured.cost.size_bytes,
             psnr_db = row.measured.quality.psnr_db(),
             left = found.left,
+            cut,
             from,
             "tuned"
         );
+        self.run.studied_step = Some(studied);
         let before = self.setting.replace(setting).and_then(|s| read(s.params));
         self.holds_from = from;
         if let (Why::Quality, Some(_), Some(params), Some(before)) = (why, study.best, read(report.params), before) {
-            let size_bytes = Cost::from(report.cost.unwrap_or_default()).size_bytes;
-            self.run.characteristic.forget(&params, size_bytes, &before);
+            self.run.characteristic.forget(&params, cost(report).size_bytes, &before);
         }
         self.status.measured(study.step, &study.rows, Some(chosen));
-        self.run.characteristic.keep(study, chosen);
-        Ok(())
-    }
-}
-
-fn read(params: Option<v1::GenerationParams>) -> Option<GenerationParams> {
-    GenerationParams::try_from(params?).ok()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn studies_after_the_first_stay_within_their_budget() {
-        let second = Duration::from_secs(1);
-        let mut run = Run::new("a".to_owned());
-        assert!(run.may_study(0.0), "the first is always made");
-        // Nobody measured for a minute: no price of tuning.
-        run.took(60 * second, true, false);
-        run.took(2 * second, true, true);
-        run.studied_step = Some(0);
-        let mut at = |secs: u32, later: u32| {
-            run.since = Instant::now() - secs * second;
-            run.later = later * second;
-            run.may_study(0.05)
-        };
-        // Another of 2 s within 5 %.
-        assert!(!at(39, 0) && at(41, 0));
-        assert!(!at(79, 2) && at(81, 2));
-        run.took(2 * second, false, true);
-        assert_eq!((run.later, run.last), (4 * second, 2 * second));
-        assert!(!run.may_study(0.05) && run.may_study(1.0), "all of the time is no limit");
+        self.run.characteristic.keep(study, chosen, cut);
+        Ok(end)
     }
 }

@@ -12,6 +12,7 @@ mod live;
 pub mod pareto;
 mod push;
 pub mod remote;
+mod run;
 pub mod search;
 mod status;
 pub mod trial;

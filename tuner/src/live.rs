@@ -43,11 +43,12 @@ impl LiveQuality {
         Self { told, _following: following }
     }
 
-    /// The quality of `step`, waited for as long as somebody may tell; if it does not come in time, that of the newest step
-    /// that has one.
-    pub async fn of(&mut self, run_id: &str, step: u64) -> Option<v1::StepQuality> {
-        let of_run = |told: &Told| told.newest.clone().filter(|q| q.run_id == run_id);
-        let come = |told: &Told| told.streams == 0 || of_run(told).is_some_and(|q| q.step >= step);
+    /// The quality of the step reported, waited for as long as somebody may tell; if there is none to come, or it does not in
+    /// time, that of the newest step that has one.
+    pub async fn of(&mut self, report: &v1::StepReport) -> Option<v1::StepQuality> {
+        let of_run = |told: &Told| told.newest.clone().filter(|q| q.run_id == report.run_id);
+        let none_to_come = |told: &Told| told.streams == 0 || !report.has_reference;
+        let come = |told: &Told| none_to_come(told) || of_run(told).is_some_and(|q| q.step >= report.step);
         if let Ok(Ok(told)) = tokio::time::timeout(PATIENCE, self.told.wait_for(|told| come(told))).await {
             return of_run(&told);
         }

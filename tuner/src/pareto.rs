@@ -8,11 +8,14 @@ use lamina_model::Quality;
 /// measured on.
 fn beats(a: &Row, b: &Row) -> bool {
     let (a, b) = (&a.measured, &b.measured);
+    let prices = |m: &Measured| [m.cost.size_bytes as f64, m.cost.generation_time.as_secs_f64()];
+    let (cheap, dear) = (prices(a), prices(b));
+    if cheap.iter().zip(&dear).any(|(a, b)| a > b) {
+        return false;
+    }
     let both = a.quality.batches().min(b.quality.batches());
-    let prices =
-        |m: &Measured| [m.cost.size_bytes as f64, m.cost.generation_time.as_secs_f64(), m.quality.first(both).mse()];
-    let (a, b) = (prices(a), prices(b));
-    a.iter().zip(&b).all(|(a, b)| a <= b) && a != b
+    let [error, other] = [a, b].map(|m| m.quality.first(both).mse());
+    error <= other && (error < other || cheap != dear)
 }
 
 /// Indices of the rows that no other row beats, smallest first. Rows without quality are none of them.

@@ -92,6 +92,23 @@ impl Study {
         self.rows.push(row);
     }
 
+    /// With costs on the first batches that all rows with a quality have: more pixels tell more of a row, but nothing of it
+    /// beside another that lacks them. Whether a row keeps its limits is told by all that it has.
+    #[must_use]
+    pub fn on_common_pixels(self, contract: &Contract) -> Self {
+        let batches = self.rows.iter().map(|r| r.measured.quality.batches()).filter(|&b| b > 0).min().unwrap_or(0);
+        let mut common = Self { step: self.step, rows: Vec::with_capacity(self.rows.len()), best: None };
+        for mut row in self.rows {
+            if row.cost < f64::INFINITY {
+                let Measured { cost, quality } = &row.measured;
+                let ms = contract.time_of(cost.generation_time, cost.encode_time);
+                row.cost = contract.utility().cost(cost.size_bytes, quality.first(batches).psnr_db(), ms);
+            }
+            common.add(row);
+        }
+        common
+    }
+
     /// Parameters for steps on which `from` would be too large, by falling size: first from there on with larger and larger
     /// gamma (VDIs with ever fewer rays as well), then the best of each size measured, each at least 15 % smaller than the one before.
     pub fn ladder(&self, from: usize) -> Vec<GenerationParams> {
@@ -232,5 +249,24 @@ mod tests {
             );
             last = this;
         }
+    }
+
+    #[test]
+    fn rows_are_compared_on_the_pixels_that_all_have_and_limits_kept_on_all_of_each() {
+        let contract: Contract = "psnr >= 30dB, maximise psnr".parse().unwrap();
+        let row = |gamma: f64, batch_mse: &[f64]| {
+            let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: batch_mse.to_vec() }] };
+            let measured = Measured { cost: Cost::default(), quality };
+            let cost = contract.cost(&measured);
+            Row { params: GenerationParams::new(64, gamma).unwrap(), measured, cost }
+        };
+        // Easier pixels come first, on which the first row keeps a limit that it breaks on all; the second one is settled, the
+        // third is better where both were measured.
+        let rows = [row(0.1, &[1e-4, 1e-4, 1e-2, 1e-2]), row(0.2, &[4e-4, 4e-4, 4e-5, 4e-5]), row(0.3, &[3e-4, 3e-4])];
+        let mut study = Study { step: 0, rows: Vec::new(), best: None };
+        rows.into_iter().for_each(|row| study.add(row));
+        assert_eq!(study.best, Some(1));
+        let common = study.on_common_pixels(&contract);
+        assert_eq!((common.best, common.rows[0].cost), (Some(2), f64::INFINITY));
     }
 }

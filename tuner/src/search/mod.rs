@@ -3,10 +3,12 @@
 mod gauss;
 mod grid;
 mod models;
+mod promise;
 mod racing;
 mod range;
 #[cfg(test)]
 mod tests;
+mod timed;
 
 pub use gauss::{Process, place};
 pub use grid::{Axis, Grid};

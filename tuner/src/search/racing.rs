@@ -6,14 +6,17 @@
 //! fiftieth of a decibel. Sizes of a dozen gammas come from one march at the lowest resolution, which costs least. Quality
 //! is first measured on a quarter of the sampled pixels; only contenders that this cannot tell apart get them all.
 
-use super::gauss::{Place, Prediction, Process, place};
+use super::gauss::{Place, Process, place};
 use super::models::{Price, Quality};
+use super::promise::{Hopes, Promise};
+use super::timed::Timed;
 use crate::Contract;
 use crate::interval::{difference_db, half_width_db};
-use crate::trial::{Measured, Trial, TrialError};
+use crate::trial::{Trial, TrialError};
 use crate::tune::{Row, Study};
 use crate::utility::Utility;
-use lamina_model::{GenerationParams, Invalid, decibels};
+use lamina_model::{GenerationParams, decibels};
+use tokio::time::Instant;
 
 /// The most trials of one representation.
 const MOST_TRIALS: usize = 24;
@@ -23,8 +26,6 @@ const MOST_NEARER: usize = 10;
 const MARCH: usize = 12;
 /// The least probability that is worth a trial.
 const HOPE: f64 = 0.005;
-/// Samples of what a candidate may give.
-const DRAWS: usize = 48;
 
 /// What a search found.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,11 +36,15 @@ pub struct Found {
     pub left: f64,
     /// The best probability that some candidate keeps the contract, where none was found to.
     pub hope: f64,
+    /// The time was over before it had come to its end: costs are those on the pixels that all were measured on, and `left` is
+    /// NaN.
+    pub cut: bool,
 }
 
 /// Searches `candidates`, one representation after the other in the order they come in: what the first ones gave is what the
-/// next have to beat. Within one they differ in resolution and gamma only. What is `in_use` is measured in any case, if its
-/// representation is among them.
+/// next have to beat. Within one they differ in resolution and gamma only. What is `in_use` is measured before all others, if
+/// its representation is among them. No trial is begun that would probably end after `until`; where that is given the
+/// representation in use comes first.
 ///
 /// # Errors
 /// If a node stops answering, or nothing can be measured.
@@ -48,38 +53,39 @@ pub async fn search(
     contract: &Contract,
     candidates: &[GenerationParams],
     in_use: Option<&GenerationParams>,
+    until: Option<Instant>,
     mut progress: impl FnMut(&Row) + Send,
 ) -> Result<Found, TrialError> {
     let mut study = Study { step: trial.step(), rows: Vec::new(), best: None };
     let (mut hope, mut promised) = (0.0_f64, Vec::new());
+    let batches = trial.batches() as usize;
+    let mut trial = Timed::new(trial, until);
     let alike = |a: &GenerationParams, b: &GenerationParams| a.representation() == b.representation();
-    for some in candidates.chunk_by(alike) {
-        let mut race = Race::new(contract, some, trial.batches() as usize);
+    let mut races: Vec<Race> = candidates.chunk_by(alike).map(|some| Race::new(contract, some, batches)).collect();
+    if let Some(params) = in_use
+        && let Some(race) = races.iter().position(|race| alike(params, &race.candidates[0]))
+    {
+        races[race].measure(&mut trial, params, &mut progress).await?;
+        if until.is_some() {
+            races[..=race].rotate_right(1);
+        }
+    }
+    for mut race in races {
         race.to_beat = study.best.map(|n| study.rows[n].cost);
-        let in_use = in_use.filter(|p| alike(p, &some[0]));
-        let (rows, next) = race.run(trial, in_use, &mut progress).await?;
+        let (rows, next) = race.run(&mut trial, &mut progress).await?;
         rows.into_iter().for_each(|row| study.add(row));
         hope = hope.max(next.feasible);
         promised.extend(study.best.map(|n| study.rows[n].cost - next.improvement));
+    }
+    if trial.cut {
+        return Ok(Found { study: study.on_common_pixels(contract), left: f64::NAN, hope, cut: true });
     }
     // What is still promised, beside the best of all.
     let left = study.best.map_or(f64::NAN, |n| {
         let cost = study.rows[n].cost;
         promised.iter().map(|promise| (cost - promise).max(0.0)).fold(0.0, f64::max)
     });
-    Ok(Found { study, left, hope })
-}
-
-/// The candidate most worth trying.
-#[derive(Default)]
-struct Promise {
-    params: Option<GenerationParams>,
-    /// By how much it is expected to improve on the best.
-    improvement: f64,
-    /// How likely it is to keep the contract; where nothing was found to, how likely anything is.
-    feasible: f64,
-    /// By how much it is expected to come nearer to the limits ([`Row::distance`]).
-    nearer: f64,
+    Ok(Found { study, left, hope, cut: false })
 }
 
 impl Promise {
@@ -101,7 +107,7 @@ struct Race<'a> {
     marched: Vec<(Place, f64)>,
     tried: Vec<Row>,
     refused: Vec<GenerationParams>,
-    draws: Vec<[f64; 3]>,
+    hopes: Hopes<'a>,
     /// Batches that there are.
     batches: usize,
     /// Cost of the best that other candidates gave.
@@ -117,32 +123,31 @@ impl<'a> Race<'a> {
             marched: Vec::new(),
             tried: Vec::new(),
             refused: Vec::new(),
-            draws: draws(),
+            hopes: Hopes::new(contract),
             batches,
             to_beat: None,
         }
     }
 
-    /// All trials, and what would have been tried next.
+    /// All trials, and what would be tried next.
     async fn run(
         mut self,
-        trial: &mut impl Trial,
-        in_use: Option<&GenerationParams>,
+        trial: &mut Timed<'_, impl Trial>,
         progress: &mut (impl FnMut(&Row) + Send),
     ) -> Result<(Vec<Row>, Promise), TrialError> {
         self.march(trial).await?;
-        if let Some(params) = in_use {
-            self.measure(trial, params, progress).await?;
-        }
         for params in self.first_trials() {
             self.measure(trial, &params, progress).await?;
         }
-        let mut next = Promise::default();
         loop {
+            let mut next = self.most_promising();
             while self.tried.len() < MOST_TRIALS.min(self.candidates.len()) {
-                next = self.most_promising();
                 let Some(params) = next.params.filter(|_| next.worth_trying(&self)) else { break };
+                if !trial.enough() {
+                    break;
+                }
                 self.measure(trial, &params, progress).await?;
+                next = self.most_promising();
             }
             // All pixels may tell other than a quarter of them did: then something else may have become worth trying.
             if !self.settle(trial).await? {
@@ -167,7 +172,11 @@ impl<'a> Race<'a> {
         self.candidates.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).copied()
     }
 
-    async fn march(&mut self, trial: &mut impl Trial) -> Result<(), TrialError> {
+    async fn march(&mut self, trial: &mut Timed<'_, impl Trial>) -> Result<(), TrialError> {
+        // Trials tell as much, only less of it.
+        if !trial.enough_for(MARCH as u32 / 2) {
+            return Ok(());
+        }
         let lowest = self.lowest();
         let mut row: Vec<GenerationParams> =
             self.candidates.iter().filter(|p| p.resolution() == lowest).copied().collect();
@@ -199,14 +208,14 @@ impl<'a> Race<'a> {
 
     async fn measure(
         &mut self,
-        trial: &mut impl Trial,
+        trial: &mut Timed<'_, impl Trial>,
         params: &GenerationParams,
         progress: &mut (impl FnMut(&Row) + Send),
     ) -> Result<(), TrialError> {
-        if self.tried.iter().any(|r| r.params == *params) {
+        if self.tried.iter().any(|r| r.params == *params) || !trial.enough() {
             return Ok(());
         }
-        let mut measured = match one(trial, params, 0).await? {
+        let mut measured = match trial.measure(params, 0).await? {
             Ok(measured) => measured,
             Err(reason) => {
                 tracing::warn!(%reason, "candidate left out");
@@ -218,7 +227,7 @@ impl<'a> Race<'a> {
         let known = self.tried.iter().filter(|r| r.measured.quality.batches() > 0).count();
         if self.contract.excess(&measured.cost, f64::NAN) <= 0.0 || known < 6 {
             let first = self.first_batches() as u32;
-            match one(trial, params, first).await? {
+            match trial.measure(params, first).await? {
                 Ok(more) => measured = more,
                 // No viewer can show it.
                 Err(reason) => {
@@ -307,7 +316,7 @@ impl<'a> Race<'a> {
         let promise = |params: &GenerationParams| {
             let at = place(params);
             let of = [sizes.predict(&at), times.predict(&at), qualities.predict(&at)];
-            Promise { params: Some(*params), ..self.expectation(&of, least, nearest) }
+            Promise { params: Some(*params), ..self.hopes.expectation(&of, least, nearest) }
         };
         let promises: Vec<Promise> = untried.map(promise).collect();
         let hope = promises.iter().map(|p| p.feasible).fold(0.0, f64::max);
@@ -322,28 +331,9 @@ impl<'a> Race<'a> {
         if least.is_none() { Promise { feasible: hope, ..best } } else { best }
     }
 
-    /// Mean improvement on `least`, the share of draws that keep the contract, and by how much they are nearer to it than
-    /// `nearest`.
-    fn expectation(&self, of: &[Prediction; 3], least: Option<f64>, nearest: f64) -> Promise {
-        let (mut improvement, mut feasible, mut nearer) = (0.0, 0.0, 0.0);
-        for draw in &self.draws {
-            let [size, time, q] = std::array::from_fn(|k| of[k].mean + of[k].deviation * draw[k]);
-            let (bytes, ms) = (size.exp(), time.exp());
-            let distance = self.contract.distance_of(bytes, ms, q);
-            nearer += (nearest - distance).max(0.0);
-            if distance <= 0.0 {
-                feasible += 1.0;
-                let cost = self.utility.cost(bytes as u64, q, ms);
-                // Without a best, cheaper is better by itself; the offset keeps the order's sign.
-                improvement += least.map_or(-cost, |least| (least - cost).max(0.0));
-            }
-        }
-        let n = self.draws.len() as f64;
-        Promise { params: None, improvement: improvement / n, feasible: feasible / n, nearer: nearer / n }
-    }
-
-    /// Measures contenders on all pixels, until nothing else may be the best; true if there were any.
-    async fn settle(&mut self, trial: &mut impl Trial) -> Result<bool, TrialError> {
+    /// Measures contenders on all pixels, until nothing else may be the best or the time is over; true if something else may
+    /// have become worth trying.
+    async fn settle(&mut self, trial: &mut Timed<'_, impl Trial>) -> Result<bool, TrialError> {
         let mut settled = false;
         loop {
             let Some(best) = (0..self.tried.len()).min_by(|&a, &b| self.tried[a].cost.total_cmp(&self.tried[b].cost))
@@ -358,9 +348,12 @@ impl<'a> Race<'a> {
                     && (n == best || self.may_beat(n, best))
             };
             let Some(next) = (0..self.tried.len()).find(|&n| contends(n)) else { return Ok(settled) };
+            if !trial.enough() {
+                return Ok(false);
+            }
             settled = true;
             let params = self.tried[next].params;
-            match one(trial, &params, u32::MAX).await? {
+            match trial.measure(&params, u32::MAX).await? {
                 Ok(measured) => {
                     let row = &mut self.tried[next];
                     (row.cost, row.measured) = (self.contract.cost(&measured), measured);
@@ -380,36 +373,4 @@ impl<'a> Race<'a> {
         let quality = matches!(self.utility, Utility::Quality | Utility::Expression(_));
         limited || (quality && difference_db(&a.measured.quality, &b.measured.quality).1 > 0.0)
     }
-}
-
-async fn one(
-    trial: &mut impl Trial,
-    params: &GenerationParams,
-    batches: u32,
-) -> Result<Result<Measured, Invalid>, TrialError> {
-    let answer = trial.measure(&[*params], batches).await?.pop();
-    Ok(answer.unwrap_or_else(|| Err(Invalid::new("trial", "gave no answer"))))
-}
-
-/// Points that fill three dimensions evenly, as standard normal deviates: Halton's sequence in bases 2, 3 and 5.
-fn draws() -> Vec<[f64; 3]> {
-    let radical_inverse = |mut n: usize, base: usize| {
-        let (mut digit, mut value) = (1.0, 0.0);
-        while n > 0 {
-            digit /= base as f64;
-            value += digit * (n % base) as f64;
-            n /= base;
-        }
-        value
-    };
-    (1..=DRAWS).map(|n| [2, 3, 5].map(|base| normal_quantile(radical_inverse(n, base)))).collect()
-}
-
-/// The standard normal quantile of `p` in 0..1, within 4.5e-4 (Abramowitz and Stegun 26.2.23).
-fn normal_quantile(p: f64) -> f64 {
-    let tail = p.min(1.0 - p);
-    let t = (-2.0 * tail.ln()).sqrt();
-    let z =
-        t - (2.515_517 + t * (0.802_853 + t * 0.010_328)) / (1.0 + t * (1.432_788 + t * (0.189_269 + t * 0.001_308)));
-    if p < 0.5 { -z } else { z }
 }

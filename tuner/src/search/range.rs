@@ -2,7 +2,7 @@
 
 use super::Grid;
 use crate::trial::{Trial, TrialError};
-use lamina_model::{GenerationParams, Invalid, Representation};
+use lamina_model::{GenerationParams, Invalid, ReducedVolume, Representation};
 
 /// Gammas looked at, evenly on a logarithmic scale. Greedily, all samples join above 1.
 const WIDEST: (f64, f64) = (1e-4, 2.0);
@@ -35,7 +35,8 @@ const MOST_POINTS: u32 = 512;
 const BOUNDS: (f64, f64) = (1e-3, 0.3);
 const VOLUME_BOUNDS: usize = 28;
 
-/// What may be tried on this step: volumes first, because they take less time to measure; what they cannot beat is soon known.
+/// What may be tried on this step: volumes first, because they take less time to measure; what cannot beat them is soon
+/// known.
 ///
 /// # Errors
 /// If a node stops answering, the grid is none, or only volumes may be tried and none can stand for the step.
@@ -51,7 +52,7 @@ pub async fn candidates(
         all.extend(volumes(trial.longest_side(), base)?);
     }
     if !volumes_can && !representations.contains(&Representation::Vdi) {
-        let reason = "no reduced volume can stand for this step: voxels are missing, or colours come from a second field; allow VDIs";
+        let reason = format!("{}; allow VDIs", ReducedVolume::WHY_NONE);
         return Err(Invalid::new("representations", reason).into());
     }
     if representations.contains(&Representation::Vdi) {

@@ -3,10 +3,11 @@
 use super::{Grid, candidates, search};
 use crate::Contract;
 use crate::trial::{Cost, Measured, Trial, TrialError};
-use crate::tune::{Study, tune};
+use crate::tune::{Row, Study, tune};
 use crate::utility::Utility;
 use lamina_model::{GenerationParams, Invalid, Quality, Representation, ViewError};
 use std::time::Duration;
+use tokio::time::Instant;
 
 /// sigma = 2 r^1.75 (gamma + 0.01)^-0.45 with a ripple, tau = r^1.6 us, squared error (245 / r)^2.2 2e-4 + (gamma / 0.03)^1.1
 /// 1e-4, with batches that scatter by a fifth.
@@ -16,12 +17,22 @@ struct Response {
     dearer: i32,
     /// No volume can stand for the step.
     irreducible: bool,
+    /// What a march or a measurement takes.
+    takes: Duration,
     measured: usize,
     marches: usize,
     batches: usize,
+    calls: u32,
 }
 
 impl Response {
+    async fn takes_time(&mut self) {
+        self.calls += 1;
+        if self.takes > Duration::ZERO {
+            tokio::time::sleep(self.takes).await;
+        }
+    }
+
     fn cost(&self, p: &GenerationParams) -> Cost {
         let (r, gamma) = (f64::from(p.resolution()), p.gamma());
         let dearer = if p.representation() == Representation::Volume { 2_f64.powi(self.dearer) } else { 1.0 };
@@ -53,6 +64,7 @@ impl Trial for Response {
     }
     async fn sizes(&mut self, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {
         self.marches += 1;
+        self.takes_time().await;
         gammas.iter().map(|g| Ok(self.cost(&params.with_gamma(*g)?))).collect()
     }
     async fn measure(
@@ -61,6 +73,7 @@ impl Trial for Response {
         batches: u32,
     ) -> Result<Vec<Result<Measured, Invalid>>, TrialError> {
         let batches = batches.min(16);
+        self.takes_time().await;
         self.measured += usize::from(batches == 0) * all.len();
         self.batches += batches as usize * all.len();
         Ok(all.iter().map(|p| Ok(Measured { cost: self.cost(p), quality: self.quality(p, batches) })).collect())
@@ -91,7 +104,7 @@ async fn a_few_trials_find_what_thirteen_hundred_find() {
         let all = exhaustive(&contract).await;
         let best = &all.rows[all.best.unwrap()];
         let mut response = Response::default();
-        let found = search(&mut response, &contract, &papers(), None, |_| {}).await.unwrap();
+        let found = search(&mut response, &contract, &papers(), None, None, |_| {}).await.unwrap();
         let row = &found.study.rows[found.study.best.unwrap_or_else(|| panic!("{text}: {found:?}"))];
         assert!(contract.excess(&row.measured.cost, row.measured.quality.psnr_db()) <= 0.0, "{text} is kept");
         // Within 0.1 dB; of what is no decibels, within 2 %.
@@ -125,7 +138,7 @@ async fn what_nothing_keeps_is_said_with_the_nearest() {
     for text in impossible {
         let contract: Contract = text.parse().unwrap();
         let mut response = Response::default();
-        let found = search(&mut response, &contract, &papers(), None, |_| {}).await.unwrap();
+        let found = search(&mut response, &contract, &papers(), None, None, |_| {}).await.unwrap();
         assert_eq!(found.study.best, None, "{text}");
         assert!(response.measured <= 14, "{text}: {} trials", response.measured);
         assert!(found.hope < 0.05, "{text}: {}", found.hope);
@@ -139,7 +152,7 @@ async fn what_nothing_keeps_is_said_with_the_nearest() {
 async fn parameters_in_use_are_measured_with_the_others() {
     let in_use = GenerationParams::new(333, 0.0123).unwrap();
     let contract = Contract::size(200_000);
-    let found = search(&mut Response::default(), &contract, &papers(), Some(&in_use), |_| {}).await.unwrap();
+    let found = search(&mut Response::default(), &contract, &papers(), Some(&in_use), None, |_| {}).await.unwrap();
     assert!(found.study.rows.iter().any(|r| r.params == in_use));
 }
 
@@ -149,7 +162,7 @@ async fn the_representation_that_serves_better_wins_and_the_other_is_soon_known_
     let contract: Contract = "size <= 150kB".parse().unwrap();
     let alone = {
         let mut response = Response::default();
-        search(&mut response, &contract, &papers(), None, |_| {}).await.unwrap();
+        search(&mut response, &contract, &papers(), None, None, |_| {}).await.unwrap();
         response.measured
     };
     for (dearer, winner) in [(-3, Representation::Volume), (3, Representation::Vdi)] {
@@ -159,7 +172,7 @@ async fn the_representation_that_serves_better_wins_and_the_other_is_soon_known_
         assert_eq!(all.len(), 1300 + 7 * 28);
         let volumes: Vec<_> = all.iter().filter(|p| p.representation() == Representation::Volume).collect();
         assert_eq!(volumes.iter().map(|p| p.resolution()).max(), Some(512), "no more points than there are");
-        let found = search(&mut response, &contract, &all, None, |_| {}).await.unwrap();
+        let found = search(&mut response, &contract, &all, None, None, |_| {}).await.unwrap();
         let best = &found.study.rows[found.study.best.unwrap()];
         assert_eq!(best.params.representation(), winner);
         let exhaustive = tune(&mut Response { dearer, ..Response::default() }, &contract, &all, |_| {}).await.unwrap();
@@ -177,4 +190,33 @@ async fn gammas_come_from_the_data_where_none_are_stated() {
     assert_eq!(all.len(), 22 * 40);
     let gammas: Vec<f64> = all[..40].iter().map(GenerationParams::gamma).collect();
     assert!(gammas.is_sorted() && gammas[0] < 0.001 && gammas[39] > 0.26, "{gammas:?}");
+}
+
+#[tokio::test]
+async fn a_search_ends_in_time_with_the_best_so_far() {
+    let base = GenerationParams::new(1, 0.0).unwrap();
+    let contract = Contract::size(200_000);
+    let all = candidates(&mut Response::default(), &Representation::ALL, &Grid::paper(), &base).await.unwrap();
+    let in_use = *papers().iter().find(|p| p.resolution() == 160).unwrap();
+    let takes = Duration::from_millis(10);
+    for calls in [1, 2, 5, 12, 1_000_000] {
+        let (mut response, mut first) = (Response { takes, ..Response::default() }, None);
+        let progress = |row: &Row| _ = first.get_or_insert(row.clone());
+        let until = Instant::now() + calls * takes + takes / 2;
+        let found = search(&mut response, &contract, &all, Some(&in_use), Some(until), progress).await.unwrap();
+        assert_eq!(found.cut, calls <= 12, "{calls}: {found:?}");
+        // A trial is two calls, none of which takes less; the first one is begun whenever there is time at all.
+        assert!(response.calls <= calls.max(2), "{calls}: {}", response.calls);
+        // A machine that stood still for so long has tried nothing.
+        let Some(first) = first else { continue };
+        assert_eq!(first.params, in_use, "what is in use comes first");
+        let rows = &found.study.rows;
+        let best = &rows[found.study.best.unwrap()];
+        assert!(if calls > 12 { best.cost < first.cost } else { best.cost <= first.cost }, "{calls}: {best:?}");
+        let other = rows.iter().filter(|r| r.params.representation() == Representation::Volume).count();
+        assert!(if calls > 12 { other > 0 } else { other == 0 }, "{calls}: the representation in use comes first");
+    }
+    let late = Some(Instant::now() - Duration::from_secs(1));
+    let none = search(&mut Response::default(), &contract, &all, Some(&in_use), late, |_| {}).await.unwrap();
+    assert!(none.study.rows.is_empty() && none.cut);
 }

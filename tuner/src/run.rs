@@ -1,0 +1,146 @@
+//! What is known of the run watched, and what time there is for studies.
+
+use crate::characteristic::{Characteristic, Kept};
+use crate::trial::Cost;
+use lamina_model::GenerationParams;
+use lamina_wire::v1;
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// What is known of the run watched.
+pub struct Run {
+    pub id: String,
+    pub since: Instant,
+    pub characteristic: Characteristic,
+    pub studied_step: Option<u64>,
+    /// Wall time of the first study, of all after it, and what the next is to have at least.
+    pub first: Duration,
+    pub later: Duration,
+    next: Duration,
+    /// What studies choose from, and how long finding it took.
+    pub candidates: Vec<GenerationParams>,
+    pub finding: Duration,
+}
+
+impl Run {
+    pub fn new(id: String) -> Self {
+        let (characteristic, none) = (Characteristic::default(), Duration::ZERO);
+        Self {
+            id,
+            since: Instant::now(),
+            characteristic,
+            studied_step: None,
+            first: none,
+            later: none,
+            next: none,
+            candidates: Vec::new(),
+            finding: none,
+        }
+    }
+
+    /// True if there is time for a study: those after the first, with another that is worth beginning, take no more than this
+    /// share of the time since the run was first seen. The first is always made; a budget of 1 is none.
+    pub fn may_study(&self, budget: f64) -> bool {
+        let with_another = (self.later + self.next).as_secs_f64();
+        let affordable = with_another <= budget * self.since.elapsed().as_secs_f64();
+        self.studied_step.is_none() || budget >= 1.0 || affordable
+    }
+
+    /// When a study that begins now has to end: with it, those after the first take that share. The first one has all the time.
+    pub fn until(&self, budget: f64) -> Option<Instant> {
+        let limited = self.studied_step.is_some() && budget < 1.0;
+        // It is itself a part of the run.
+        let left = || (budget * self.since.elapsed().as_secs_f64() - self.later.as_secs_f64()) / (1.0 - budget);
+        limited.then(|| Instant::now() + Duration::from_secs_f64(left().max(0.0)))
+    }
+
+    /// The step studied that a reported one is like.
+    pub fn like(&self, report: &v1::StepReport) -> Option<&Kept> {
+        self.characteristic.like(&read(report.params)?, cost(report).size_bytes)
+    }
+
+    /// A study ended. A quarter of its time, some first trials, is worth beginning another for; where one was cut short, twice
+    /// as much. What gave nothing tells neither.
+    pub fn took(&mut self, time: Duration, first: bool, end: End) {
+        *(if first { &mut self.first } else { &mut self.later }) += time;
+        match end {
+            End::Whole => self.next = time / 4,
+            // A node that stood still tells nothing.
+            End::Cut(given) => self.next = 2 * self.next.max(time.min(given)),
+            End::Failed => {}
+        }
+    }
+}
+
+/// How a study ended.
+#[derive(Clone, Copy, PartialEq)]
+pub enum End {
+    Whole,
+    /// This time was too short for it.
+    Cut(Duration),
+    Failed,
+}
+
+pub fn cost(report: &v1::StepReport) -> Cost {
+    report.cost.unwrap_or_default().into()
+}
+
+pub fn read(params: Option<v1::GenerationParams>) -> Option<GenerationParams> {
+    GenerationParams::try_from(params?).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn studies_after_the_first_stay_within_their_budget() {
+        let second = Duration::from_secs(1);
+        let mut run = Run::new("a".to_owned());
+        assert!(run.may_study(0.0), "the first is always made");
+        // Nobody measured for a minute: no price of tuning.
+        run.took(60 * second, true, End::Failed);
+        run.took(2 * second, true, End::Whole);
+        run.studied_step = Some(0);
+        let mut at = |secs: u32, later: u32| {
+            run.since = Instant::now() - secs * second;
+            run.later = later * second;
+            run.may_study(0.05)
+        };
+        // Another of half a second within 5 %.
+        assert!(!at(9, 0) && at(11, 0));
+        assert!(!at(49, 2) && at(51, 2) && at(100, 2));
+        run.took(2 * second, false, End::Whole);
+        assert_eq!((run.later, run.next), (4 * second, second / 2));
+        for budget in [0.05, 0.4] {
+            let left = (run.until(budget).unwrap() - Instant::now()).as_secs_f64();
+            // 4 s of 100 are taken.
+            let share = (4.0 + left) / (100.0 + left);
+            assert!(left > 0.0 && (share - budget).abs() < 1e-3, "{left} s: {share}");
+        }
+        assert_eq!(run.until(1.0), None);
+        assert_eq!(Run::new(String::new()).until(0.05), None, "the first has all the time");
+        assert!(!run.may_study(0.04) && run.may_study(1.0), "all of the time is no limit");
+
+        // Cut short again and again, a study has more and more time, and all of them keep to the budget.
+        let (mut run, mut last) = (Run::new("a".to_owned()), Duration::ZERO);
+        run.took(second, true, End::Whole);
+        run.studied_step = Some(0);
+        for _ in 0..8 {
+            while !run.may_study(0.05) {
+                run.since -= second / 10;
+            }
+            let begun = Instant::now();
+            // The last of it is too short for a trial.
+            let took = (run.until(0.05).unwrap() - begun) * 3 / 4;
+            assert!(took > last, "{took:?} after {last:?}");
+            (run.since, last) = (run.since - took, took);
+            run.took(took, false, End::Cut(took));
+            assert!(run.later.as_secs_f64() <= 0.05 * run.since.elapsed().as_secs_f64());
+        }
+        assert!(last > 4 * second, "{last:?}");
+        let before = run.next;
+        run.took(3600 * second, false, End::Cut(second));
+        assert_eq!(run.next, 2 * before, "a node that stood still is paid for, but not expected to do so again");
+    }
+}

@@ -1,0 +1,51 @@
+//! Trials that end in time.
+
+use crate::trial::{Cost, Measured, Trial, TrialError};
+use lamina_model::{GenerationParams, Invalid};
+use tokio::time::{Duration, Instant};
+
+/// Trials until a time.
+pub struct Timed<'a, T> {
+    trial: &'a mut T,
+    until: Option<Instant>,
+    /// The measurement that took longest so far.
+    longest: Duration,
+    /// There was no time for a trial that was wanted.
+    pub cut: bool,
+}
+
+impl<'a, T: Trial> Timed<'a, T> {
+    /// Those of `trial`, `until` then or without end.
+    pub fn new(trial: &'a mut T, until: Option<Instant>) -> Self {
+        Self { trial, until, longest: Duration::ZERO, cut: false }
+    }
+
+    /// True if there is time for so many measurements.
+    pub fn enough_for(&self, measurements: u32) -> bool {
+        self.until.is_none_or(|until| Instant::now() + measurements * self.longest <= until)
+    }
+
+    /// Asks for time for another trial: first its cost, then its quality, each as long as what took longest.
+    pub fn enough(&mut self) -> bool {
+        let enough = self.enough_for(2);
+        self.cut |= !enough;
+        enough
+    }
+
+    /// See [`Trial::sizes`].
+    pub async fn sizes(&mut self, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {
+        self.trial.sizes(params, gammas).await
+    }
+
+    /// [`Trial::measure`] of one.
+    pub async fn measure(
+        &mut self,
+        params: &GenerationParams,
+        batches: u32,
+    ) -> Result<Result<Measured, Invalid>, TrialError> {
+        let begun = Instant::now();
+        let answer = self.trial.measure(&[*params], batches).await?.pop();
+        self.longest = self.longest.max(begun.elapsed());
+        Ok(answer.unwrap_or_else(|| Err(Invalid::new("trial", "gave no answer"))))
+    }
+}
