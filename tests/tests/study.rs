@@ -78,13 +78,20 @@ fn a_study_measures_once_chooses_right_and_survives_a_damaged_cache() {
     assert!(!err.contains("damaged"), "{err}");
     assert_eq!(table(&out.join("measurements.csv")), measured, "times too: all from the cache");
     let cache = fs::read_dir(out.join("cache")).unwrap().next().unwrap().unwrap().path();
-    let mut bytes = fs::read(&cache).unwrap();
-    let middle = bytes.len() / 2;
-    bytes[middle] ^= 1;
-    fs::write(&cache, bytes).unwrap();
+    // Measured, then timed twice more: three rounds over the grid. One trial loses all of its lines, another one of them.
+    let text = fs::read_to_string(&cache).unwrap();
+    let lost = [4, 13, 22, 18 + 7];
+    let damaged =
+        |(n, line): (usize, &str)| if lost.contains(&n) { line.replacen(' ', "7 ", 1) } else { line.to_owned() };
+    let lines: Vec<String> = text.lines().enumerate().map(damaged).collect();
+    assert_eq!(lines.len(), 27);
+    fs::write(&cache, lines.join("\n") + "\n").unwrap();
     let (_, err) = lamina(&arguments);
-    assert!(err.contains("1 of 9 trials are damaged") && err.contains("measured again"), "{err}");
+    assert!(err.contains("4 of 27 lines are damaged") && err.contains("measured again"), "{err}");
     assert_eq!(figures(&table(&out.join("measurements.csv"))), figures(&measured));
+    let text = fs::read_to_string(&cache).unwrap();
+    let timed = text.lines().filter(|l| l.contains("\"timed\":3")).count();
+    assert_eq!((timed, text.lines().count()), (9, 27), "every trial was timed three times");
 }
 
 #[test]

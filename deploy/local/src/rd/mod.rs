@@ -125,7 +125,7 @@ pub fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
     if most_points(&bench.field) > 0 {
         curves.extend(bench.volumes(&base)?);
     } else {
-        say!("no reduced volume can stand for this: voxels are missing, or colours come from a second field");
+        say!("{}", lamina_model::ReducedVolume::WHY_NONE);
     }
     if let Some(table) = &arguments.beside {
         curves.extend(beside::curves(table, &bench)?);

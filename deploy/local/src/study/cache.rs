@@ -1,7 +1,7 @@
 //! What a study has measured, on disk: a study that was interrupted goes on where it stopped.
 //!
-//! One file for each field, scene and sample plan, one line for each trial, each with its checksum. A damaged line is left
-//! out and its trial measured again.
+//! One file for each field, scene and sample plan, one line for each trial and for each time it was timed again, each with its
+//! checksum. A damaged line is left out and what it held measured again.
 
 use anyhow::Context;
 use lamina_model::{GenerationParams, ParamsKey, Quality, SamplePlan, Scene, ViewError, Volume};
@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Goes into the key: raised when what is measured changes its meaning.
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 
 /// One trial.
 #[derive(Debug, Clone)]
@@ -25,6 +25,8 @@ pub struct Trial {
     pub params: GenerationParams,
     /// sigma and tau.
     pub cost: Cost,
+    /// How often its generation was timed; the least counts.
+    pub timed: u32,
     /// q, as far as measured.
     pub quality: Quality,
     /// What measuring took.
@@ -67,6 +69,7 @@ struct Line {
     supersegments: u64,
     generation_ns: u64,
     encode_ns: u64,
+    timed: u32,
     spent: Spent,
     angles_deg: Vec<f64>,
     batch_mse: Vec<Vec<f64>>,
@@ -80,6 +83,7 @@ impl From<&Trial> for Line {
             supersegments: t.cost.supersegments,
             generation_ns: t.cost.generation_time.as_nanos() as u64,
             encode_ns: t.cost.encode_time.as_nanos() as u64,
+            timed: t.timed,
             spent: t.spent,
             angles_deg: t.quality.views.iter().map(|v| v.angle_deg).collect(),
             batch_mse: t.quality.views.iter().map(|v| v.batch_mse.clone()).collect(),
@@ -97,7 +101,7 @@ impl From<Line> for Trial {
         };
         let view = |(angle_deg, batch_mse)| ViewError { angle_deg, batch_mse };
         let views = l.angles_deg.into_iter().zip(l.batch_mse).map(view).collect();
-        Self { params: l.params, cost, quality: Quality { views }, spent: l.spent }
+        Self { params: l.params, cost, timed: l.timed, quality: Quality { views }, spent: l.spent }
     }
 }
 
@@ -147,7 +151,7 @@ impl Cache {
         let unable = || format!("{}: cannot be written", path.display());
         if !bad.is_empty() || (!text.is_empty() && !text.ends_with('\n')) {
             eprintln!(
-                "warning: {}: {} of {} trials are damaged; they are left out and measured again",
+                "warning: {}: {} of {} lines are damaged; what they hold is measured again",
                 path.display(),
                 bad.len(),
                 good.len() + bad.len()
@@ -201,7 +205,8 @@ mod tests {
     fn trial(resolution: u32) -> Trial {
         let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![1e-3, 0.1 + 0.2] }] };
         let cost = Cost { size_bytes: 7, supersegments: 3, ..Cost::default() };
-        Trial { params: GenerationParams::new(resolution, 0.013).unwrap(), cost, quality, spent: Spent::default() }
+        let params = GenerationParams::new(resolution, 0.013).unwrap();
+        Trial { params, cost, timed: 1, quality, spent: Spent::default() }
     }
 
     #[test]

@@ -33,7 +33,8 @@ pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
     let before = Used::now();
     let runtime = tokio::runtime::Builder::new_current_thread().build()?;
     let all = runtime.block_on(candidates(&mut trial, &arguments.representation, &arguments.grid, &base))?;
-    let found = runtime.block_on(search(&mut trial, contract, &all, None, |row| say!("  {}", line(contract, row))))?;
+    let found =
+        runtime.block_on(search(&mut trial, contract, &all, None, None, |row| say!("  {}", line(contract, row))))?;
     say!("contract   {contract}");
     verdict(contract, &found)?;
     let time = before.secs().map_or_else(String::new, |s| format!(", {s:.1} s of processor time"));

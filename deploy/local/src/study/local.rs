@@ -12,9 +12,6 @@ use lamina_viz_node::kernel::{self as viz, Detail, Prepared};
 use lamina_wire::codec::{self, DecodeLimits, EncodeOptions};
 use std::time::{Duration, Instant};
 
-/// Generations that all together take longer are not timed again.
-const SHORT: Duration = Duration::from_millis(500);
-
 /// Measures on one field; what the cache holds is not measured again.
 pub struct Local {
     step: u64,
@@ -23,8 +20,6 @@ pub struct Local {
     backend: Backend,
     viewer: viz::Backend,
     reference: ReferenceSamples,
-    /// How often a generation is timed.
-    times: u32,
     cache: Cache,
     /// What was measured last, for further batches.
     held: Option<(GenerationParams, Prepared)>,
@@ -46,13 +41,7 @@ impl Local {
     ) -> Result<Self, Invalid> {
         let (field, (backend, viewer)) = (prepare(volume, scene), backends.clone());
         let reference = backend.reference_samples(&field, plan, step)?;
-        Ok(Self { step, field, segmentation, backend, viewer, reference, times: 1, cache, held: None })
-    }
-
-    /// The same, every generation timed so often, where that is short: the least counts.
-    #[must_use]
-    pub fn timed(self, times: u32) -> Self {
-        Self { times, ..self }
+        Ok(Self { step, field, segmentation, backend, viewer, reference, cache, held: None })
     }
 
     /// What has been measured so far, with what measuring took.
@@ -70,20 +59,17 @@ impl Local {
     /// # Errors
     /// If it cannot be generated or coded.
     pub fn shown(&self, params: &GenerationParams) -> Result<Prepared, Invalid> {
-        let (intermediate, generation_time) = self.represent(params, 1)?;
-        let (bytes, _) = encode(&intermediate, generation_time)?;
-        Ok(Prepared::new(codec::decode_any(&bytes, &DecodeLimits::default())?))
+        Ok(self.generate(params)?.0)
     }
 
-    /// Generates and encodes; what was encoded is what will be looked at.
-    fn generate(&mut self, params: &GenerationParams, times: u32) -> Result<(Cost, Spent), Invalid> {
+    /// Generates, encodes and decodes.
+    fn generate(&self, params: &GenerationParams) -> Result<(Prepared, Cost, Spent), Invalid> {
         let start = clock();
-        let (intermediate, generation_time) = self.represent(params, times)?;
+        let (intermediate, generation_time) = self.represent(params)?;
         let generated = clock();
         let (bytes, cost) = encode(&intermediate, generation_time)?;
         let encoded = clock();
-        let decoded = codec::decode_any(&bytes, &DecodeLimits::default())?;
-        self.held = Some((*params, Prepared::new(decoded)));
+        let shown = Prepared::new(codec::decode_any(&bytes, &DecodeLimits::default())?);
         let ns = |from: Duration, to: Duration| to.saturating_sub(from).as_nanos() as u64;
         let spent = Spent {
             generate_ns: ns(start, generated),
@@ -91,20 +77,26 @@ impl Local {
             decode_ns: ns(encoded, clock()),
             quality_ns: 0,
         };
-        Ok((cost, spent))
+        Ok((shown, cost, spent))
     }
 
-    /// With the least of several times, where they are short: what else a machine does only ever adds.
-    fn represent(&self, params: &GenerationParams, times: u32) -> Result<(Intermediate, Duration), Invalid> {
-        let once = || self.backend.represent(&self.field, params, self.segmentation);
-        let start = Instant::now();
-        let (intermediate, mut least) = once()?;
-        for _ in 1..times {
-            if start.elapsed() < SHORT {
-                least = least.min(once()?.1);
-            }
+    fn represent(&self, params: &GenerationParams) -> Result<(Intermediate, Duration), Invalid> {
+        self.backend.represent(&self.field, params, self.segmentation)
+    }
+
+    /// Times the generation of a trial once more, unless that was done so often: the least counts, for what else a machine
+    /// does only ever adds. Not charged to the trial, which needs no second time.
+    ///
+    /// # Errors
+    /// If it cannot be generated, or the cache not be written.
+    pub fn time_again(&mut self, params: &GenerationParams, times: u32) -> anyhow::Result<()> {
+        if let Some(known) = self.cache.get(params).filter(|known| known.timed < times) {
+            let (mut trial, (_, time)) = (known.clone(), self.represent(params)?);
+            trial.cost.generation_time = trial.cost.generation_time.min(time);
+            trial.timed += 1;
+            self.cache.put(trial)?;
         }
-        Ok((intermediate, least))
+        Ok(())
     }
 
     fn one(&mut self, params: &GenerationParams, batches: u32) -> Result<Measured, Invalid> {
@@ -112,13 +104,15 @@ impl Local {
             Some(known) if known.quality.batches() as u32 >= batches => return Ok(measured(known)),
             Some(known) => known.clone(),
             None => {
-                let (cost, spent) = self.generate(params, self.times)?;
-                Recorded { params: *params, cost, spent, quality: Quality::default() }
+                let (shown, cost, spent) = self.generate(params)?;
+                self.held = Some((*params, shown));
+                Recorded { params: *params, cost, timed: 1, spent, quality: Quality::default() }
             }
         };
         if (trial.quality.batches() as u32) < batches {
             if self.held.as_ref().is_none_or(|(held, _)| held != params) {
-                let (_, again) = self.generate(params, 1)?;
+                let (shown, _, again) = self.generate(params)?;
+                self.held = Some((*params, shown));
                 trial.spent.add(&again);
             }
             let start = clock();

@@ -8,6 +8,7 @@ mod choices;
 mod contract;
 mod csv;
 mod figures;
+mod findings;
 mod local;
 mod page;
 mod replay;
@@ -31,8 +32,11 @@ use lamina_tuner::tune::{Row, tune};
 use lamina_viz_node::kernel as viz;
 use std::path::Path;
 
-/// How often a generation is timed.
+/// How often a generation is timed: once in each of as many rounds over the grid, because what else a machine does may last
+/// for minutes.
 const TIMES: u32 = 3;
+/// What a trial takes besides its generation, in generations, about: for the bar.
+const BESIDES: u64 = 4;
 
 /// One step of one input, measured.
 pub struct Measured {
@@ -78,6 +82,10 @@ pub fn study(arguments: &cli::Study) -> anyhow::Result<()> {
     csv::search(&arguments.out, &outcomes)?;
     let command: Vec<String> = std::env::args().skip(1).collect();
     page::write(&arguments.out, &all, &limits, &outcomes, &format!("lamina {}", command.join(" ")))?;
+    for m in &all {
+        let found = findings::HEAD.iter().zip(findings::row(&m.rows, &limits));
+        found.for_each(|(what, how)| say!("{} {}: {what}: {how}", m.name, m.step));
+    }
     say!("{}", replay::summary(&outcomes));
     say!("report and tables: {}", arguments.out.join("report.html").display());
     Ok(())
@@ -96,7 +104,7 @@ fn open(
     let backend = format!("{:?}", std::mem::discriminant(&backends.0));
     let fingerprint = cache::fingerprint(&volume, scene, &plan, &backend)?;
     let cache = Cache::open(&out.join("cache").join(format!("{name}-{step}-{fingerprint}.jsonl")))?;
-    Ok(Local::new(step, volume, scene, backends, &plan, Segmentation::Greedy, cache)?.timed(TIMES))
+    Ok(Local::new(step, volume, scene, backends, &plan, Segmentation::Greedy, cache)?)
 }
 
 /// Every candidate of `grid`.
@@ -114,18 +122,30 @@ fn measure(name: String, step: u64, scene: &Scene, mut trial: Local, grid: &Grid
         ));
     }
     // The bar counts rays, which time follows, so that its time to go means something.
-    let done = |row: &Row| bar.inc(u64::from(row.params.resolution()).pow(2));
+    let rays = |p: &GenerationParams| u64::from(p.resolution()).pow(2);
     let contract: Contract = "maximise psnr".parse()?;
-    let study = runtime.block_on(tune(&mut trial, &contract, &candidates, done))?;
+    let mut study =
+        runtime.block_on(tune(&mut trial, &contract, &candidates, |r| bar.inc(rays(&r.params) * (1 + BESIDES))))?;
+    for times in 2..=TIMES {
+        for row in &mut study.rows {
+            if let Err(error) = trial.time_again(&row.params, times) {
+                tracing::warn!("timed {} times only: {error}", times - 1);
+            }
+            bar.inc(rays(&row.params));
+        }
+    }
+    for row in &mut study.rows {
+        row.measured.cost = trial.cache().get(&row.params).map_or(row.measured.cost, |known| known.cost);
+    }
     bar.finish_and_clear();
     ensure!(!study.rows.is_empty(), "{name}, step {step}: none of the grid's parameters could be measured");
     Ok(Measured { name, step: trial.step(), rows: study.rows, trial })
 }
 
 fn bar(what: &str, candidates: &[GenerationParams]) -> ProgressBar {
-    let rays = candidates.iter().map(|p| u64::from(p.resolution()).pow(2)).sum();
+    let rays: u64 = candidates.iter().map(|p| u64::from(p.resolution()).pow(2)).sum();
     let style = ProgressStyle::with_template("{msg} {bar:30} {percent} %  {elapsed}  {eta} to go");
-    let bar = ProgressBar::new(rays).with_message(what.to_owned());
+    let bar = ProgressBar::new(rays * (u64::from(TIMES) + BESIDES)).with_message(what.to_owned());
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar
 }

@@ -2,7 +2,7 @@
 
 use super::choices::{Limits, Transfer, best, transfers};
 use super::replay::Outcome;
-use super::{Measured, figures};
+use super::{Measured, figures, findings};
 use crate::report::html::{self, escape};
 use crate::report::numbers::{bytes, decibels, fixed, kilobytes, significant};
 use anyhow::Context;
@@ -43,6 +43,7 @@ pub fn write(
             "Area is size, fill is quality, edge is generation time.",
             &figures::measurements,
         ),
+        trends(all, limits),
         plots(
             "Best under a size limit (Fig. 8)",
             "Each limit is 1.5 times the one before, unless others were named; the path goes from the tightest.",
@@ -109,6 +110,18 @@ fn strip(m: &Measured, limits: &Limits) -> anyhow::Result<String> {
         decibels(row.measured.quality.psnr_db())
     );
     Ok(format!("<figure><figcaption>{}</figcaption><div class=\"strip\">{cells}</div></figure>", escape(&words)))
+}
+
+/// What the paper says of its data, on this.
+fn trends(all: &[Measured], limits: &Limits) -> String {
+    let head = ["input", "step"].iter().chain(&findings::HEAD).map(|h| (*h).to_owned());
+    let line = |m: &Measured| {
+        let cells = [m.name.clone(), m.step.to_string()].into_iter().chain(findings::row(&m.rows, limits));
+        (cells.collect(), false)
+    };
+    let words = "<p>Pairs of neighbours on the grid that do what is said above them.</p>";
+    let table = html::table("All steps", &head.collect::<Vec<_>>(), all.iter().map(line));
+    html::section("How quality, size and time follow the parameters", &format!("{words}{table}"))
 }
 
 /// Table 1: choices of one step, used on another.

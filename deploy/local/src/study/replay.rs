@@ -126,7 +126,7 @@ pub fn outcomes(all: &mut [Measured], contracts: &[&Contract]) -> anyhow::Result
             let (marched, before) = (march_secs.is_some(), Used::now());
             let (study, march_secs) = (&mut m.trial, &mut march_secs);
             let mut replay = Replay { study, march_secs, given: HashMap::new(), spent_secs: 0.0 };
-            let found = runtime.block_on(search(&mut replay, contract, &candidates, None, |_| {}))?;
+            let found = runtime.block_on(search(&mut replay, contract, &candidates, None, None, |_| {}))?;
             let spent_secs = replay.spent_secs;
             let march = march_secs.filter(|_| !marched).unwrap_or(0.0);
             let own_secs = (before.secs().unwrap_or(0.0) - march).max(0.0);
