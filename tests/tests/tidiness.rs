@@ -29,6 +29,7 @@ fn crates_point_only_where_the_layout_says() {
         ("deploy/read", &["model"]),
         ("proto/wire", &["model", "coding"]),
         ("proto/client", &["model", "wire"]),
+        ("proto/client/c", &["model", "client"]),
         ("generator-node", &["model", "cast", "wire", "device"]),
         ("viz-node", &["model", "lanes", "cast", "wire", "device"]),
         ("tuner", &["model", "wire"]),

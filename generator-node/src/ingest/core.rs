@@ -362,8 +362,9 @@ impl Core {
 const REMEMBERED_DROPS: usize = 1024;
 
 impl Run {
+    /// All its ranks have been here and closed. One that was not yet is waited for: ranks may start far apart.
     fn ended(&self) -> bool {
-        self.closed.len() == self.attached.len()
+        self.closed.len() == self.spec.ranks as usize
     }
 
     /// Counts `step` as dropped, once however many ranks still bring their bricks of it.

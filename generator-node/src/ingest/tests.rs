@@ -431,6 +431,21 @@ fn ranks_with_different_ids_meet_in_one_run_instead_of_replacing_each_other() {
 }
 
 #[test]
+fn a_rank_that_is_done_before_another_has_come_does_not_end_the_run() {
+    let mut node = Node::with_room_for(3);
+    let three = || spec(3, FullPolicy::Block);
+    for rank in [0, 1] {
+        assert_eq!(node.open(three(), rank, "", "a").unwrap(), "a");
+        assert_eq!(node.push(0, rank), Some(false));
+        assert_eq!(node.core.close("a", rank).unwrap(), 0);
+    }
+    assert_eq!(node.open(three(), 2, "", "b").unwrap(), "a");
+    assert_eq!(node.push(0, 2), Some(true));
+    assert_eq!(node.core.close("a", 2).unwrap(), 0);
+    assert_eq!(node.open(three(), 2, "", "b").unwrap(), "b", "now it has ended");
+}
+
+#[test]
 fn the_end_of_a_run_drops_and_counts_its_incomplete_steps() {
     let mut node = Node::serving(2, 3, FullPolicy::Block);
     node.push(0, 0);

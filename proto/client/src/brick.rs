@@ -62,23 +62,67 @@ impl VoxelSlice<'_> {
         }
     }
 
-    fn le_bytes(&self, range: std::ops::Range<usize>) -> Vec<u8> {
+    /// The bytes of those that `rows` picks.
+    fn le_bytes(&self, rows: impl Iterator<Item = Row>) -> Vec<u8> {
         match self {
-            Self::U8(v) => v[range].to_vec(),
-            Self::U16(v) => v[range].iter().flat_map(|x| x.to_le_bytes()).collect(),
-            Self::I16(v) => v[range].iter().flat_map(|x| x.to_le_bytes()).collect(),
-            Self::F16(v) => v[range].iter().flat_map(|x| x.to_le_bytes()).collect(),
-            Self::F32(v) => v[range].iter().flat_map(|x| x.to_le_bytes()).collect(),
-            Self::F64(v) => v[range].iter().flat_map(|x| x.to_le_bytes()).collect(),
+            Self::U8(v) => bytes(v, rows, |x| [x]),
+            Self::U16(v) => bytes(v, rows, u16::to_le_bytes),
+            Self::I16(v) => bytes(v, rows, i16::to_le_bytes),
+            Self::F16(v) => bytes(v, rows, f16::to_le_bytes),
+            Self::F32(v) => bytes(v, rows, f32::to_le_bytes),
+            Self::F64(v) => bytes(v, rows, f64::to_le_bytes),
         }
     }
 }
 
-/// An index box of the run's grid and its voxels, x fastest.
+fn bytes<T: Copy, const N: usize>(v: &[T], rows: impl Iterator<Item = Row>, le: impl Fn(T) -> [u8; N]) -> Vec<u8> {
+    let mut all = Vec::new();
+    for Row { first, len, stride } in rows {
+        let from = all.len();
+        all.resize(from + N * len, 0);
+        let places = all[from..].chunks_exact_mut(N);
+        // Neighbours in memory are copied many at a time.
+        if stride == 1 {
+            places.zip(&v[first..first + len]).for_each(|(place, &x)| place.copy_from_slice(&le(x)));
+        } else {
+            places.zip(v[first..].iter().step_by(stride.max(1))).for_each(|(place, &x)| place.copy_from_slice(&le(x)));
+        }
+    }
+    all
+}
+
+/// Voxels evenly apart in memory.
+struct Row {
+    first: usize,
+    len: usize,
+    stride: usize,
+}
+
+/// Strides of a box of voxels without gaps, x fastest.
+pub fn dense(dims: [usize; 3]) -> [usize; 3] {
+    [1, dims[0], dims[0].saturating_mul(dims[1])]
+}
+
+/// How many voxels in memory a box whose neighbours lie `strides` apart reaches over, from its first to its last.
+///
+/// # Errors
+/// If the box is empty, or reaches beyond counting.
+pub fn span(dims: [usize; 3], strides: [usize; 3]) -> Result<usize, Invalid> {
+    let axes = || dims.into_iter().zip(strides);
+    let reach = |span: usize, (d, s): (usize, usize)| span.checked_add(d.checked_sub(1)?.checked_mul(s)?);
+    let counted = dims.iter().try_fold(1_usize, |n, d| n.checked_mul(*d));
+    let span = axes().try_fold(1, reach).filter(|_| !axes().any(|(d, s)| d > 1 && s == 0));
+    let none = || Invalid::new("brick", format!("a box of {dims:?}, neighbours {strides:?} apart, is none"));
+    counted.and(span).ok_or_else(none)
+}
+
+/// An index box of the run's grid and its voxels, x fastest unless [`Brick::with_strides`] says otherwise.
 #[derive(Debug, Clone, Copy)]
 pub struct Brick<'a> {
     pub(crate) start: [usize; 3],
     pub(crate) dims: [usize; 3],
+    /// How far voxels that are neighbours along x, y, z lie apart in memory, in voxels.
+    strides: [usize; 3],
     voxels: VoxelSlice<'a>,
     colors: Option<VoxelSlice<'a>>,
 }
@@ -86,7 +130,14 @@ pub struct Brick<'a> {
 impl<'a> Brick<'a> {
     /// The box of `dims` sample points from `start` on.
     pub fn new(start: [usize; 3], dims: [usize; 3], voxels: impl Into<VoxelSlice<'a>>) -> Self {
-        Self { start, dims, voxels: voxels.into(), colors: None }
+        Self { start, dims, strides: dense(dims), voxels: voxels.into(), colors: None }
+    }
+
+    /// The same where the voxels, in memory from the box's first one on, lie so many voxels apart along x, y and z: inside of
+    /// ghost cells, or with z fastest.
+    #[must_use]
+    pub fn with_strides(self, strides: [usize; 3]) -> Self {
+        Self { strides, ..self }
     }
 
     /// The same with the voxels of the run's second field.
@@ -97,10 +148,15 @@ impl<'a> Brick<'a> {
 
     /// Refuses, before anything is sent, what cannot belong to the run.
     pub(crate) fn check(&self, run: &RunOptions) -> Result<(), Invalid> {
+        let span = span(self.dims, self.strides)?;
+        let count = self.dims.iter().product::<usize>();
         let check = |field: &str, voxels: &VoxelSlice, of_run: VoxelType| {
-            let (have, want) = (voxels.len(), self.dims.iter().product::<usize>());
-            if have != want || want == 0 {
-                return Err(Invalid::new("brick", format!("{have} voxels of {field} for a box of {:?}", self.dims)));
+            let have = voxels.len();
+            // Of strided ones the slice may go on after the last.
+            if have < span || (have > span && count == span) {
+                let apart = if count == span { String::new() } else { format!(", which reach over {span}") };
+                let reason = format!("{have} voxels of {field} for a box of {:?}{apart}", self.dims);
+                return Err(Invalid::new("brick", reason));
             }
             let given = voxels.voxel_type();
             if given != of_run {
@@ -122,12 +178,64 @@ impl<'a> Brick<'a> {
         }
     }
 
+    /// Voxels `from` up to, not including, `to`, counted with x fastest.
+    fn rows(&self, from: usize, to: usize) -> impl Iterator<Item = Row> {
+        let ([nx, ny, nz], [sx, sy, sz]) = (self.dims, self.strides);
+        // Without gaps everything is one row.
+        let whole = self.strides == dense(self.dims);
+        let nx = if whole { nx * ny * nz } else { nx };
+        (from / nx..to.div_ceil(nx)).map(move |row| {
+            let (begin, end) = (from.max(row * nx), to.min((row + 1) * nx));
+            Row { first: row % ny * sy + row / ny * sz + (begin - row * nx) * sx, len: end - begin, stride: sx }
+        })
+    }
+
     /// Its bytes, those of the second field last, in pieces of about `chunk_bytes`, converted one at a time.
     pub(crate) fn chunks(&self, chunk_bytes: usize) -> impl Iterator<Item = Vec<u8>> + '_ {
         std::iter::once(&self.voxels).chain(&self.colors).flat_map(move |voxels| {
             let per_chunk = (chunk_bytes / voxels.voxel_type().size_bytes()).max(1);
-            let len = voxels.len();
-            (0..len).step_by(per_chunk).map(move |start| voxels.le_bytes(start..len.min(start + per_chunk)))
+            let len = self.dims.iter().product::<usize>();
+            let piece = move |start| voxels.le_bytes(self.rows(start, len.min(start + per_chunk)));
+            (0..len).step_by(per_chunk).map(piece)
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strided_voxels_are_sent_as_a_copy_without_gaps_would_be() {
+        // 3 x 4 x 2 inside of one ghost cell on each side, x fastest; then the same with z fastest.
+        let dims = [3, 4, 2];
+        let copy: Vec<u16> = (0..24).map(|n| 1000 + n).collect();
+        let at = |x: usize, y: usize, z: usize| copy[x + 3 * (y + 4 * z)];
+        let sent = |brick: &Brick, chunk| brick.chunks(chunk).flatten().collect::<Vec<u8>>();
+        for strides in [[1, 5, 30], [24, 4, 1]] {
+            let first = strides.iter().sum::<usize>();
+            let mut padded = vec![7_u16; 5 * 6 * 4];
+            for (n, place) in (0..24).map(|n| (n, [n % 3, n / 3 % 4, n / 12])) {
+                let offset = place.iter().zip(strides).map(|(p, s)| p * s).sum::<usize>();
+                padded[first + offset] = at(place[0], place[1], place[2]);
+                assert_eq!(padded[first + offset], copy[n]);
+            }
+            let run = RunOptions::new(
+                "",
+                "",
+                "f",
+                lamina_model::Grid::new([9; 3], glam::DVec3::ONE, glam::DVec3::ZERO).unwrap(),
+                VoxelType::U16,
+            );
+            let strided = Brick::new([0; 3], dims, &padded[first..]).with_strides(strides);
+            strided.check(&run).unwrap();
+            for chunk in [2, 10, 1 << 20] {
+                assert_eq!(sent(&strided, chunk), sent(&Brick::new([0; 3], dims, &copy), 4096), "{strides:?} {chunk}");
+            }
+            let short = Brick::new([0; 3], dims, &padded[..span(dims, strides).unwrap() - 1]).with_strides(strides);
+            assert!(short.check(&run).unwrap_err().reason.contains("which reach over"));
+            let absurd = strided.with_strides([usize::MAX; 3]);
+            assert!(absurd.check(&run).unwrap_err().reason.contains("is none"));
+        }
     }
 }

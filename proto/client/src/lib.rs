@@ -20,7 +20,7 @@
 mod brick;
 mod session;
 
-pub use brick::{Brick, VoxelSlice};
+pub use brick::{Brick, VoxelSlice, dense, span};
 pub use lamina_wire::v1::FullPolicy;
 
 use lamina_model::{Grid, Invalid, Scene, VoxelType};
@@ -133,6 +133,8 @@ pub struct Client {
     summary: Summary,
     retry_at: Instant,
     backoff: Duration,
+    /// Why it could not be reached when that was last tried.
+    unreachable: String,
 }
 
 const FIRST_BACKOFF: Duration = Duration::from_millis(200);
@@ -167,6 +169,7 @@ impl Client {
             summary: Summary::default(),
             retry_at: Instant::now(),
             backoff: FIRST_BACKOFF,
+            unreachable: String::new(),
         };
         match client.ensure_session(Instant::now()) {
             Err(error @ (ClientError::Unreachable { .. } | ClientError::Deadline(_))) => tracing::warn!("{error}"),
@@ -248,7 +251,7 @@ impl Client {
             return Ok(());
         }
         if Instant::now() < self.retry_at {
-            return Err(self.unreachable("waiting before the next try"));
+            return Err(self.unreachable());
         }
         let (deadline, runtime) = (self.remaining(started), &self.runtime);
         let open = Session::open(&self.endpoint, &self.options, &self.run_id);
@@ -275,14 +278,16 @@ impl Client {
                 self.retry_at = Instant::now() + self.backoff;
                 self.backoff = (2 * self.backoff).min(LONGEST_BACKOFF);
                 if code == Code::DeadlineExceeded {
+                    self.unreachable = "it did not answer in time".to_owned();
                     return ClientError::Deadline(self.options.deadline);
                 }
-                self.unreachable(status.message())
+                status.message().clone_into(&mut self.unreachable);
+                self.unreachable()
             }
         }
     }
 
-    fn unreachable(&self, reason: &str) -> ClientError {
-        ClientError::Unreachable { address: self.options.generator.clone(), reason: reason.to_owned() }
+    fn unreachable(&self) -> ClientError {
+        ClientError::Unreachable { address: self.options.generator.clone(), reason: self.unreachable.clone() }
     }
 }

@@ -106,7 +106,7 @@ fn bricks_of_the_wrong_type_or_length_are_refused_before_anything_is_sent() {
         (Brick::new([0; 3], [SIDE; 3], &right).with_colors(&doubles), "options do not name"),
         (Brick::new([0; 3], [SIDE; 3], &doubles), "float64 voxels of density; the run has float32"),
         (Brick::new([0; 3], [SIDE; 3], &short), "511 voxels of density for a box of [8, 8, 8]"),
-        (Brick::new([0; 3], [0, SIDE, SIDE], &short[..0]), "0 voxels of density"),
+        (Brick::new([0; 3], [0, SIDE, SIDE], &short[..0]), "a box of [0, 8, 8]"),
     ];
     for (step, (brick, words)) in wrong.into_iter().enumerate() {
         match client.push(step as u64, 0.0, &brick) {

@@ -1,0 +1,92 @@
+/* What a simulation in C or C++ links to hand its time steps to a Lamina generator-node:
+ *
+ *     cc simulation.c -Iproto/client/c -Ltarget/release -llamina_c
+ *
+ * Nothing here ends the process, and nothing waits longer than the run's deadline: a node that is dead or stuck costs an
+ * error code and a counted lost step, and is tried again by itself. One thread at a time may use a connection. */
+#ifndef LAMINA_H
+#define LAMINA_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Types of voxels. */
+enum { LAMINA_U8 = 1, LAMINA_U16 = 2, LAMINA_I16 = 3, LAMINA_F16 = 4, LAMINA_F32 = 5, LAMINA_F64 = 6 };
+
+/* What the node does with a step that finds its memory full: drop the oldest that waits, drop this one, or let the
+ * simulation wait. */
+enum { LAMINA_DROP_OLDEST = 0, LAMINA_DROP_NEWEST = 1, LAMINA_BLOCK = 2 };
+
+/* What became of a call; lamina_error() has the words for those below 0. */
+enum {
+    LAMINA_ADMITTED = 0,     /* the brick is in */
+    LAMINA_DROPPED = 1,      /* the node is full and dropped the step, as the run's policy says */
+    LAMINA_INVALID = -1,     /* the arguments cannot be right, whoever listens */
+    LAMINA_REFUSED = -2,     /* the node refused; the same again will not help */
+    LAMINA_UNREACHABLE = -3, /* the node cannot be reached now */
+    LAMINA_DEADLINE = -4,    /* no answer within the deadline */
+    LAMINA_FAILED = -5       /* anything else */
+};
+
+/* A run. What is 0 or NULL has its default: lamina_options run = { .name = "blast", ... }. */
+typedef struct {
+    const char *generator;   /* the generator-node; default http://127.0.0.1:7101 */
+    const char *name;        /* of the run; needed */
+    const char *field;       /* what the scalar is, such as "density"; needed */
+    uint64_t dims[3];        /* sample points of the whole grid of all ranks along x, y, z; needed */
+    double spacing[3];       /* their distances in world units; default 1 */
+    double origin[3];        /* position of the first */
+    int32_t type;            /* of the voxels: LAMINA_F32, ...; needed */
+    int32_t color_type;      /* of the second field's; needed with one */
+    const char *color_field; /* name of a second field that a scene may take its colours from; default none */
+    uint32_t rank;           /* of this process, from 0 */
+    uint32_t ranks;          /* processes that push bricks of every step; default 1 */
+    int32_t full_policy;     /* default LAMINA_DROP_OLDEST: the simulation never waits for the viewer */
+    double deadline_secs;    /* the longest any call may take; default 5 */
+} lamina_options;
+
+/* A rank's part of a step, in the simulation's own memory, which is only read, and only during the call. */
+typedef struct {
+    uint64_t start[3];       /* index of its first sample point in the run's grid, x, y, z */
+    uint64_t dims[3];        /* sample points along x, y, z */
+    uint64_t strides[3];     /* how far neighbours along x, y, z lie apart in memory, in voxels; all 0: without gaps, x fastest */
+    const void *voxels;      /* the first of them */
+    const void *colors;      /* the first of the second field's, laid out alike; or NULL */
+    int32_t type;            /* of the voxels; default the run's. Another is refused */
+    int32_t color_type;      /* the same of the colours */
+} lamina_brick;
+
+/* What became of a run's bricks. */
+typedef struct {
+    uint64_t pushed;           /* handed over */
+    uint64_t dropped;          /* not taken by the node, by the run's policy */
+    uint64_t lost;             /* could not be handed over */
+    int64_t run_dropped_steps; /* steps of all ranks that were dropped or left incomplete; -1 if the node did not answer */
+} lamina_summary;
+
+/* A connection. */
+typedef struct lamina_client lamina_client;
+
+/* Opens a run: 0, and *client is the connection; or an error, and it is NULL, if the options cannot be right or the node
+ * refuses them. A node that is not there yet is no error: it is tried again with the next pushes. */
+int32_t lamina_connect(const lamina_options *run, lamina_client **client);
+
+/* Hands in this rank's brick of `step`, steps ascending, at simulation time `time`. LAMINA_ADMITTED, LAMINA_DROPPED or, if
+ * the step is lost, an error; the simulation may go on in any case. */
+int32_t lamina_push(lamina_client *client, uint64_t step, double time, const lamina_brick *brick);
+
+/* Ends this rank's part of the run and frees the connection; NULL is ignored. `summary` may be NULL. */
+void lamina_close(lamina_client *client, lamina_summary *summary);
+
+/* Why this thread's last call failed, in words; "" if none did. Valid until its next call that fails. */
+const char *lamina_error(void);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

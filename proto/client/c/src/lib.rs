@@ -1,0 +1,281 @@
+//! The simulation's client behind a C interface; `lamina.h` says what each function does.
+
+use glam::DVec3;
+use half::f16;
+use lamina_client::{Brick, Client, ClientError, FullPolicy, Receipt, RunOptions, VoxelSlice, dense, span};
+use lamina_model::{Grid, Invalid, VoxelType};
+use std::cell::RefCell;
+use std::ffi::{CStr, CString, c_char, c_void};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::Duration;
+
+/// `lamina_options` of the header.
+#[repr(C)]
+pub struct Options {
+    generator: *const c_char,
+    name: *const c_char,
+    field: *const c_char,
+    dims: [u64; 3],
+    spacing: [f64; 3],
+    origin: [f64; 3],
+    voxel_type: i32,
+    color_type: i32,
+    color_field: *const c_char,
+    rank: u32,
+    ranks: u32,
+    full_policy: i32,
+    deadline_secs: f64,
+}
+
+/// `lamina_brick` of the header.
+#[repr(C)]
+pub struct CBrick {
+    start: [u64; 3],
+    dims: [u64; 3],
+    strides: [u64; 3],
+    voxels: *const c_void,
+    colors: *const c_void,
+    voxel_type: i32,
+    color_type: i32,
+}
+
+/// `lamina_summary` of the header.
+#[repr(C)]
+pub struct Summary {
+    pushed: u64,
+    dropped: u64,
+    lost: u64,
+    run_dropped_steps: i64,
+}
+
+/// `lamina_client` of the header.
+pub struct Connection {
+    client: Client,
+    voxel_type: VoxelType,
+    color_type: Option<VoxelType>,
+}
+
+const DROPPED: i32 = 1;
+const FAILED: i32 = -5;
+
+thread_local! {
+    static ERROR: RefCell<CString> = RefCell::default();
+}
+
+/// Keeps the words of an error for [`lamina_error`]; its code.
+fn fail(error: &ClientError) -> i32 {
+    remember(&error.to_string());
+    match error {
+        ClientError::Invalid(_) => -1,
+        ClientError::Refused(_) => -2,
+        ClientError::Unreachable { .. } => -3,
+        ClientError::Deadline(_) => -4,
+        ClientError::Runtime(_) => FAILED,
+    }
+}
+
+fn remember(words: &str) {
+    let words = CString::new(words.replace('\0', " ")).unwrap_or_default();
+    // A thread that is ending has no place for it any more.
+    let _ = ERROR.try_with(|error| *error.borrow_mut() = words);
+}
+
+/// What `work` gives; `None` if it panicked, for no panic may reach the simulation.
+fn guarded<T>(work: impl FnOnce() -> T) -> Option<T> {
+    let done = catch_unwind(AssertUnwindSafe(work)).ok();
+    if done.is_none() {
+        remember("a fault in the client; its message is on standard error");
+    }
+    done
+}
+
+fn invalid(thing: &'static str, reason: impl Into<String>) -> ClientError {
+    Invalid::new(thing, reason).into()
+}
+
+/// The text at `text`, which is `otherwise` where that is null.
+///
+/// # Safety
+/// It is null or ends with a zero.
+unsafe fn text<'a>(thing: &'static str, text: *const c_char, otherwise: &'a str) -> Result<&'a str, ClientError> {
+    if text.is_null() {
+        return Ok(otherwise);
+    }
+    // SAFETY: by the function's own condition.
+    let text = unsafe { CStr::from_ptr(text) };
+    text.to_str().map_err(|_| invalid(thing, "is not UTF-8"))
+}
+
+fn voxel_type(thing: &'static str, code: i32) -> Result<VoxelType, ClientError> {
+    use VoxelType::{F16, F32, F64, I16, U8, U16};
+    let known = usize::try_from(code).ok().and_then(|n| [U8, U16, I16, F16, F32, F64].get(n.wrapping_sub(1)).copied());
+    known.ok_or_else(|| invalid(thing, format!("{code} is none of LAMINA_U8 (1) to LAMINA_F64 (6)")))
+}
+
+fn sizes(thing: &'static str, numbers: [u64; 3]) -> Result<[usize; 3], ClientError> {
+    let too_large = |n: u64| usize::try_from(n).is_err();
+    if numbers.into_iter().any(too_large) {
+        return Err(invalid(thing, format!("{numbers:?} is beyond counting here")));
+    }
+    Ok(numbers.map(|n| n as usize))
+}
+
+/// The run, with what is needed stated and defaults for the rest.
+///
+/// # Safety
+/// Its pointers are null or texts that end with a zero.
+unsafe fn run_options(run: &Options) -> Result<RunOptions, ClientError> {
+    let needed = |thing, text: &str| match text {
+        "" => Err(invalid(thing, "is not stated")),
+        text => Ok(text.to_owned()),
+    };
+    // SAFETY: by the function's own condition, here and below.
+    let read = |thing, pointer, otherwise| unsafe { text(thing, pointer, otherwise) };
+    let spacing = if run.spacing == [0.0; 3] { [1.0; 3] } else { run.spacing };
+    let grid = Grid::new(sizes("dims", run.dims)?, DVec3::from(spacing), DVec3::from(run.origin))?;
+    let color_field = match needed("color_field", read("color_field", run.color_field, "")?) {
+        Ok(name) => Some((name, voxel_type("color_type", run.color_type)?)),
+        Err(_) => None,
+    };
+    let full_policy = match run.full_policy {
+        0 => FullPolicy::DropOldest,
+        1 => FullPolicy::DropNewest,
+        2 => FullPolicy::Block,
+        other => {
+            return Err(invalid(
+                "full_policy",
+                format!("{other} is none of LAMINA_DROP_OLDEST (0) to LAMINA_BLOCK (2)"),
+            ));
+        }
+    };
+    let deadline = match run.deadline_secs {
+        0.0 => None,
+        secs => Some(Duration::try_from_secs_f64(secs).map_err(|e| invalid("deadline_secs", format!("{secs}: {e}")))?),
+    };
+    let (name, field) = (needed("name", read("name", run.name, "")?)?, needed("field", read("field", run.field, "")?)?);
+    let generator = read("generator", run.generator, "http://127.0.0.1:7101")?;
+    let options = RunOptions::new(generator, &name, &field, grid, voxel_type("type", run.voxel_type)?);
+    let deadline = deadline.unwrap_or(options.deadline);
+    Ok(RunOptions { color_field, rank: run.rank, ranks: run.ranks.max(1), full_policy, deadline, ..options })
+}
+
+/// `count` voxels from `first` on.
+///
+/// # Safety
+/// That many of the type are there, and nothing writes to them while the slice lives.
+unsafe fn slice<'a>(
+    thing: &'static str,
+    first: *const c_void,
+    count: usize,
+    voxel_type: VoxelType,
+) -> Result<VoxelSlice<'a>, ClientError> {
+    let bytes = voxel_type.size_bytes();
+    if first.is_null() || !(first as usize).is_multiple_of(bytes) {
+        return Err(invalid(thing, if first.is_null() { "is NULL" } else { "is not aligned to its type" }));
+    }
+    if count.checked_mul(bytes).is_none_or(|all| isize::try_from(all).is_err()) {
+        return Err(invalid(thing, format!("{count} voxels are more than memory holds")));
+    }
+    macro_rules! typed {
+        // SAFETY: not null, aligned and small enough, as checked; there by the function's own condition.
+        ($t:ty) => {
+            unsafe { std::slice::from_raw_parts(first.cast::<$t>(), count) }.into()
+        };
+    }
+    Ok(match voxel_type {
+        VoxelType::U8 => typed!(u8),
+        VoxelType::U16 => typed!(u16),
+        VoxelType::I16 => typed!(i16),
+        VoxelType::F16 => typed!(f16),
+        VoxelType::F32 => typed!(f32),
+        VoxelType::F64 => typed!(f64),
+    })
+}
+
+/// See `lamina.h`.
+///
+/// # Safety
+/// `run` is null or as the header says, `client` is null or writable.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lamina_connect(run: *const Options, client: *mut *mut Connection) -> i32 {
+    let connect = || {
+        // SAFETY: null or writable, by the function's own condition.
+        let place = unsafe { client.as_mut() }.ok_or_else(|| invalid("client", "is NULL"))?;
+        *place = std::ptr::null_mut();
+        // SAFETY: null or a valid pointer, by the function's own condition, which holds for the texts too.
+        let run = unsafe { run.as_ref() }.ok_or_else(|| invalid("run", "is NULL"))?;
+        // SAFETY: as above.
+        let options = unsafe { run_options(run) }?;
+        let (voxel_type, color_type) = (options.voxel_type, options.color_field.as_ref().map(|c| c.1));
+        *place = Box::into_raw(Box::new(Connection { client: Client::connect(options)?, voxel_type, color_type }));
+        Ok(0)
+    };
+    guarded(connect).map_or(FAILED, |code| code.unwrap_or_else(|error| fail(&error)))
+}
+
+/// See `lamina.h`.
+///
+/// # Safety
+/// `client` comes from [`lamina_connect`], is not closed, and no other thread uses it; `brick` is as the header says.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lamina_push(client: *mut Connection, step: u64, time: f64, brick: *const CBrick) -> i32 {
+    let push = || {
+        // SAFETY: null or valid and used by nobody else, by the function's own condition.
+        let connection = unsafe { client.as_mut() }.ok_or_else(|| invalid("client", "is NULL"))?;
+        // SAFETY: as above.
+        let given = unsafe { brick.as_ref() }.ok_or_else(|| invalid("brick", "is NULL"))?;
+        let (start, dims) = (sizes("brick.start", given.start)?, sizes("brick.dims", given.dims)?);
+        let strides = match sizes("brick.strides", given.strides)? {
+            [0, 0, 0] => dense(dims),
+            stated => stated,
+        };
+        let span = span(dims, strides)?;
+        let of_type = |thing, stated, of_run| if stated == 0 { Ok(of_run) } else { voxel_type(thing, stated) };
+        let of_voxels = of_type("brick.type", given.voxel_type, connection.voxel_type)?;
+        // SAFETY: the brick's voxels reach so far, by the function's own condition.
+        let voxels = unsafe { slice("brick.voxels", given.voxels, span, of_voxels) }?;
+        let mut brick = Brick::new(start, dims, voxels).with_strides(strides);
+        if !given.colors.is_null() || given.color_type != 0 {
+            let of_run =
+                connection.color_type.ok_or_else(|| invalid("brick.colors", "the run names no color_field"))?;
+            let of_colors = of_type("brick.color_type", given.color_type, of_run)?;
+            // SAFETY: as for the voxels.
+            brick = brick.with_colors(unsafe { slice("brick.colors", given.colors, span, of_colors) }?);
+        }
+        Ok(match connection.client.push(step, time, &brick)? {
+            Receipt::Admitted(_) => 0,
+            Receipt::Dropped => DROPPED,
+        })
+    };
+    guarded(push).map_or(FAILED, |code| code.unwrap_or_else(|error| fail(&error)))
+}
+
+/// See `lamina.h`.
+///
+/// # Safety
+/// `client` is null or comes from [`lamina_connect`], and nobody uses it any more; `summary` is null or writable.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lamina_close(client: *mut Connection, summary: *mut Summary) {
+    if client.is_null() {
+        return;
+    }
+    // SAFETY: made by `Box::into_raw` there, and given back once, by the function's own condition.
+    let connection = unsafe { Box::from_raw(client) };
+    let before = connection.client.summary();
+    let closed = guarded(|| connection.client.close()).unwrap_or(before);
+    // SAFETY: null or writable, by the function's own condition.
+    if let Some(place) = unsafe { summary.as_mut() } {
+        *place = Summary {
+            pushed: closed.pushed,
+            dropped: closed.dropped,
+            lost: closed.lost,
+            run_dropped_steps: closed.run_dropped_steps.map_or(-1, |n| n.min(i64::MAX as u64) as i64),
+        };
+    }
+}
+
+/// See `lamina.h`.
+#[unsafe(no_mangle)]
+pub extern "C" fn lamina_error() -> *const c_char {
+    ERROR.try_with(|error| error.borrow().as_ptr()).unwrap_or(c"".as_ptr())
+}

@@ -1,0 +1,238 @@
+! What a simulation in Fortran links to hand its time steps to a Lamina generator-node; lamina.h has what every function means.
+!
+!     gfortran proto/client/fortran/lamina.f90 simulation.f90 -Ltarget/release -llamina_c
+!
+! Arrays may be sections: rho(1:nx, 1:ny, 1:nz) without its ghost cells is read where it is, not copied.
+module lamina
+    use, intrinsic :: iso_c_binding
+    implicit none
+    private
+    public :: lamina_run, lamina_connection, lamina_summary, lamina_open, lamina_put, lamina_end, lamina_message
+
+    integer(c_int32_t), parameter, public :: lamina_f32 = 5, lamina_f64 = 6
+    integer(c_int32_t), parameter, public :: lamina_drop_oldest = 0, lamina_drop_newest = 1, lamina_block = 2
+    integer(c_int32_t), parameter, public :: lamina_admitted = 0, lamina_dropped = 1, lamina_invalid = -1, &
+        lamina_refused = -2, lamina_unreachable = -3, lamina_deadline = -4, lamina_failed = -5
+
+    ! A run; dims, name, field and voxel_type are to be stated.
+    type :: lamina_run
+        character(:), allocatable :: generator, name, field, color_field
+        integer(c_int64_t) :: dims(3) = 0
+        real(c_double) :: spacing(3) = 1, origin(3) = 0
+        integer(c_int32_t) :: voxel_type = 0, color_type = 0
+        integer(c_int32_t) :: rank = 0, ranks = 1, full_policy = lamina_drop_oldest
+        real(c_double) :: deadline_secs = 5
+    end type
+
+    type :: lamina_connection
+        private
+        type(c_ptr) :: client = c_null_ptr
+    end type
+
+    type, bind(c) :: lamina_summary
+        integer(c_int64_t) :: pushed = 0, dropped = 0, lost = 0, run_dropped_steps = -1
+    end type
+
+    type, bind(c) :: options
+        type(c_ptr) :: generator, name, field
+        integer(c_int64_t) :: dims(3)
+        real(c_double) :: spacing(3), origin(3)
+        integer(c_int32_t) :: voxel_type, color_type
+        type(c_ptr) :: color_field
+        integer(c_int32_t) :: rank, ranks, full_policy
+        real(c_double) :: deadline_secs
+    end type
+
+    type, bind(c) :: brick
+        integer(c_int64_t) :: start(3), dims(3), strides(3)
+        type(c_ptr) :: voxels, colors
+        integer(c_int32_t) :: voxel_type = 0, color_type = 0
+    end type
+
+    interface
+        function c_connect(run, client) bind(c, name="lamina_connect") result(code)
+            import :: c_ptr, c_int32_t, options
+            type(options), intent(in) :: run
+            type(c_ptr), intent(out) :: client
+            integer(c_int32_t) :: code
+        end function
+        function c_push(client, step, time, given) bind(c, name="lamina_push") result(code)
+            import :: c_ptr, c_int32_t, c_int64_t, c_double, brick
+            type(c_ptr), value :: client
+            integer(c_int64_t), value :: step
+            real(c_double), value :: time
+            type(brick), intent(in) :: given
+            integer(c_int32_t) :: code
+        end function
+        subroutine c_close(client, summary) bind(c, name="lamina_close")
+            import :: c_ptr, lamina_summary
+            type(c_ptr), value :: client
+            type(lamina_summary), intent(out) :: summary
+        end subroutine
+        function c_error() bind(c, name="lamina_error") result(words)
+            import :: c_ptr
+            type(c_ptr) :: words
+        end function
+        function c_strlen(words) bind(c, name="strlen") result(n)
+            import :: c_ptr, c_size_t
+            type(c_ptr), value :: words
+            integer(c_size_t) :: n
+        end function
+    end interface
+
+    ! call lamina_put(connection, step, time, first, values, code [, colors]): this rank's part of the step, whose first sample
+    ! point has the indices `first`, counted from 1, in the run's grid; colors, of the second field, lie in memory as the
+    ! values do. The code is one of those above; the simulation may go on in any case.
+    interface lamina_put
+        module procedure put_f32, put_f64
+    end interface
+
+contains
+
+    ! Opens a run. The code is below 0 if it cannot be right or the node refuses it; lamina_message() says why.
+    subroutine lamina_open(run, connection, code)
+        type(lamina_run), intent(in) :: run
+        type(lamina_connection), intent(out) :: connection
+        integer(c_int32_t), intent(out) :: code
+        character(kind=c_char, len=:), allocatable, target :: generator, name, field, color_field
+        type(options) :: o
+
+        o%generator = text(run%generator, generator)
+        o%name = text(run%name, name)
+        o%field = text(run%field, field)
+        o%color_field = text(run%color_field, color_field)
+        o%dims = run%dims
+        o%spacing = run%spacing
+        o%origin = run%origin
+        o%voxel_type = run%voxel_type
+        o%color_type = run%color_type
+        o%rank = run%rank
+        o%ranks = run%ranks
+        o%full_policy = run%full_policy
+        o%deadline_secs = run%deadline_secs
+        code = c_connect(o, connection%client)
+    end subroutine
+
+    ! The address of `from` with a zero behind it, kept in `kept`; null if it is not stated.
+    function text(from, kept) result(address)
+        character(:), allocatable, intent(in) :: from
+        character(kind=c_char, len=:), allocatable, target, intent(out) :: kept
+        type(c_ptr) :: address
+        address = c_null_ptr
+        if (.not. allocated(from)) return
+        kept = trim(from) // c_null_char
+        address = c_loc(kept)
+    end function
+
+    subroutine put_f32(connection, step, time, first, values, code, colors)
+        type(lamina_connection), intent(in) :: connection
+        integer, intent(in) :: step, first(3)
+        real(c_double), intent(in) :: time
+        real(c_float), intent(in), target :: values(:, :, :)
+        integer(c_int32_t), intent(out) :: code
+        real(c_float), intent(in), target, optional :: colors(:, :, :)
+        type(brick) :: given
+
+        given = box_f32(values, first)
+        given%voxel_type = lamina_f32
+        if (present(colors)) call add_colors(given, box_f32(colors, first), lamina_f32)
+        code = c_push(connection%client, int(step, c_int64_t), time, given)
+    end subroutine
+
+    ! Where an array lies.
+    function box_f32(values, first) result(given)
+        real(c_float), intent(in), target :: values(:, :, :)
+        integer, intent(in) :: first(3)
+        type(brick) :: given
+        integer :: n(3)
+
+        n = shape(values)
+        given%start = first - 1
+        given%dims = n
+        given%voxels = c_null_ptr
+        given%colors = c_null_ptr
+        given%strides = 1
+        if (any(n == 0)) return
+        given%voxels = c_loc(values(1, 1, 1))
+        if (n(1) > 1) given%strides(1) = apart(given%voxels, c_loc(values(2, 1, 1)), c_sizeof(values(1, 1, 1)))
+        if (n(2) > 1) given%strides(2) = apart(given%voxels, c_loc(values(1, 2, 1)), c_sizeof(values(1, 1, 1)))
+        if (n(3) > 1) given%strides(3) = apart(given%voxels, c_loc(values(1, 1, 2)), c_sizeof(values(1, 1, 1)))
+    end function
+
+    subroutine put_f64(connection, step, time, first, values, code, colors)
+        type(lamina_connection), intent(in) :: connection
+        integer, intent(in) :: step, first(3)
+        real(c_double), intent(in) :: time
+        real(c_double), intent(in), target :: values(:, :, :)
+        integer(c_int32_t), intent(out) :: code
+        real(c_double), intent(in), target, optional :: colors(:, :, :)
+        type(brick) :: given
+
+        given = box_f64(values, first)
+        given%voxel_type = lamina_f64
+        if (present(colors)) call add_colors(given, box_f64(colors, first), lamina_f64)
+        code = c_push(connection%client, int(step, c_int64_t), time, given)
+    end subroutine
+
+    ! Where an array lies.
+    function box_f64(values, first) result(given)
+        real(c_double), intent(in), target :: values(:, :, :)
+        integer, intent(in) :: first(3)
+        type(brick) :: given
+        integer :: n(3)
+
+        n = shape(values)
+        given%start = first - 1
+        given%dims = n
+        given%voxels = c_null_ptr
+        given%colors = c_null_ptr
+        given%strides = 1
+        if (any(n == 0)) return
+        given%voxels = c_loc(values(1, 1, 1))
+        if (n(1) > 1) given%strides(1) = apart(given%voxels, c_loc(values(2, 1, 1)), c_sizeof(values(1, 1, 1)))
+        if (n(2) > 1) given%strides(2) = apart(given%voxels, c_loc(values(1, 2, 1)), c_sizeof(values(1, 1, 1)))
+        if (n(3) > 1) given%strides(3) = apart(given%voxels, c_loc(values(1, 1, 2)), c_sizeof(values(1, 1, 1)))
+    end function
+
+    ! How many voxels lie between two addresses.
+    function apart(a, b, bytes) result(n)
+        type(c_ptr), intent(in) :: a, b
+        integer(c_size_t), intent(in) :: bytes
+        integer(c_int64_t) :: n
+        n = (transfer(b, 0_c_intptr_t) - transfer(a, 0_c_intptr_t)) / int(bytes, c_int64_t)
+    end function
+
+    ! Colours laid out otherwise than the values are none: NULL with a type is refused.
+    subroutine add_colors(given, colors, color_type)
+        type(brick), intent(inout) :: given
+        type(brick), intent(in) :: colors
+        integer(c_int32_t), intent(in) :: color_type
+        given%color_type = color_type
+        if (all(given%dims == colors%dims) .and. all(given%strides == colors%strides)) given%colors = colors%voxels
+    end subroutine
+
+    ! Ends this rank's part of the run.
+    subroutine lamina_end(connection, summary)
+        type(lamina_connection), intent(inout) :: connection
+        type(lamina_summary), intent(out) :: summary
+        if (.not. c_associated(connection%client)) return
+        call c_close(connection%client, summary)
+        connection%client = c_null_ptr
+    end subroutine
+
+    ! Why the last call failed.
+    function lamina_message() result(words)
+        character(:), allocatable :: words
+        character(kind=c_char), pointer :: letters(:)
+        type(c_ptr) :: address
+        integer :: n, i
+        address = c_error()
+        n = int(c_strlen(address))
+        call c_f_pointer(address, letters, [n])
+        allocate (character(n) :: words)
+        do i = 1, n
+            words(i:i) = letters(i)
+        end do
+    end function
+
+end module

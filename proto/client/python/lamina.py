@@ -1,0 +1,206 @@
+"""What a simulation in Python imports to hand its time steps to a Lamina generator-node.
+
+    run = lamina.Client("blast", "density", dims=(64, 64, 64), type="float32")
+    for step in range(steps):
+        ...
+        run.push(step, time, density)
+    run.close()
+
+Arrays are anything with the buffer protocol, NumPy's among them, with axes in the order x, y, z; whatever their strides
+(ghost cells, transposed views), they are read where they are, not copied. The library, liblamina_c, is looked for at the path in
+the environment variable LAMINA_LIBRARY, then where the system keeps libraries.
+"""
+
+import ctypes
+import ctypes.util
+import os
+
+TYPES = {"uint8": 1, "uint16": 2, "int16": 3, "float16": 4, "float32": 5, "float64": 6}
+POLICIES = {"drop oldest": 0, "drop newest": 1, "block": 2}
+# Letters of the buffer protocol.
+_FORMATS = {"B": "uint8", "H": "uint16", "h": "int16", "e": "float16", "f": "float32", "d": "float64"}
+_ERRORS = {-1: ValueError, -3: ConnectionError, -4: TimeoutError}
+
+
+class _Options(ctypes.Structure):
+    _fields_ = [
+        ("generator", ctypes.c_char_p),
+        ("name", ctypes.c_char_p),
+        ("field", ctypes.c_char_p),
+        ("dims", ctypes.c_uint64 * 3),
+        ("spacing", ctypes.c_double * 3),
+        ("origin", ctypes.c_double * 3),
+        ("type", ctypes.c_int32),
+        ("color_type", ctypes.c_int32),
+        ("color_field", ctypes.c_char_p),
+        ("rank", ctypes.c_uint32),
+        ("ranks", ctypes.c_uint32),
+        ("full_policy", ctypes.c_int32),
+        ("deadline_secs", ctypes.c_double),
+    ]
+
+
+class _Brick(ctypes.Structure):
+    _fields_ = [
+        ("start", ctypes.c_uint64 * 3),
+        ("dims", ctypes.c_uint64 * 3),
+        ("strides", ctypes.c_uint64 * 3),
+        ("voxels", ctypes.c_void_p),
+        ("colors", ctypes.c_void_p),
+        ("type", ctypes.c_int32),
+        ("color_type", ctypes.c_int32),
+    ]
+
+
+class Summary(ctypes.Structure):
+    """What became of a run's bricks; run_dropped_steps is -1 if the node did not answer."""
+
+    _fields_ = [
+        ("pushed", ctypes.c_uint64),
+        ("dropped", ctypes.c_uint64),
+        ("lost", ctypes.c_uint64),
+        ("run_dropped_steps", ctypes.c_int64),
+    ]
+
+
+class _Buffer(ctypes.Structure):
+    """Py_buffer of the buffer protocol."""
+
+    _fields_ = [
+        ("buf", ctypes.c_void_p),
+        ("obj", ctypes.py_object),
+        ("len", ctypes.c_ssize_t),
+        ("itemsize", ctypes.c_ssize_t),
+        ("readonly", ctypes.c_int),
+        ("ndim", ctypes.c_int),
+        ("format", ctypes.c_char_p),
+        ("shape", ctypes.POINTER(ctypes.c_ssize_t)),
+        ("strides", ctypes.POINTER(ctypes.c_ssize_t)),
+        ("suboffsets", ctypes.POINTER(ctypes.c_ssize_t)),
+        ("internal", ctypes.c_void_p),
+    ]
+
+
+class _View:
+    """Where an array lies in memory, held there for a `with` block."""
+
+    STRIDED_WITH_FORMAT = 0x0010 | 0x0008 | 0x0004
+
+    def __init__(self, array):
+        self.array, self.buffer = array, _Buffer()
+
+    def __enter__(self):
+        get = ctypes.pythonapi.PyObject_GetBuffer
+        get.argtypes = [ctypes.py_object, ctypes.POINTER(_Buffer), ctypes.c_int]
+        get(self.array, ctypes.byref(self.buffer), self.STRIDED_WITH_FORMAT)
+        try:
+            b = self.buffer
+            letters = (b.format or b"B").decode().lstrip("@=" + ("<" if os.sys.byteorder == "little" else ">"))
+            if b.ndim != 3 or letters not in _FORMATS:
+                raise ValueError(f"{b.ndim} axes of '{letters}'; three are needed, of {', '.join(TYPES)}")
+            self.type = TYPES[_FORMATS[letters]]
+            self.dims = list(b.shape[:3])
+            self.strides = [0 if n == 1 else s for n, s in zip(self.dims, b.strides[:3])]
+            if any(s < 0 or s % b.itemsize for s in self.strides):
+                raise ValueError(f"strides of {b.strides[:3]} bytes; positive multiples of {b.itemsize} are needed")
+            self.strides = [s // b.itemsize or 1 for s in self.strides]
+        except ValueError:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_):
+        ctypes.pythonapi.PyBuffer_Release(ctypes.byref(self.buffer))
+
+
+def _library():
+    path = os.environ.get("LAMINA_LIBRARY") or ctypes.util.find_library("lamina_c")
+    if not path:
+        raise OSError("liblamina_c is not found; name it in LAMINA_LIBRARY, such as target/release/liblamina_c.so")
+    library = ctypes.CDLL(path)
+    library.lamina_connect.argtypes = [ctypes.POINTER(_Options), ctypes.POINTER(ctypes.c_void_p)]
+    library.lamina_push.argtypes = [ctypes.c_void_p, ctypes.c_uint64, ctypes.c_double, ctypes.POINTER(_Brick)]
+    library.lamina_close.argtypes = [ctypes.c_void_p, ctypes.POINTER(Summary)]
+    library.lamina_close.restype = None
+    library.lamina_error.restype = ctypes.c_char_p
+    return library
+
+
+class Client:
+    """A connection to a generator-node. ValueError if the run cannot be right, OSError if the node refuses it."""
+
+    def __init__(
+        self,
+        name,
+        field,
+        dims,
+        type,
+        generator="http://127.0.0.1:7101",
+        spacing=(1.0, 1.0, 1.0),
+        origin=(0.0, 0.0, 0.0),
+        color_field=None,
+        color_type=None,
+        rank=0,
+        ranks=1,
+        full_policy="drop oldest",
+        deadline_secs=5.0,
+    ):
+        self._library = _library()
+        for value, known in ((type, TYPES), (color_type, TYPES), (full_policy, POLICIES)):
+            if value is not None and str(value) not in known:
+                raise ValueError(f"{value} is none of {', '.join(known)}")
+        options = _Options(
+            generator.encode(),
+            name.encode(),
+            field.encode(),
+            (ctypes.c_uint64 * 3)(*dims),
+            (ctypes.c_double * 3)(*spacing),
+            (ctypes.c_double * 3)(*origin),
+            TYPES[str(type)],
+            TYPES[str(color_type)] if color_type else 0,
+            color_field.encode() if color_field else None,
+            rank,
+            ranks,
+            POLICIES[full_policy],
+            deadline_secs,
+        )
+        self._client = ctypes.c_void_p()
+        self._check(self._library.lamina_connect(ctypes.byref(options), ctypes.byref(self._client)))
+
+    def push(self, step, time, voxels, start=(0, 0, 0), colors=None):
+        """Hands in this rank's part of a step, which begins at index `start` of the run's grid; False if the node is full
+        and dropped the step, as the run's policy says. ValueError for what does not fit the run; OSError where the node
+        refuses it, ConnectionError or TimeoutError where it cannot be reached: the step is lost, and the simulation may go
+        on."""
+        brick = _Brick((ctypes.c_uint64 * 3)(*start))
+        with _View(voxels) as v:
+            brick.dims, brick.strides = (ctypes.c_uint64 * 3)(*v.dims), (ctypes.c_uint64 * 3)(*v.strides)
+            brick.voxels, brick.type = v.buffer.buf, v.type
+            if colors is None:
+                return self._push(step, time, brick)
+            with _View(colors) as c:
+                if (c.dims, c.strides) != (v.dims, v.strides):
+                    raise ValueError("colors are to be laid out in memory as voxels are")
+                brick.colors, brick.color_type = c.buffer.buf, c.type
+                return self._push(step, time, brick)
+
+    def _push(self, step, time, brick):
+        return self._check(self._library.lamina_push(self._client, step, time, ctypes.byref(brick))) == 0
+
+    def _check(self, code):
+        if code < 0:
+            raise _ERRORS.get(code, OSError)(self._library.lamina_error().decode())
+        return code
+
+    def close(self):
+        """Ends this rank's part of the run; what became of its bricks."""
+        summary = Summary()
+        self._library.lamina_close(self._client, ctypes.byref(summary))
+        self._client = None
+        return summary
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()

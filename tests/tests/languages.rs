@@ -1,0 +1,171 @@
+//! Simulations in C, Fortran and Python hand over what one in Rust does, and are told what they do wrong.
+
+#![allow(clippy::unwrap_used)]
+
+use glam::DVec3;
+use lamina_client::{Brick, Client, RunOptions};
+use lamina_model::{Grid, VoxelType};
+use lamina_tests::processes::{Daemon, binary, free_port, wait_for};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+const STEPS: u64 = 3;
+
+/// A file of the source tree.
+fn source(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join(path)
+}
+
+fn library() -> PathBuf {
+    binary(&format!("{}lamina_c{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX))
+}
+
+/// Compiles with warnings as errors against the library; the program.
+fn compile(compiler: &[&str], sources: &[&str], folder: &Path) -> PathBuf {
+    let (program, library) = (folder.join(sources[sources.len() - 1].replace(['/', '.'], "_")), library());
+    let beside = library.parent().unwrap().display().to_string();
+    let made = Command::new(compiler[0])
+        .current_dir(folder)
+        .args(&compiler[1..])
+        .args(["-Wall", "-Wextra", "-Werror", "-O2", "-ffp-contract=off"])
+        .args(sources.iter().map(|s| source(s)))
+        .arg("-I")
+        .arg(source("proto/client/c"))
+        .args([&format!("-L{beside}"), "-llamina_c", &format!("-Wl,-rpath,{beside}"), "-o"])
+        .arg(&program)
+        .output();
+    let made = made.unwrap_or_else(|e| panic!("{compiler:?} is needed: {e}"));
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    program
+}
+
+/// A generator-node, and a viz-node that records its runs.
+struct Recorder {
+    store: tempfile::TempDir,
+    generator: Daemon,
+    _viz: Daemon,
+}
+
+impl Recorder {
+    fn start() -> Self {
+        let store = tempfile::tempdir().unwrap();
+        let generator = Daemon::start("generator-node", free_port(), &[]);
+        let config = store.path().join("viz-node.toml");
+        std::fs::write(&config, format!("store = \"{}\"\n", store.path().join("runs").display())).unwrap();
+        let (config, url) = (config.display().to_string(), generator.url());
+        let viz = Daemon::start("viz-node", free_port(), &["--config", &config, "--generator", &url]);
+        Self { store, generator, _viz: viz }
+    }
+
+    fn runs(&self) -> BTreeSet<PathBuf> {
+        let folder = std::fs::read_dir(self.store.path().join("runs"));
+        folder.into_iter().flatten().flatten().map(|e| e.path()).collect()
+    }
+
+    /// The recorded steps of the run that `push` pushes: simulation times and bytes.
+    fn record(&self, push: impl FnOnce(&str)) -> Vec<(String, Vec<u8>)> {
+        let before = self.runs();
+        push(&self.generator.url());
+        let rows = || {
+            let new = self.runs().into_iter().find(|run| !before.contains(run))?;
+            let table = std::fs::read_to_string(new.join("steps.csv")).ok()?;
+            let times: Vec<String> = table.lines().skip(1).filter_map(|l| Some(l.split(',').nth(1)?.into())).collect();
+            (times.len() as u64 == STEPS).then_some((new, times))
+        };
+        assert!(wait_for(Duration::from_secs(60), || rows().is_some()), "steps are missing");
+        let (run, times) = rows().unwrap();
+        let bytes = |n| std::fs::read(run.join(format!("step_{n:06}.vdi"))).unwrap();
+        times.into_iter().zip((0..STEPS).map(bytes)).collect()
+    }
+}
+
+/// As `blob` in the other languages says.
+fn push_blob(url: &str) {
+    let (dims, grid) = ([24, 20, 16], Grid::new([24, 20, 16], DVec3::splat(0.1), DVec3::ZERO).unwrap());
+    let mut client = Client::connect(RunOptions::new(url, "blob", "density", grid, VoxelType::F64)).unwrap();
+    for step in 0..STEPS {
+        let mut density = Vec::new();
+        for (k, j, i) in (0..16).flat_map(|k| (0..20).flat_map(move |j| (0..24).map(move |i| (k, j, i)))) {
+            let (x, y, z) =
+                (0.1 * f64::from(i) - 0.8 - 0.2 * step as f64, 0.1 * f64::from(j) - 1.0, 0.1 * f64::from(k) - 0.8);
+            density.push(1.0 / (1.0 + 9.0 * (x * x + y * y + z * z)));
+        }
+        client.push(step, 0.1 * step as f64, &Brick::new([0; 3], dims, &density)).unwrap();
+    }
+    assert_eq!(client.close().pushed, STEPS);
+}
+
+/// Runs `program URL RANK 2` for both ranks at once.
+fn run_ranks(program: &[&Path], url: &str) {
+    let start = |rank: u32| {
+        let mut command = Command::new(program[0]);
+        command.args(&program[1..]).args([url, &rank.to_string(), "2"]).env("LAMINA_LIBRARY", library());
+        command.env("PYTHONDONTWRITEBYTECODE", "1");
+        command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+    };
+    for rank in [0, 1].map(start) {
+        let ended = rank.wait_with_output().unwrap();
+        let [said, complained] = [&ended.stdout, &ended.stderr].map(|s| String::from_utf8_lossy(s).into_owned());
+        assert_eq!((said.trim(), complained.trim()), ("pushed 3 dropped 0 lost 0", ""));
+        assert!(ended.status.success());
+    }
+}
+
+#[test]
+fn two_ranks_in_each_language_show_what_one_in_rust_does() {
+    let (recorder, folder) = (Recorder::start(), tempfile::tempdir().unwrap());
+    let expected = recorder.record(push_blob);
+    assert!(expected.iter().all(|(_, bytes)| bytes.len() > 1000), "nothing to compare");
+
+    let c = compile(&["cc", "-std=c11"], &["proto/client/c/blob.c"], folder.path());
+    let fortran = ["proto/client/fortran/lamina.f90", "proto/client/fortran/blob.f90"];
+    let fortran = compile(&["gfortran"], &fortran, folder.path());
+    let python = source("proto/client/python/blob.py");
+    for program in [&[c.as_path()][..], &[&fortran], &[Path::new("python3"), &python]] {
+        let recorded = recorder.record(|url| run_ranks(program, url));
+        let same = recorded == expected;
+        assert!(same, "{program:?} pushed something else");
+    }
+}
+
+#[test]
+fn what_a_simulation_in_c_gets_wrong_costs_it_a_code_and_a_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    let program = compile(&["cc", "-std=c11"], &["tests/languages/misuse.c"], folder.path());
+    let ended = Command::new(program).arg(format!("http://127.0.0.1:{}", free_port())).output().unwrap();
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stdout));
+}
+
+#[test]
+fn python_raises_what_its_users_catch() {
+    let script = "
+import array, lamina, sys
+def raises(kind, words, call):
+    try:
+        call()
+    except kind as error:
+        assert words in str(error), error
+    else:
+        sys.exit(f'nothing raised that says {words}')
+client = lambda **k: lamina.Client('run', 'f', **{'dims': (4, 3, 2), 'type': 'float32', 'generator': sys.argv[1], **k})
+raises(ValueError, 'float31 is none of', lambda: client(type='float31'))
+raises(ValueError, 'grid', lambda: client(dims=(4, 0, 2)))
+run = client()
+values = memoryview(array.array('f', bytes(96))).cast('B')
+raises(ValueError, '1 axes', lambda: run.push(0, 0.0, values))
+raises(ValueError, 'float64 voxels of f; the run has float32', lambda: run.push(0, 0.0, values.cast('d', (2, 3, 2))))
+raises(TypeError, '', lambda: run.push(0, 0.0, [[[0.0]]]))
+raises(ConnectionError, 'not reachable', lambda: run.push(0, 0.0, values.cast('f', (4, 3, 2))))
+assert run.close().run_dropped_steps == -1
+";
+    let ended = Command::new("python3")
+        .args(["-c", script, &format!("http://127.0.0.1:{}", free_port())])
+        .env("PYTHONPATH", source("proto/client/python"))
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .env("LAMINA_LIBRARY", library())
+        .output()
+        .unwrap();
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+}
