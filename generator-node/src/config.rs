@@ -14,6 +14,8 @@ pub struct Config {
     pub listen: SocketAddr,
     /// Bytes for time steps: those that arrive, wait, and are worked on. Decides admission.
     pub memory_bytes: u64,
+    /// The most whole time steps that wait for their turn: so many the viewers may be behind.
+    pub waiting_steps: u32,
     /// Bytes of encoded frames kept for viz-nodes that connect late or again.
     pub history_bytes: u64,
     /// Seconds without a push after which another run may take the node over.
@@ -61,6 +63,7 @@ impl Default for Config {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 7101)),
             memory_bytes: 2 << 30,
+            waiting_steps: 32,
             history_bytes: 256 << 20,
             idle_secs: 30.0,
             reference_every: 1,
@@ -100,6 +103,9 @@ impl Config {
                 "memory_bytes",
                 format!("{} is too small for any step; give 1048576 or more", self.memory_bytes),
             ));
+        }
+        if self.waiting_steps == 0 {
+            return Err(Invalid::new("waiting_steps", "0: no step could wait for its turn; give 1 or more"));
         }
         Ok(self)
     }

@@ -27,6 +27,7 @@ use tokio::net::TcpListener;
 pub async fn run(config: Config, backend: Backend, listener: TcpListener, shutdown: Shutdown) -> Result<(), NodeError> {
     let ingest = Arc::new(ingest::Ingest::new(
         config.memory_bytes,
+        config.waiting_steps as usize,
         Duration::from_secs_f64(config.idle_secs),
         config.scene.clone(),
     ));

@@ -46,7 +46,7 @@ int main(int argc, char **argv) {
     expect("no points", lamina_connect(&run, &client), LAMINA_INVALID, "grid");
     run = right(argv[1]);
     run.dims[0] = run.dims[1] = UINT64_MAX;
-    expect("absurdly many points", lamina_connect(&run, &client), LAMINA_INVALID, "grid");
+    expect("absurdly many points", lamina_connect(&run, &client), LAMINA_INVALID, "dims");
     run = right(argv[1]);
     run.spacing[2] = -1;
     expect("a negative spacing", lamina_connect(&run, &client), LAMINA_INVALID, "grid");
@@ -83,7 +83,7 @@ int main(int argc, char **argv) {
     expect("an empty brick", lamina_push(client, 1, 0, &brick), LAMINA_INVALID, "is none");
     brick = whole;
     brick.dims[0] = brick.dims[1] = brick.dims[2] = UINT64_MAX;
-    expect("a brick beyond counting", lamina_push(client, 1, 0, &brick), LAMINA_INVALID, "is none");
+    expect("a brick beyond counting", lamina_push(client, 1, 0, &brick), LAMINA_INVALID, "beyond counting");
     brick = whole;
     brick.dims[0] = (uint64_t)1 << 62;
     expect("a brick beyond memory", lamina_push(client, 1, 0, &brick), LAMINA_INVALID, "brick");
@@ -91,14 +91,22 @@ int main(int argc, char **argv) {
     brick.strides[0] = 1;
     expect("strides of which some are 0", lamina_push(client, 1, 0, &brick), LAMINA_INVALID, "is none");
     brick = whole;
+    brick.strides[0] = brick.strides[1] = 1;
+    brick.strides[2] = (uint64_t)-1;
+    expect("backwards", lamina_push(client, 1, 0, &brick), LAMINA_INVALID, "negative");
+    brick = whole;
+    brick.color_type = LAMINA_F32;
+    expect("a type of colours that the run does not name", lamina_push(client, 1, 0, &brick), LAMINA_INVALID, "color_field");
+    brick = whole;
     brick.colors = values;
     expect("colours that the run does not name", lamina_push(client, 1, 0, &brick), LAMINA_INVALID, "color_field");
 
     lamina_summary summary;
     lamina_close(NULL, &summary);
     lamina_close(client, &summary);
-    if (summary.pushed != 0 || summary.run_dropped_steps != -1) {
-        printf("pushed %d, dropped %d\n", (int)summary.pushed, (int)summary.run_dropped_steps);
+    /* All but the one without a client. */
+    if (summary.pushed != 0 || summary.lost != 12 || summary.run_dropped_steps != -1) {
+        printf("pushed %d, lost %d\n", (int)summary.pushed, (int)summary.lost);
         wrong = 1;
     }
     return wrong;

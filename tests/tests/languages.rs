@@ -3,10 +3,12 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
-use lamina_client::{Brick, Client, RunOptions};
+use lamina_client::{Brick, Client, RunOptions, VoxelSlice};
 use lamina_model::{Grid, VoxelType};
 use lamina_tests::processes::{Daemon, binary, free_port, wait_for};
 use std::collections::BTreeSet;
+use std::io::Read;
+use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -81,18 +83,25 @@ impl Recorder {
     }
 }
 
-/// As `blob` in the other languages says.
-fn push_blob(url: &str) {
-    let (dims, grid) = ([24, 20, 16], Grid::new([24, 20, 16], DVec3::splat(0.1), DVec3::ZERO).unwrap());
-    let mut client = Client::connect(RunOptions::new(url, "blob", "density", grid, VoxelType::F64)).unwrap();
+/// As `blob` in the other languages says, its fields of `voxel_type`, which `of` makes of doubles.
+fn push_blob<T>(url: &str, voxel_type: VoxelType, of: impl Fn(f64) -> T)
+where
+    for<'a> &'a Vec<T>: Into<VoxelSlice<'a>>,
+{
+    let (dims, origin) = ([24, 20, 16], DVec3::new(-1.2, -1.0, -0.8));
+    let grid = Grid::new(dims, DVec3::splat(0.1), origin).unwrap();
+    let options = RunOptions::new(url, "blob", "density", grid, voxel_type);
+    let options = RunOptions { color_field: Some(("heat".into(), voxel_type)), ..options };
+    let mut client = Client::connect(options).unwrap();
     for step in 0..STEPS {
-        let mut density = Vec::new();
+        let (mut density, mut heat) = (Vec::new(), Vec::new());
         for (k, j, i) in (0..16).flat_map(|k| (0..20).flat_map(move |j| (0..24).map(move |i| (k, j, i)))) {
-            let (x, y, z) =
-                (0.1 * f64::from(i) - 0.8 - 0.2 * step as f64, 0.1 * f64::from(j) - 1.0, 0.1 * f64::from(k) - 0.8);
-            density.push(1.0 / (1.0 + 9.0 * (x * x + y * y + z * z)));
+            let x = 0.1 * f64::from(i) - 0.8 - 0.2 * step as f64;
+            let (y, z) = (0.1 * f64::from(j) - 1.0, 0.1 * f64::from(k) - 0.8);
+            density.push(of(1.0 / (1.0 + 9.0 * (x * x + y * y + z * z))));
+            heat.push(of(x + step as f64));
         }
-        client.push(step, 0.1 * step as f64, &Brick::new([0; 3], dims, &density)).unwrap();
+        client.push(step, 0.1 * step as f64, &Brick::new([0; 3], dims, &density).with_colors(&heat)).unwrap();
     }
     assert_eq!(client.close().pushed, STEPS);
 }
@@ -116,7 +125,7 @@ fn run_ranks(program: &[&Path], url: &str) {
 #[test]
 fn two_ranks_in_each_language_show_what_one_in_rust_does() {
     let (recorder, folder) = (Recorder::start(), tempfile::tempdir().unwrap());
-    let expected = recorder.record(push_blob);
+    let expected = recorder.record(|url| push_blob(url, VoxelType::F64, |x| x));
     assert!(expected.iter().all(|(_, bytes)| bytes.len() > 1000), "nothing to compare");
 
     let c = compile(&["cc", "-std=c11"], &["proto/client/c/blob.c"], folder.path());
@@ -125,9 +134,56 @@ fn two_ranks_in_each_language_show_what_one_in_rust_does() {
     let python = source("proto/client/python/blob.py");
     for program in [&[c.as_path()][..], &[&fortran], &[Path::new("python3"), &python]] {
         let recorded = recorder.record(|url| run_ranks(program, url));
-        let same = recorded == expected;
-        assert!(same, "{program:?} pushed something else");
+        assert!(recorded == expected, "{program:?} pushed something else");
     }
+
+    // The same simulation in single precision, for which the Fortran module has code of its own.
+    let text = std::fs::read_to_string(source("proto/client/fortran/blob.f90")).unwrap();
+    let single = folder.path().join("single.f90");
+    let fields = "real(real64), allocatable :: density(:, :, :), heat(:, :, :)";
+    assert!(text.contains(fields));
+    let text = text.replace(fields, &fields.replace("real64", "real32")).replace("lamina_f64", "lamina_f32");
+    let text = text
+        .replace("only: real64,", "only: real32, real64,")
+        .replace("= 1 / (1 + 9 * (x * x + y * y + z * z))", "= real(1 / (1 + 9 * (x * x + y * y + z * z)), real32)")
+        .replace("= x + step", "= real(x + step, real32)");
+    std::fs::write(&single, text).unwrap();
+    let fortran = compile(&["gfortran"], &["proto/client/fortran/lamina.f90", single.to_str().unwrap()], folder.path());
+    let expected = recorder.record(|url| push_blob(url, VoxelType::F32, |x| x as f32));
+    let recorded = recorder.record(|url| run_ranks(&[&fortran], url));
+    assert!(recorded == expected, "single precision");
+}
+
+/// A node that reads a little of what is sent and leaves, again and again.
+fn leaver() -> SocketAddr {
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+    let address = listener.local_addr().unwrap();
+    std::thread::spawn(move || {
+        for stream in listener.incoming() {
+            let mut stream = stream.unwrap();
+            stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
+            while stream.read(&mut [0; 4096]).is_ok_and(|n| n > 0) {}
+        }
+    });
+    address
+}
+
+#[test]
+fn a_node_that_leaves_or_does_not_answer_ends_no_simulation() {
+    let folder = tempfile::tempdir().unwrap();
+    let program = compile(&["cc", "-std=c11"], &["tests/languages/left.c"], folder.path());
+    // Listens, and never says a word.
+    let mute = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+    let urls = [leaver(), mute.local_addr().unwrap()].map(|address| format!("http://{address}"));
+    let ended = Command::new(program).args(urls).output().unwrap();
+    assert!(ended.status.success(), "{:?} {}", ended.status, String::from_utf8_lossy(&ended.stdout));
+}
+
+#[test]
+fn the_header_is_one_of_cpp_too() {
+    let header = source("proto/client/c/lamina.h");
+    let strict = ["-x", "c++", "-std=c++11", "-fsyntax-only", "-Wall", "-Wextra", "-pedantic", "-Werror"];
+    assert!(Command::new("c++").args(strict).arg(header).status().expect("a C++ compiler").success());
 }
 
 #[test]
@@ -141,7 +197,7 @@ fn what_a_simulation_in_c_gets_wrong_costs_it_a_code_and_a_sentence() {
 #[test]
 fn python_raises_what_its_users_catch() {
     let script = "
-import array, lamina, sys
+import array, ctypes, lamina, os, sys
 def raises(kind, words, call):
     try:
         call()
@@ -158,7 +214,28 @@ raises(ValueError, '1 axes', lambda: run.push(0, 0.0, values))
 raises(ValueError, 'float64 voxels of f; the run has float32', lambda: run.push(0, 0.0, values.cast('d', (2, 3, 2))))
 raises(TypeError, '', lambda: run.push(0, 0.0, [[[0.0]]]))
 raises(ConnectionError, 'not reachable', lambda: run.push(0, 0.0, values.cast('f', (4, 3, 2))))
-assert run.close().run_dropped_steps == -1
+raises(ValueError, '-1 is negative', lambda: run.push(-1, 0.0, values.cast('f', (4, 3, 2))))
+raises(ValueError, 'negative', lambda: run.push(1, 0.0, values.cast('f', (4, 3, 2)), start=(0, -1, 0)))
+raises(ValueError, '2 numbers', lambda: run.push(1, 0.0, values.cast('f', (4, 3, 2)), start=(0, 0)))
+scalar, b, three = ctypes.c_float(1), lamina._Buffer(), ctypes.c_ssize_t * 3
+shape, strides = three(4, 3, 2), three(0, 0, 4)
+b.buf, b.len, b.itemsize, b.ndim, b.format = ctypes.addressof(scalar), 96, 4, 3, b'f'
+b.shape, b.strides = ctypes.cast(shape, type(b.shape)), ctypes.cast(strides, type(b.strides))
+broadcast = ctypes.pythonapi.PyMemoryView_FromBuffer
+broadcast.restype = ctypes.py_object
+raises(ValueError, 'strides', lambda: run.push(1, 0.0, broadcast(ctypes.byref(b))))
+raises(ValueError, 'laid out', lambda: run.push(1, 0.0, values.cast('f', (4, 3, 2)), colors=values.cast('f', (2, 3, 4))))
+if hasattr(os, 'fork'):
+    child = os.fork()
+    if child == 0:
+        raises(ValueError, 'forked', lambda: run.push(1, 0.0, values.cast('f', (4, 3, 2))))
+        run.close()
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+for _ in range(2):
+    ended = run.close()
+    assert (ended.pushed, ended.lost, ended.run_dropped_steps) == (0, 4, -1), ended.lost
+raises(ValueError, 'client', lambda: run.push(9, 0.0, values.cast('f', (4, 3, 2))))
 ";
     let ended = Command::new("python3")
         .args(["-c", script, &format!("http://127.0.0.1:{}", free_port())])

@@ -1,64 +1,14 @@
-//! Runs and admission, as a plain state machine: no lock, no waiting, no sockets.
+//! Admission of steps, as a plain state machine: no lock, no waiting, no sockets.
 //!
 //! Memory is decided before a byte is copied: a step is admitted with its whole grid's bytes or not at all.
 
+use super::run::{Offer, Run, RunSpec};
 use super::{Brick, assembly::Assembly, brick};
-use lamina_model::{ColorField, Grid, Invalid, Scene, Volume, VoxelType};
+use lamina_model::{Invalid, Volume};
 use lamina_wire::v1::FullPolicy;
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 use tonic::Status;
-
-/// What a simulation says when it opens a run; the same from every rank.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RunSpec {
-    /// The run's name, chosen by the user.
-    pub name: String,
-    /// What the scalar is.
-    pub field: String,
-    /// The whole grid.
-    pub grid: Grid,
-    /// Type of the voxels.
-    pub voxel_type: VoxelType,
-    /// Name and type of a second field, for colours.
-    pub color_field: Option<(String, VoxelType)>,
-    /// Number of ranks, each with its own brick.
-    pub ranks: u32,
-    /// What happens when memory is full.
-    pub full_policy: FullPolicy,
-    /// How to show it, if the simulation or the node's configuration says.
-    pub scene: Option<Scene>,
-}
-
-impl RunSpec {
-    /// Bytes of one sample point, of both fields.
-    fn point_bytes(&self) -> usize {
-        self.voxel_type.size_bytes() + self.color_field.as_ref().map_or(0, |(_, t)| t.size_bytes())
-    }
-
-    fn step_bytes(&self) -> u64 {
-        self.grid.voxels() as u64 * self.point_bytes() as u64
-    }
-
-    /// Bytes besides waiting steps: one step's bricks and joined volume, and three fields (in work, newest, in trials), each
-    /// with its colours.
-    fn working_bytes(&self) -> u64 {
-        let fields = 3 * (1 + u64::from(self.color_field.is_some()));
-        2 * self.step_bytes() + fields * 4 * self.grid.voxels() as u64
-    }
-}
-
-struct Run {
-    id: String,
-    spec: RunSpec,
-    attached: BTreeSet<u32>,
-    closed: BTreeSet<u32>,
-    last_step: Vec<Option<u64>>,
-    steps: BTreeMap<u64, Assembly>,
-    dropped: BTreeSet<u64>,
-    dropped_steps: u64,
-    last_heard: Instant,
-}
 
 /// A step with all its bricks, to be made into a VDI.
 pub struct CompleteStep {
@@ -95,21 +45,6 @@ impl CompleteStep {
     }
 }
 
-/// A brick that a rank would push, as it announces it.
-#[derive(Debug, Clone, Copy)]
-pub struct Offer {
-    /// The step.
-    pub step: u64,
-    /// Simulation time.
-    pub time: f64,
-    /// Whose brick.
-    pub rank: u32,
-    /// First sample point.
-    pub start: [u64; 3],
-    /// Sample points per axis.
-    pub dims: [u64; 3],
-}
-
 /// The answer to a rank that wants to push.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Admit {
@@ -124,6 +59,7 @@ pub enum Admit {
 /// All ingest state.
 pub struct Core {
     memory_bytes: u64,
+    waiting_steps: usize,
     idle: Duration,
     used_bytes: u64,
     run: Option<Run>,
@@ -131,9 +67,9 @@ pub struct Core {
 }
 
 impl Core {
-    /// No run yet; `memory_bytes` for steps, a run silent for `idle` may be replaced.
-    pub fn new(memory_bytes: u64, idle: Duration) -> Self {
-        Self { memory_bytes, idle, used_bytes: 0, run: None, queue: VecDeque::new() }
+    /// No run yet; `memory_bytes` for steps, of which `waiting_steps` may wait whole; a run silent for `idle` may be replaced.
+    pub fn new(memory_bytes: u64, waiting_steps: usize, idle: Duration) -> Self {
+        Self { memory_bytes, waiting_steps, idle, used_bytes: 0, run: None, queue: VecDeque::new() }
     }
 
     /// Attaches `rank` to the run it describes; `resume` is the id it had before this node was restarted, or empty, and
@@ -146,12 +82,16 @@ impl Core {
         fresh_id: String,
         now: Instant,
     ) -> Result<String, Status> {
-        check_spec(&spec, rank, self.memory_bytes)?;
+        spec.check(rank, self.memory_bytes)?;
         if let Some(run) = &mut self.run {
             let resumes = !resume.is_empty() && run.id == resume;
             // Late ranks, and those whose id is from before another rank opened the run anew: ranks meet in one run.
             let same_name = run.spec.name == spec.name;
-            let joins = same_name && !run.attached.contains(&rank) && !run.ended();
+            let (silent, idle) = (now.duration_since(run.last_heard), self.idle);
+            let over = run.ended() || (silent >= idle && run.is_left());
+            // Late ranks of a run that others have left are waited for, but not against another run.
+            let replaceable = run.is_left() && run.spec != spec;
+            let joins = same_name && !run.attached.contains(&rank) && !over && !replaceable;
             if (resumes || joins) && run.spec != spec {
                 let name = &spec.name;
                 return Err(Status::failed_precondition(format!(
@@ -164,8 +104,7 @@ impl Core {
                 run.last_heard = now;
                 return Ok(run.id.clone());
             }
-            let silent = now.duration_since(run.last_heard);
-            let live = !run.ended() && silent < self.idle;
+            let live = !over && !replaceable && silent < idle;
             if live && same_name && !resume.is_empty() {
                 return Err(Status::failed_precondition(format!(
                     "run \"{}\": rank {rank} comes with id \"{resume}\", but a newer start of the simulation serves this rank as \"{}\"; stop one of the two",
@@ -177,25 +116,13 @@ impl Core {
                     "this generator-node serves run \"{}\", last heard {:.0} s ago; close that run, wait until it is silent for {:.0} s, or use another node",
                     run.spec.name,
                     silent.as_secs_f64(),
-                    self.idle.as_secs_f64()
+                    idle.as_secs_f64()
                 )));
             }
         }
         self.abandon_run();
         let id = if resume.is_empty() { fresh_id } else { resume.to_owned() };
-        let last_step = vec![None; spec.ranks as usize];
-        let run = Run {
-            id: id.clone(),
-            spec,
-            attached: BTreeSet::from([rank]),
-            closed: BTreeSet::new(),
-            last_step,
-            steps: BTreeMap::new(),
-            dropped: BTreeSet::new(),
-            dropped_steps: 0,
-            last_heard: now,
-        };
-        self.run = Some(run);
+        self.run = Some(Run::new(id.clone(), spec, rank, now));
         Ok(id)
     }
 
@@ -231,7 +158,7 @@ impl Core {
             self.run(run_id)?.drop_step(passed);
         }
         if !self.run(run_id)?.steps.contains_key(&step) {
-            while self.used_bytes + need + working > self.memory_bytes {
+            while self.used_bytes + need + working > self.memory_bytes || self.queue.len() >= self.waiting_steps {
                 if policy == FullPolicy::DropNewest {
                     let run = self.run(run_id)?;
                     run.last_step[rank as usize] = Some(step);
@@ -340,7 +267,7 @@ impl Core {
         Some(step)
     }
 
-    /// Detaches `rank`; gives the number of steps dropped.
+    /// Detaches `rank`; gives the number of steps dropped and, once nobody is there, of those that lack a brick.
     pub fn close(&mut self, run_id: &str, rank: u32) -> Result<u64, Status> {
         let run = self.run(run_id)?;
         // A rank that closed does not join again: who comes in its place is a new start of the simulation.
@@ -354,88 +281,7 @@ impl Core {
                 self.run(run_id)?.drop_step(step);
             }
         }
-        Ok(self.run(run_id)?.dropped_steps)
+        let run = self.run(run_id)?;
+        Ok(run.dropped_steps + if run.is_left() { run.steps.len() as u64 } else { 0 })
     }
-}
-
-/// Dropped steps remembered so that their other ranks' bricks are dropped too.
-const REMEMBERED_DROPS: usize = 1024;
-
-impl Run {
-    /// All its ranks have been here and closed. One that was not yet is waited for: ranks may start far apart.
-    fn ended(&self) -> bool {
-        self.closed.len() == self.spec.ranks as usize
-    }
-
-    /// Counts `step` as dropped, once however many ranks still bring their bricks of it.
-    fn drop_step(&mut self, step: u64) {
-        let full = self.dropped.len() == REMEMBERED_DROPS;
-        let forgotten = full && self.dropped.first().is_some_and(|&oldest| step < oldest);
-        if forgotten || !self.dropped.insert(step) {
-            return;
-        }
-        self.dropped_steps += 1;
-        if full {
-            self.dropped.pop_first();
-        }
-    }
-
-    /// True if `step` was dropped, or if nothing of it is here though some rank is past it: steps ascend.
-    fn cannot_complete(&self, step: u64) -> bool {
-        let passed = || self.last_step.iter().any(|last| last.is_some_and(|last| last >= step));
-        self.dropped.contains(&step) || !self.steps.contains_key(&step) && passed()
-    }
-
-    /// An incomplete step that lacks the brick of `rank`, which is at `step` now: its memory is better used.
-    fn passed_by(&self, rank: u32, step: u64) -> Option<u64> {
-        self.steps.range(..step).find(|(_, assembly)| !assembly.has(rank)).map(|(passed, _)| *passed)
-    }
-
-    fn check_push(&self, offer: &Offer) -> Result<Brick, Status> {
-        let Offer { step, time, rank, start, dims } = *offer;
-        if rank >= self.spec.ranks {
-            return Err(Status::invalid_argument(format!(
-                "rank {rank}: the run has {} ranks, counted from 0",
-                self.spec.ranks
-            )));
-        }
-        if !time.is_finite() {
-            return Err(Status::invalid_argument(format!("step {step}: time {time} must be finite")));
-        }
-        if let Some(last) = self.last_step[rank as usize]
-            && step <= last
-        {
-            return Err(Status::invalid_argument(format!(
-                "rank {rank}: step {step} after step {last}; steps must ascend"
-            )));
-        }
-        Brick::new(start, dims, &self.spec.grid).map_err(|e| lamina_wire::invalid(&e))
-    }
-}
-
-fn check_spec(spec: &RunSpec, rank: u32, memory_bytes: u64) -> Result<(), Status> {
-    if spec.name.is_empty() || spec.name.len() > 200 || spec.field.len() > 200 {
-        return Err(Status::invalid_argument("run name and field name must have 1 to 200 bytes"));
-    }
-    if spec.ranks == 0 || spec.ranks > 1 << 20 || rank >= spec.ranks {
-        let ranks = spec.ranks;
-        return Err(Status::invalid_argument(format!(
-            "rank {rank} of {ranks}: ranks must be 1 to 1048576, counted from 0"
-        )));
-    }
-    let second = spec.color_field.as_ref().map(|(name, _)| name.as_str());
-    let named = second.map_or(Ok(()), ColorField::check_name);
-    named.map_err(|e| lamina_wire::invalid(&e))?;
-    let shown = spec.scene.as_ref().map_or(Ok(()), |scene| scene.check_second_field(second));
-    shown.map_err(|e| lamina_wire::invalid(&e))?;
-    let need = spec.step_bytes().saturating_add(spec.working_bytes());
-    if need > memory_bytes {
-        let dims = spec.grid.dims();
-        let second = spec.color_field.as_ref().map_or_else(String::new, |(_, t)| format!(" and {t}"));
-        return Err(Status::resource_exhausted(format!(
-            "a grid of {dims:?} {}{second} voxels needs {need} bytes, this generator-node has {memory_bytes}; raise memory_bytes in its configuration",
-            spec.voxel_type
-        )));
-    }
-    Ok(())
 }

@@ -3,10 +3,12 @@
 mod assembly;
 mod brick;
 mod core;
+mod run;
 mod service;
 #[cfg(test)]
 mod tests;
 
 pub use brick::Brick;
-pub use core::{Admit, CompleteStep, Core, Offer, RunSpec};
+pub use core::{Admit, CompleteStep, Core};
+pub use run::{Offer, RunSpec};
 pub use service::{Ingest, IngestService};

@@ -22,8 +22,8 @@ pub struct Ingest {
 
 impl Ingest {
     /// Empty state.
-    pub fn new(memory_bytes: u64, idle: Duration, default_scene: Option<Scene>) -> Self {
-        let core = Mutex::new(Core::new(memory_bytes, idle));
+    pub fn new(memory_bytes: u64, waiting_steps: usize, idle: Duration, default_scene: Option<Scene>) -> Self {
+        let core = Mutex::new(Core::new(memory_bytes, waiting_steps, idle));
         Self { core, default_scene, room: Notify::new(), ready: Notify::new() }
     }
 

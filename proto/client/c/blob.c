@@ -1,5 +1,5 @@
-/* A blob that drifts, pushed in slabs by as many ranks as one likes: blob URL RANK RANKS. The field lies inside of one
- * layer of ghost cells, and is read from there. */
+/* A blob that drifts, coloured by its heat, pushed in slabs by 1 to 16 ranks: blob URL RANK RANKS. The fields lie inside of
+ * one layer of ghost cells, and are read from there. */
 #include "lamina.h"
 
 #include <stdio.h>
@@ -8,7 +8,7 @@
 enum { NX = 24, NY = 20, NZ = 16, STEPS = 3 };
 
 /* x fastest; index 0 is a ghost cell. */
-static double density[NZ + 2][NY + 2][NX + 2];
+static double density[NZ + 2][NY + 2][NX + 2], heat[NZ + 2][NY + 2][NX + 2];
 
 int main(int argc, char **argv) {
     if (argc != 4) {
@@ -24,32 +24,34 @@ int main(int argc, char **argv) {
         .field = "density",
         .dims = {NX, NY, NZ},
         .spacing = {0.1, 0.1, 0.1},
+        .origin = {-1.2, -1.0, -0.8},
         .type = LAMINA_F64,
+        .color_field = "heat",
+        .color_type = LAMINA_F64,
         .rank = (uint32_t)rank,
         .ranks = (uint32_t)ranks,
     };
     lamina_client *client;
-    if (lamina_connect(&run, &client) < 0) {
-        fprintf(stderr, "not shown: %s\n", lamina_error());
-        return 1;
-    }
+    if (lamina_connect(&run, &client) < 0) fprintf(stderr, "not shown: %s\n", lamina_error());
     for (int step = 0; step < STEPS; step++) {
         for (int k = first; k < beyond; k++)
             for (int j = 0; j < NY; j++)
                 for (int i = 0; i < NX; i++) {
                     double x = 0.1 * i - 0.8 - 0.2 * step, y = 0.1 * j - 1.0, z = 0.1 * k - 0.8;
                     density[k - first + 1][j + 1][i + 1] = 1.0 / (1.0 + 9.0 * (x * x + y * y + z * z));
+                    heat[k - first + 1][j + 1][i + 1] = x + step;
                 }
         lamina_brick brick = {
             .start = {0, 0, (uint64_t)first},
             .dims = {NX, NY, (uint64_t)(beyond - first)},
             .strides = {1, NX + 2, (NX + 2) * (NY + 2)},
             .voxels = &density[1][1][1],
+            .colors = &heat[1][1][1],
         };
         if (lamina_push(client, (uint64_t)step, 0.1 * step, &brick) < 0)
             fprintf(stderr, "step %d not shown: %s\n", step, lamina_error());
     }
-    lamina_summary summary;
+    lamina_summary summary = {0};
     lamina_close(client, &summary);
     printf("pushed %d dropped %d lost %d\n", (int)summary.pushed, (int)summary.dropped, (int)summary.lost);
     return 0;

@@ -1,9 +1,11 @@
 /* What a simulation in C or C++ links to hand its time steps to a Lamina generator-node:
  *
- *     cc simulation.c -Iproto/client/c -Ltarget/release -llamina_c
+ *     cargo build --release -p lamina-c        # makes target/release/liblamina_c.so
+ *     cc simulation.c -Iproto/client/c -Ltarget/release -llamina_c -Wl,-rpath,$PWD/target/release
  *
- * Nothing here ends the process, and nothing waits longer than the run's deadline: a node that is dead or stuck costs an
- * error code and a counted lost step, and is tried again by itself. One thread at a time may use a connection. */
+ * Nothing here ends the process, takes its signals, or waits longer than the run's deadline: a node that is dead or stuck
+ * costs an error code and a counted lost step, and is tried again by itself. A simulation goes on whatever a call says.
+ * One thread at a time may use a connection, of the process that opened it. */
 #ifndef LAMINA_H
 #define LAMINA_H
 
@@ -44,7 +46,7 @@ typedef struct {
     int32_t color_type;      /* of the second field's; needed with one */
     const char *color_field; /* name of a second field that a scene may take its colours from; default none */
     uint32_t rank;           /* of this process, from 0 */
-    uint32_t ranks;          /* processes that push bricks of every step; default 1 */
+    uint32_t ranks;          /* processes that push bricks of every step, all that hold some; default 1 */
     int32_t full_policy;     /* default LAMINA_DROP_OLDEST: the simulation never waits for the viewer */
     double deadline_secs;    /* the longest any call may take; default 5 */
 } lamina_options;
@@ -53,7 +55,8 @@ typedef struct {
 typedef struct {
     uint64_t start[3];       /* index of its first sample point in the run's grid, x, y, z */
     uint64_t dims[3];        /* sample points along x, y, z */
-    uint64_t strides[3];     /* how far neighbours along x, y, z lie apart in memory, in voxels; all 0: without gaps, x fastest */
+    uint64_t strides[3];     /* how far neighbours along x, y, z lie apart in memory, in voxels, forwards; all 0: without gaps,
+                                x fastest */
     const void *voxels;      /* the first of them */
     const void *colors;      /* the first of the second field's, laid out alike; or NULL */
     int32_t type;            /* of the voxels; default the run's. Another is refused */
@@ -65,7 +68,7 @@ typedef struct {
     uint64_t pushed;           /* handed over */
     uint64_t dropped;          /* not taken by the node, by the run's policy */
     uint64_t lost;             /* could not be handed over */
-    int64_t run_dropped_steps; /* steps of all ranks that were dropped or left incomplete; -1 if the node did not answer */
+    int64_t run_dropped_steps; /* steps of all ranks dropped or left incomplete so far; -1 if the node did not answer */
 } lamina_summary;
 
 /* A connection. */
@@ -75,8 +78,8 @@ typedef struct lamina_client lamina_client;
  * refuses them. A node that is not there yet is no error: it is tried again with the next pushes. */
 int32_t lamina_connect(const lamina_options *run, lamina_client **client);
 
-/* Hands in this rank's brick of `step`, steps ascending, at simulation time `time`. LAMINA_ADMITTED, LAMINA_DROPPED or, if
- * the step is lost, an error; the simulation may go on in any case. */
+/* Hands in this rank's brick of `step`, steps ascending from 0 or more, at simulation time `time`. LAMINA_ADMITTED,
+ * LAMINA_DROPPED or, if the step is lost, an error; without a client (NULL) always one. */
 int32_t lamina_push(lamina_client *client, uint64_t step, double time, const lamina_brick *brick);
 
 /* Ends this rank's part of the run and frees the connection; NULL is ignored. `summary` may be NULL. */

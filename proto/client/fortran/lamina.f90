@@ -1,8 +1,9 @@
 ! What a simulation in Fortran links to hand its time steps to a Lamina generator-node; lamina.h has what every function means.
 !
-!     gfortran proto/client/fortran/lamina.f90 simulation.f90 -Ltarget/release -llamina_c
+!     gfortran proto/client/fortran/lamina.f90 simulation.f90 -Ltarget/release -llamina_c -Wl,-rpath,$PWD/target/release
 !
-! Arrays may be sections: rho(1:nx, 1:ny, 1:nz) without its ghost cells is read where it is, not copied.
+! Arrays may be sections, forwards: rho(1:nx, 1:ny, 1:nz) without its ghost cells is read where it is, not copied. One thread at
+! a time may use a connection: call it outside of parallel regions.
 module lamina
     use, intrinsic :: iso_c_binding
     implicit none

@@ -8,12 +8,13 @@
 
 Arrays are anything with the buffer protocol, NumPy's among them, with axes in the order x, y, z; whatever their strides
 (ghost cells, transposed views), they are read where they are, not copied. The library, liblamina_c, is looked for at the path in
-the environment variable LAMINA_LIBRARY, then where the system keeps libraries.
+the environment variable LAMINA_LIBRARY, then where the system looks for libraries. Connect after forking, not before.
 """
 
 import ctypes
-import ctypes.util
 import os
+import sys
+import threading
 
 TYPES = {"uint8": 1, "uint16": 2, "int16": 3, "float16": 4, "float32": 5, "float64": 6}
 POLICIES = {"drop oldest": 0, "drop newest": 1, "block": 2}
@@ -95,15 +96,16 @@ class _View:
         get(self.array, ctypes.byref(self.buffer), self.STRIDED_WITH_FORMAT)
         try:
             b = self.buffer
-            letters = (b.format or b"B").decode().lstrip("@=" + ("<" if os.sys.byteorder == "little" else ">"))
+            letters = (b.format or b"B").decode().lstrip("@=" + ("<" if sys.byteorder == "little" else ">"))
             if b.ndim != 3 or letters not in _FORMATS:
                 raise ValueError(f"{b.ndim} axes of '{letters}'; three are needed, of {', '.join(TYPES)}")
             self.type = TYPES[_FORMATS[letters]]
             self.dims = list(b.shape[:3])
-            self.strides = [0 if n == 1 else s for n, s in zip(self.dims, b.strides[:3])]
-            if any(s < 0 or s % b.itemsize for s in self.strides):
-                raise ValueError(f"strides of {b.strides[:3]} bytes; positive multiples of {b.itemsize} are needed")
-            self.strides = [s // b.itemsize or 1 for s in self.strides]
+            # Of an axis of one there is no next.
+            strides = [b.itemsize if n == 1 else s for n, s in zip(self.dims, b.strides[:3])]
+            if any(s <= 0 or s % b.itemsize for s in strides):
+                raise ValueError(f"strides of {strides} bytes; positive multiples of {b.itemsize} are needed")
+            self.strides = [s // b.itemsize for s in strides]
         except ValueError:
             self.__exit__()
             raise
@@ -113,11 +115,25 @@ class _View:
         ctypes.pythonapi.PyBuffer_Release(ctypes.byref(self.buffer))
 
 
+def _three(kind, thing, values):
+    values = list(values)
+    if len(values) != 3:
+        raise ValueError(f"{thing}: {len(values)} numbers; three are needed, for x, y, z")
+    return (kind * 3)(*values)
+
+
+def _known(table, name):
+    if name not in table:
+        raise ValueError(f"{name} is none of {', '.join(table)}")
+    return table[name]
+
+
 def _library():
-    path = os.environ.get("LAMINA_LIBRARY") or ctypes.util.find_library("lamina_c")
-    if not path:
-        raise OSError("liblamina_c is not found; name it in LAMINA_LIBRARY, such as target/release/liblamina_c.so")
-    library = ctypes.CDLL(path)
+    name = {"darwin": "liblamina_c.dylib", "win32": "lamina_c.dll"}.get(sys.platform, "liblamina_c.so")
+    try:
+        library = ctypes.CDLL(os.environ.get("LAMINA_LIBRARY") or name)
+    except OSError as error:
+        raise OSError(f"{error}; name the library in LAMINA_LIBRARY, such as target/release/{name}") from None
     library.lamina_connect.argtypes = [ctypes.POINTER(_Options), ctypes.POINTER(ctypes.c_void_p)]
     library.lamina_push.argtypes = [ctypes.c_void_p, ctypes.c_uint64, ctypes.c_double, ctypes.POINTER(_Brick)]
     library.lamina_close.argtypes = [ctypes.c_void_p, ctypes.POINTER(Summary)]
@@ -127,7 +143,8 @@ def _library():
 
 
 class Client:
-    """A connection to a generator-node. ValueError if the run cannot be right, OSError if the node refuses it."""
+    """A connection to a generator-node. ValueError if the run cannot be right, OSError if the node refuses it; the
+    simulation may go on without."""
 
     def __init__(
         self,
@@ -145,23 +162,21 @@ class Client:
         full_policy="drop oldest",
         deadline_secs=5.0,
     ):
-        self._library = _library()
-        for value, known in ((type, TYPES), (color_type, TYPES), (full_policy, POLICIES)):
-            if value is not None and str(value) not in known:
-                raise ValueError(f"{value} is none of {', '.join(known)}")
+        self._library, self._lock, self._summary = _library(), threading.Lock(), None
+        type_name = lambda of: getattr(of, "__name__", str(of))
         options = _Options(
             generator.encode(),
             name.encode(),
             field.encode(),
-            (ctypes.c_uint64 * 3)(*dims),
-            (ctypes.c_double * 3)(*spacing),
-            (ctypes.c_double * 3)(*origin),
-            TYPES[str(type)],
-            TYPES[str(color_type)] if color_type else 0,
+            _three(ctypes.c_uint64, "dims", dims),
+            _three(ctypes.c_double, "spacing", spacing),
+            _three(ctypes.c_double, "origin", origin),
+            _known(TYPES, type_name(type)),
+            _known(TYPES, type_name(color_type)) if color_type else 0,
             color_field.encode() if color_field else None,
             rank,
             ranks,
-            POLICIES[full_policy],
+            _known(POLICIES, full_policy),
             deadline_secs,
         )
         self._client = ctypes.c_void_p()
@@ -172,9 +187,9 @@ class Client:
         and dropped the step, as the run's policy says. ValueError for what does not fit the run; OSError where the node
         refuses it, ConnectionError or TimeoutError where it cannot be reached: the step is lost, and the simulation may go
         on."""
-        brick = _Brick((ctypes.c_uint64 * 3)(*start))
+        brick = _Brick(_three(ctypes.c_uint64, "start", start))
         with _View(voxels) as v:
-            brick.dims, brick.strides = (ctypes.c_uint64 * 3)(*v.dims), (ctypes.c_uint64 * 3)(*v.strides)
+            brick.dims, brick.strides = _three(ctypes.c_uint64, "dims", v.dims), _three(ctypes.c_uint64, "strides", v.strides)
             brick.voxels, brick.type = v.buffer.buf, v.type
             if colors is None:
                 return self._push(step, time, brick)
@@ -185,7 +200,8 @@ class Client:
                 return self._push(step, time, brick)
 
     def _push(self, step, time, brick):
-        return self._check(self._library.lamina_push(self._client, step, time, ctypes.byref(brick))) == 0
+        with self._lock:
+            return self._check(self._library.lamina_push(self._client, step, time, ctypes.byref(brick))) == 0
 
     def _check(self, code):
         if code < 0:
@@ -194,10 +210,12 @@ class Client:
 
     def close(self):
         """Ends this rank's part of the run; what became of its bricks."""
-        summary = Summary()
-        self._library.lamina_close(self._client, ctypes.byref(summary))
-        self._client = None
-        return summary
+        with self._lock:
+            if self._summary is None:
+                self._summary = Summary(0, 0, 0, -1)
+                self._library.lamina_close(self._client, ctypes.byref(self._summary))
+                self._client = None
+            return self._summary
 
     def __enter__(self):
         return self

@@ -169,7 +169,7 @@ impl<'a> Brick<'a> {
             (None, None) => Ok(()),
             (Some(colors), Some((name, voxel_type))) => check(name, colors, *voxel_type),
             (None, Some((name, _))) => {
-                Err(Invalid::new("brick", format!("no voxels of {name}; add them by with_colors")))
+                Err(Invalid::new("brick", format!("no voxels of {name}, the second field that the run's options name")))
             }
             (Some(_), None) => {
                 let reason = "voxels of a second field, which the run's options do not name (color_field)";

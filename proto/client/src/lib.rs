@@ -18,11 +18,13 @@
 //! it is tried again, at intervals that grow to 5 s, steps are counted as lost without waiting.
 
 mod brick;
+mod driver;
 mod session;
 
 pub use brick::{Brick, VoxelSlice, dense, span};
 pub use lamina_wire::v1::FullPolicy;
 
+use driver::Driver;
 use lamina_model::{Grid, Invalid, Scene, VoxelType};
 use session::Session;
 use std::time::{Duration, Instant};
@@ -127,7 +129,7 @@ pub struct Summary {
 pub struct Client {
     options: RunOptions,
     endpoint: Endpoint,
-    runtime: tokio::runtime::Runtime,
+    driver: Driver,
     session: Option<Session>,
     run_id: String,
     summary: Summary,
@@ -152,18 +154,12 @@ impl Client {
         if endpoint.uri().scheme_str() != Some("http") || endpoint.uri().port().is_none() {
             return Err(Invalid::new("generator", format!("\"{}\"; write http://HOST:PORT", options.generator)).into());
         }
-        // One thread of its own: it answers the node's pings while the simulation computes, and sleeps otherwise.
-        let runtime = tokio::runtime::Builder::new_multi_thread()
-            .worker_threads(1)
-            .thread_name("lamina-client")
-            .enable_all()
-            .build()
-            .map_err(ClientError::Runtime)?;
+        let driver = Driver::start().map_err(ClientError::Runtime)?;
         let endpoint = endpoint.connect_timeout(options.deadline.min(Duration::from_secs(2))).tcp_nodelay(true);
         let mut client = Self {
             options,
             endpoint,
-            runtime,
+            driver,
             session: None,
             run_id: String::new(),
             summary: Summary::default(),
@@ -216,20 +212,15 @@ impl Client {
     fn try_push(&mut self, started: Instant, step: u64, time: f64, brick: &Brick) -> Result<Receipt, Status> {
         let Some(session) = &self.session else { return Err(Status::unavailable("not connected")) };
         let push = session.push(&self.run_id, self.options.rank, step, time, brick);
-        let deadline = self.remaining(started);
-        self.runtime
-            .block_on(async { tokio::time::timeout(deadline, push).await })
-            .unwrap_or_else(|_| Err(Status::deadline_exceeded("push")))
+        self.driver.within(self.remaining(started), push)
     }
 
     /// Ends this rank's part of the run; the numbers of what became of its bricks.
     pub fn close(mut self) -> Summary {
         if let Some(session) = self.session.take() {
             let close = session.close(&self.run_id, self.options.rank);
-            let deadline = self.options.deadline;
-            let closed = self.runtime.block_on(async { tokio::time::timeout(deadline, close).await });
-            match closed {
-                Ok(Ok(dropped_steps)) => self.summary.run_dropped_steps = Some(dropped_steps),
+            match self.driver.within(self.options.deadline, close) {
+                Ok(dropped_steps) => self.summary.run_dropped_steps = Some(dropped_steps),
                 _ => tracing::warn!("the generator-node did not hear of the run's end"),
             }
         }
@@ -253,10 +244,8 @@ impl Client {
         if Instant::now() < self.retry_at {
             return Err(self.unreachable());
         }
-        let (deadline, runtime) = (self.remaining(started), &self.runtime);
-        let open = Session::open(&self.endpoint, &self.options, &self.run_id);
-        let opened = runtime.block_on(async { tokio::time::timeout(deadline, open).await });
-        match opened.unwrap_or_else(|_| Err(Status::deadline_exceeded("open"))) {
+        let open = Session::open(self.endpoint.clone(), self.options.clone(), self.run_id.clone());
+        match self.driver.away(self.remaining(started), open) {
             Ok((session, run_id)) => {
                 (self.session, self.run_id, self.backoff) = (Some(session), run_id, FIRST_BACKOFF);
                 Ok(())

@@ -17,9 +17,8 @@ pub struct Session {
 
 impl Session {
     /// Connects and attaches; `run_id` is the one had before, or empty. Gives the run's id.
-    pub async fn open(endpoint: &Endpoint, options: &RunOptions, run_id: &str) -> Result<(Self, String), Status> {
+    pub async fn open(endpoint: Endpoint, options: RunOptions, run_id: String) -> Result<(Self, String), Status> {
         let channel = endpoint
-            .clone()
             .http2_keep_alive_interval(Duration::from_secs(5))
             // A stuck node is noticed while a blocking push waits, however long its deadline.
             .keep_alive_timeout(Duration::from_secs(10))
@@ -28,19 +27,18 @@ impl Session {
             .map_err(|e| Status::unavailable(innermost(&e)))?;
         let mut ingest = IngestClient::new(channel);
         let request = v1::OpenRequest {
-            name: options.name.clone(),
-            field: options.field.clone(),
+            name: options.name,
+            field: options.field,
             grid: Some((&options.grid).into()),
             voxel_type: v1::VoxelType::from(options.voxel_type).into(),
             ranks: options.ranks,
             rank: options.rank,
             full_policy: options.full_policy.into(),
             scene: options.scene.as_ref().map(Into::into),
-            resume_run_id: run_id.to_owned(),
-            color_field: options.color_field.as_ref().map(|(name, voxel_type)| v1::SecondField {
-                name: name.clone(),
-                voxel_type: v1::VoxelType::from(*voxel_type).into(),
-            }),
+            resume_run_id: run_id,
+            color_field: options
+                .color_field
+                .map(|(name, voxel_type)| v1::SecondField { name, voxel_type: v1::VoxelType::from(voxel_type).into() }),
         };
         let reply = ingest.open(request).await?.into_inner();
         let chunk_bytes = (reply.chunk_bytes as usize).clamp(1 << 12, lamina_wire::MAX_MESSAGE_BYTES / 2);

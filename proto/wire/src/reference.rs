@@ -6,7 +6,8 @@ use lamina_model::{Invalid, ReferenceSamples, SamplePlan};
 /// The announcement and the colours' bytes.
 pub fn encode(run_id: &str, samples: &ReferenceSamples) -> (v1::Reference, Vec<u8>) {
     let code = |c: &f32| ((c.clamp(0.0, 1.0) * 65535.0).round() as u16).to_le_bytes();
-    let bytes: Vec<u8> = samples.colors.iter().flatten().flatten().flat_map(code).collect();
+    let mut bytes = Vec::with_capacity(6 * samples.colors.iter().map(Vec::len).sum::<usize>());
+    bytes.extend(samples.colors.iter().flatten().flatten().flat_map(code));
     let reference = v1::Reference {
         run_id: run_id.to_owned(),
         step: samples.step,

@@ -51,6 +51,10 @@ pub struct Summary {
 /// `lamina_client` of the header.
 pub struct Connection {
     client: Client,
+    /// The process that opened it: a fork's child has its memory, but not its thread.
+    process: u32,
+    /// Pushes that never reached the client.
+    unfit: u64,
     voxel_type: VoxelType,
     color_type: Option<VoxelType>,
 }
@@ -112,9 +116,13 @@ fn voxel_type(thing: &'static str, code: i32) -> Result<VoxelType, ClientError> 
     known.ok_or_else(|| invalid(thing, format!("{code} is none of LAMINA_U8 (1) to LAMINA_F64 (6)")))
 }
 
+/// Numbers that C calls unsigned; what was negative in the simulation is refused as such.
 fn sizes(thing: &'static str, numbers: [u64; 3]) -> Result<[usize; 3], ClientError> {
-    let too_large = |n: u64| usize::try_from(n).is_err();
-    if numbers.into_iter().any(too_large) {
+    let signed = numbers.map(|n| n as i64);
+    if signed.iter().any(|&n| n < 0) {
+        return Err(invalid(thing, format!("{signed:?}: negative numbers, or some beyond counting")));
+    }
+    if numbers.iter().any(|&n| usize::try_from(n).is_err()) {
         return Err(invalid(thing, format!("{numbers:?} is beyond counting here")));
     }
     Ok(numbers.map(|n| n as usize))
@@ -152,6 +160,11 @@ unsafe fn run_options(run: &Options) -> Result<RunOptions, ClientError> {
         0.0 => None,
         secs => Some(Duration::try_from_secs_f64(secs).map_err(|e| invalid("deadline_secs", format!("{secs}: {e}")))?),
     };
+    for (thing, number) in [("rank", run.rank), ("ranks", run.ranks)] {
+        if number > i32::MAX as u32 {
+            return Err(invalid(thing, format!("{}: negative", number as i32)));
+        }
+    }
     let (name, field) = (needed("name", read("name", run.name, "")?)?, needed("field", read("field", run.field, "")?)?);
     let generator = read("generator", run.generator, "http://127.0.0.1:7101")?;
     let options = RunOptions::new(generator, &name, &field, grid, voxel_type("type", run.voxel_type)?);
@@ -171,16 +184,19 @@ unsafe fn slice<'a>(
 ) -> Result<VoxelSlice<'a>, ClientError> {
     let bytes = voxel_type.size_bytes();
     if first.is_null() || !(first as usize).is_multiple_of(bytes) {
-        return Err(invalid(thing, if first.is_null() { "is NULL" } else { "is not aligned to its type" }));
+        let laid_out = if thing == "brick.colors" { ", or not laid out as the voxels are" } else { "" };
+        let null = || format!("is NULL{laid_out}");
+        return Err(invalid(thing, if first.is_null() { null() } else { "is not aligned to its type".to_owned() }));
     }
     if count.checked_mul(bytes).is_none_or(|all| isize::try_from(all).is_err()) {
         return Err(invalid(thing, format!("{count} voxels are more than memory holds")));
     }
     macro_rules! typed {
-        // SAFETY: not null, aligned and small enough, as checked; there by the function's own condition.
-        ($t:ty) => {
-            unsafe { std::slice::from_raw_parts(first.cast::<$t>(), count) }.into()
-        };
+        ($t:ty) => {{
+            // SAFETY: not null, aligned and small enough, as checked; there by the function's own condition.
+            let voxels = unsafe { std::slice::from_raw_parts(first.cast::<$t>(), count) };
+            voxels.into()
+        }};
     }
     Ok(match voxel_type {
         VoxelType::U8 => typed!(u8),
@@ -207,7 +223,9 @@ pub unsafe extern "C" fn lamina_connect(run: *const Options, client: *mut *mut C
         // SAFETY: as above.
         let options = unsafe { run_options(run) }?;
         let (voxel_type, color_type) = (options.voxel_type, options.color_field.as_ref().map(|c| c.1));
-        *place = Box::into_raw(Box::new(Connection { client: Client::connect(options)?, voxel_type, color_type }));
+        let client = Client::connect(options)?;
+        let connection = Connection { client, process: std::process::id(), unfit: 0, voxel_type, color_type };
+        *place = Box::into_raw(Box::new(connection));
         Ok(0)
     };
     guarded(connect).map_or(FAILED, |code| code.unwrap_or_else(|error| fail(&error)))
@@ -222,7 +240,33 @@ pub unsafe extern "C" fn lamina_push(client: *mut Connection, step: u64, time: f
     let push = || {
         // SAFETY: null or valid and used by nobody else, by the function's own condition.
         let connection = unsafe { client.as_mut() }.ok_or_else(|| invalid("client", "is NULL"))?;
-        // SAFETY: as above.
+        if connection.process != std::process::id() {
+            return Err(invalid(
+                "client",
+                "belongs to the process that this one was forked from; connect after forking",
+            ));
+        }
+        // SAFETY: by the function's own condition.
+        let read = unsafe { connection.read(step, brick) };
+        let brick = read.inspect_err(|_| connection.unfit += 1)?;
+        Ok(match connection.client.push(step, time, &brick)? {
+            Receipt::Admitted(_) => 0,
+            Receipt::Dropped => DROPPED,
+        })
+    };
+    guarded(push).map_or(FAILED, |code| code.unwrap_or_else(|error| fail(&error)))
+}
+
+impl Connection {
+    /// The brick at `brick`, of a step that there is.
+    ///
+    /// # Safety
+    /// It is null or as the header says, and what it refers to outlives the result.
+    unsafe fn read<'a>(&self, step: u64, brick: *const CBrick) -> Result<Brick<'a>, ClientError> {
+        if step > i64::MAX as u64 {
+            return Err(invalid("step", format!("{} is negative", step as i64)));
+        }
+        // SAFETY: null or valid, by the function's own condition.
         let given = unsafe { brick.as_ref() }.ok_or_else(|| invalid("brick", "is NULL"))?;
         let (start, dims) = (sizes("brick.start", given.start)?, sizes("brick.dims", given.dims)?);
         let strides = match sizes("brick.strides", given.strides)? {
@@ -231,23 +275,18 @@ pub unsafe extern "C" fn lamina_push(client: *mut Connection, step: u64, time: f
         };
         let span = span(dims, strides)?;
         let of_type = |thing, stated, of_run| if stated == 0 { Ok(of_run) } else { voxel_type(thing, stated) };
-        let of_voxels = of_type("brick.type", given.voxel_type, connection.voxel_type)?;
+        let of_voxels = of_type("brick.type", given.voxel_type, self.voxel_type)?;
         // SAFETY: the brick's voxels reach so far, by the function's own condition.
         let voxels = unsafe { slice("brick.voxels", given.voxels, span, of_voxels) }?;
         let mut brick = Brick::new(start, dims, voxels).with_strides(strides);
         if !given.colors.is_null() || given.color_type != 0 {
-            let of_run =
-                connection.color_type.ok_or_else(|| invalid("brick.colors", "the run names no color_field"))?;
+            let of_run = self.color_type.ok_or_else(|| invalid("brick.colors", "the run names no color_field"))?;
             let of_colors = of_type("brick.color_type", given.color_type, of_run)?;
             // SAFETY: as for the voxels.
             brick = brick.with_colors(unsafe { slice("brick.colors", given.colors, span, of_colors) }?);
         }
-        Ok(match connection.client.push(step, time, &brick)? {
-            Receipt::Admitted(_) => 0,
-            Receipt::Dropped => DROPPED,
-        })
-    };
-    guarded(push).map_or(FAILED, |code| code.unwrap_or_else(|error| fail(&error)))
+        Ok(brick)
+    }
 }
 
 /// See `lamina.h`.
@@ -261,14 +300,20 @@ pub unsafe extern "C" fn lamina_close(client: *mut Connection, summary: *mut Sum
     }
     // SAFETY: made by `Box::into_raw` there, and given back once, by the function's own condition.
     let connection = unsafe { Box::from_raw(client) };
-    let before = connection.client.summary();
-    let closed = guarded(|| connection.client.close()).unwrap_or(before);
+    let (before, unfit) = (connection.client.summary(), connection.unfit);
+    let closed = if connection.process == std::process::id() {
+        guarded(|| connection.client.close()).unwrap_or(before)
+    } else {
+        // Its thread is in the other process, which closes it.
+        std::mem::forget(connection);
+        before
+    };
     // SAFETY: null or writable, by the function's own condition.
     if let Some(place) = unsafe { summary.as_mut() } {
         *place = Summary {
             pushed: closed.pushed,
             dropped: closed.dropped,
-            lost: closed.lost,
+            lost: closed.lost + unfit,
             run_dropped_steps: closed.run_dropped_steps.map_or(-1, |n| n.min(i64::MAX as u64) as i64),
         };
     }

@@ -1,5 +1,7 @@
 //! The ingest state machine, held to its promises: admission before bytes, a bound on memory, one run of agreeing ranks.
 
+mod runs;
+
 use super::{Admit, CompleteStep, Core, Offer, RunSpec};
 use glam::DVec3;
 use lamina_model::{Grid, Volume, VoxelType, Voxels};
@@ -29,7 +31,7 @@ struct Node {
 
 impl Node {
     fn with_room_for(waiting: u64) -> Self {
-        Self { core: Core::new(WORKING_BYTES + waiting * STEP_BYTES, IDLE), start: Instant::now() }
+        Self { core: Core::new(WORKING_BYTES + waiting * STEP_BYTES, 9, IDLE), start: Instant::now() }
     }
 
     /// The same with a run "a" that all `ranks` have opened.
@@ -125,9 +127,9 @@ fn three_uneven_slabs_in_any_order_make_the_exact_volume() {
 fn slabs_of_two_fields_make_both_and_count_for_both() {
     let two = |ranks| RunSpec { color_field: Some(("heat".into(), VoxelType::F32)), ..spec(ranks, FullPolicy::Block) };
     let (step, working) = (6 * VOXELS, 2 * 6 * VOXELS + 24 * VOXELS);
-    let short = Core::new(step + working - 1, IDLE).open(two(3), 0, "", "a".into(), Instant::now());
+    let short = Core::new(step + working - 1, 9, IDLE).open(two(3), 0, "", "a".into(), Instant::now());
     assert_eq!(short.unwrap_err().code(), Code::ResourceExhausted);
-    let mut node = Node { core: Core::new(step + working, IDLE), start: Instant::now() };
+    let mut node = Node { core: Core::new(step + working, 9, IDLE), start: Instant::now() };
     let mut complete = None;
     for rank in 0..3 {
         node.open(two(3), rank, "", "a").unwrap();
@@ -191,9 +193,19 @@ fn drop_oldest_keeps_the_newest_within_the_bound_and_counts() {
 }
 
 #[test]
+fn no_more_steps_wait_than_viewers_may_be_behind() {
+    let mut node = Node::serving(99, 1, FullPolicy::DropOldest);
+    (0..12).for_each(|step| node.push_whole(step));
+    assert_eq!(std::iter::from_fn(|| node.next_number()).collect::<Vec<_>>(), (3..12).collect::<Vec<_>>());
+    let mut node = Node::serving(99, 1, FullPolicy::Block);
+    (0..9).for_each(|step| node.push_whole(step));
+    assert_eq!(node.admit_whole(9).unwrap(), Admit::Wait);
+}
+
+#[test]
 fn a_byte_less_than_needed_is_a_step_less() {
     for policy in [FullPolicy::Block, FullPolicy::DropNewest] {
-        let mut node = Node { core: Core::new(WORKING_BYTES + 2 * STEP_BYTES - 1, IDLE), start: Instant::now() };
+        let mut node = Node { core: Core::new(WORKING_BYTES + 2 * STEP_BYTES - 1, 9, IDLE), start: Instant::now() };
         node.open(spec(1, policy), 0, "", "a").unwrap();
         node.push_whole(0);
         assert!(matches!(node.admit_whole(1).unwrap(), Admit::Wait | Admit::Dropped));
@@ -238,7 +250,7 @@ fn a_rank_far_behind_evicts_nothing_and_its_drops_are_counted_once() {
 
 #[test]
 fn a_grid_larger_than_memory_is_refused_at_open() {
-    let mut node = Node { core: Core::new(WORKING_BYTES + STEP_BYTES - 1, IDLE), start: Instant::now() };
+    let mut node = Node { core: Core::new(WORKING_BYTES + STEP_BYTES - 1, 9, IDLE), start: Instant::now() };
     let need = (WORKING_BYTES + STEP_BYTES).to_string();
     let opened = node.open(spec(1, FullPolicy::Block), 0, "", "a");
     refused(opened, Code::ResourceExhausted, &["memory_bytes", &need, "[2, 3, 7]"]);
@@ -350,107 +362,4 @@ fn a_step_a_rank_lost_does_not_block_the_next_one_for_ever() {
     assert_eq!(node.admit(0, 1).unwrap(), Admit::Dropped);
     assert_eq!((node.push(1, 0), node.push(1, 1)), (Some(false), Some(true)));
     assert_eq!(node.core.take_complete().unwrap().dropped_steps, 1);
-}
-
-#[test]
-fn another_run_gets_the_node_only_when_this_one_is_closed_or_silent() {
-    let other = || RunSpec { name: "other".into(), ..spec(1, FullPolicy::Block) };
-    let mut node = Node::serving(1, 3, FullPolicy::Block);
-    let almost = node.start + IDLE - Duration::from_millis(1);
-    let early = node.core.open(other(), 0, "", "b".into(), almost);
-    refused(early, Code::FailedPrecondition, &["\"blast\"", "30 s", "another node"]);
-    for rank in [0, 1, 1, 7] {
-        node.core.close("a", rank).unwrap();
-    }
-    refused(node.open(other(), 0, "", "b"), Code::FailedPrecondition, &["\"blast\""]);
-    node.core.close("a", 2).unwrap();
-    assert_eq!(node.open(other(), 0, "", "b").unwrap(), "b");
-
-    let mut node = Node::serving(1, 1, FullPolicy::Block);
-    let pushed_at = node.start + IDLE / 2;
-    node.core.admit("a", &offer(0, 0.0, 0, [0; 3], DIMS), pushed_at).unwrap();
-    assert!(node.core.open(other(), 0, "", "b".into(), node.start + IDLE).is_err(), "a push is a sign of life");
-    assert_eq!(node.core.open(other(), 0, "", "b".into(), pushed_at + IDLE).unwrap(), "b");
-    refused(node.admit_whole(0), Code::NotFound, &["open it again"]);
-}
-
-#[test]
-fn a_replaced_runs_incomplete_steps_free_their_memory_and_its_complete_ones_are_kept() {
-    let mut node = Node::serving(2, 3, FullPolicy::Block);
-    node.push_slabs(0);
-    node.push(1, 0);
-    assert_eq!(node.open(spec(3, FullPolicy::Block), 0, "", "b").unwrap(), "b");
-    let ask =
-        |node: &mut Node, step| node.core.admit("b", &offer(step, 0.0, 0, [0; 3], [2, 3, 3]), node.start).unwrap();
-    assert!(matches!(ask(&mut node, 0), Admit::Granted(_)));
-    assert_eq!(node.core.receive("b", 0, 0, slab(0), node.start).unwrap(), Some(false));
-    assert_eq!(ask(&mut node, 1), Admit::Wait, "the old run's complete step still counts");
-    assert_eq!(node.core.take_complete().unwrap().run_id, "a");
-    assert!(matches!(ask(&mut node, 1), Admit::Granted(_)));
-}
-
-#[test]
-fn a_restarted_simulation_gets_a_fresh_run_that_its_other_ranks_join() {
-    let mut node = Node::serving(9, 3, FullPolicy::Block);
-    node.push_slabs(7);
-    let restarted = || spec(3, FullPolicy::Block);
-    assert_eq!(node.open(restarted(), 0, "", "b").unwrap(), "b");
-    assert_eq!(node.open(restarted(), 1, "", "c").unwrap(), "b");
-    assert_eq!(node.open(restarted(), 2, "", "d").unwrap(), "b");
-    let first = node.core.admit("b", &offer(0, 0.0, 0, [0; 3], [2, 3, 3]), node.start).unwrap();
-    assert!(matches!(first, Admit::Granted(_)), "its steps count from the start");
-}
-
-#[test]
-fn a_rank_that_closed_and_comes_again_is_a_new_start_though_others_never_closed() {
-    let mut node = Node::serving(9, 3, FullPolicy::Block);
-    node.push_slabs(7);
-    node.core.close("a", 0).unwrap();
-    assert_eq!(node.open(spec(3, FullPolicy::Block), 0, "", "b").unwrap(), "b");
-}
-
-#[test]
-fn ranks_that_resume_after_a_node_restart_meet_under_the_old_id() {
-    let mut node = Node::with_room_for(1);
-    for rank in [2, 0, 1] {
-        assert_eq!(node.open(spec(3, FullPolicy::Block), rank, "a", "fresh").unwrap(), "a");
-    }
-    assert_eq!(node.open(spec(3, FullPolicy::Block), 1, "a", "fresh").unwrap(), "a", "a lost connection resumes too");
-    assert_eq!(node.push(3, 0), Some(false));
-}
-
-#[test]
-fn ranks_with_different_ids_meet_in_one_run_instead_of_replacing_each_other() {
-    let mut node = Node::with_room_for(1);
-    let spec = || spec(3, FullPolicy::Block);
-    assert_eq!(node.open(spec(), 1, "", "b").unwrap(), "b");
-    assert_eq!(node.open(spec(), 0, "a", "c").unwrap(), "b", "rank 0 opened before the node was restarted");
-    assert_eq!(node.open(spec(), 2, "a", "d").unwrap(), "b");
-    refused(node.open(spec(), 0, "a", "e"), Code::FailedPrecondition, &["rank 0", "\"a\"", "\"b\""]);
-    assert_eq!(node.core.close("b", 1).unwrap(), 0, "the run is untouched");
-}
-
-#[test]
-fn a_rank_that_is_done_before_another_has_come_does_not_end_the_run() {
-    let mut node = Node::with_room_for(3);
-    let three = || spec(3, FullPolicy::Block);
-    for rank in [0, 1] {
-        assert_eq!(node.open(three(), rank, "", "a").unwrap(), "a");
-        assert_eq!(node.push(0, rank), Some(false));
-        assert_eq!(node.core.close("a", rank).unwrap(), 0);
-    }
-    assert_eq!(node.open(three(), 2, "", "b").unwrap(), "a");
-    assert_eq!(node.push(0, 2), Some(true));
-    assert_eq!(node.core.close("a", 2).unwrap(), 0);
-    assert_eq!(node.open(three(), 2, "", "b").unwrap(), "b", "now it has ended");
-}
-
-#[test]
-fn the_end_of_a_run_drops_and_counts_its_incomplete_steps() {
-    let mut node = Node::serving(2, 3, FullPolicy::Block);
-    node.push(0, 0);
-    node.push(1, 0);
-    assert_eq!(node.core.close("a", 0).unwrap(), 0);
-    assert_eq!(node.core.close("a", 1).unwrap(), 0);
-    assert_eq!(node.core.close("a", 2).unwrap(), 2);
 }

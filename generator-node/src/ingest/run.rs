@@ -1,0 +1,189 @@
+//! A run: what the simulation says of it, which ranks are there, and which steps wait for bricks.
+
+use super::{Brick, assembly::Assembly};
+use lamina_model::{ColorField, Grid, Scene, VoxelType};
+use lamina_wire::v1::FullPolicy;
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Instant;
+use tonic::Status;
+
+/// What a simulation says when it opens a run; the same from every rank.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunSpec {
+    /// The run's name, chosen by the user.
+    pub name: String,
+    /// What the scalar is.
+    pub field: String,
+    /// The whole grid.
+    pub grid: Grid,
+    /// Type of the voxels.
+    pub voxel_type: VoxelType,
+    /// Name and type of a second field, for colours.
+    pub color_field: Option<(String, VoxelType)>,
+    /// Number of ranks, each with its own brick.
+    pub ranks: u32,
+    /// What happens when memory is full.
+    pub full_policy: FullPolicy,
+    /// How to show it, if the simulation or the node's configuration says.
+    pub scene: Option<Scene>,
+}
+
+impl RunSpec {
+    /// Bytes of one sample point, of both fields.
+    pub fn point_bytes(&self) -> usize {
+        self.voxel_type.size_bytes() + self.color_field.as_ref().map_or(0, |(_, t)| t.size_bytes())
+    }
+
+    /// Bytes of a step.
+    pub fn step_bytes(&self) -> u64 {
+        self.grid.voxels() as u64 * self.point_bytes() as u64
+    }
+
+    /// Bytes besides waiting steps: one step's bricks and joined volume, and three fields (in work, newest, in trials), each
+    /// with its colours.
+    pub fn working_bytes(&self) -> u64 {
+        let fields = 3 * (1 + u64::from(self.color_field.is_some()));
+        2 * self.step_bytes() + fields * 4 * self.grid.voxels() as u64
+    }
+
+    /// Passes what `rank` says of the run, on a node with so much memory.
+    pub fn check(&self, rank: u32, memory_bytes: u64) -> Result<(), Status> {
+        if self.name.is_empty() || self.name.len() > 200 || self.field.len() > 200 {
+            return Err(Status::invalid_argument("run name and field name must have 1 to 200 bytes"));
+        }
+        if self.ranks == 0 || self.ranks > 1 << 20 || rank >= self.ranks {
+            let ranks = self.ranks;
+            return Err(Status::invalid_argument(format!(
+                "rank {rank} of {ranks}: ranks must be 1 to 1048576, counted from 0"
+            )));
+        }
+        let second = self.color_field.as_ref().map(|(name, _)| name.as_str());
+        let named = second.map_or(Ok(()), ColorField::check_name);
+        named.map_err(|e| lamina_wire::invalid(&e))?;
+        let shown = self.scene.as_ref().map_or(Ok(()), |scene| scene.check_second_field(second));
+        shown.map_err(|e| lamina_wire::invalid(&e))?;
+        let need = self.step_bytes().saturating_add(self.working_bytes());
+        if need > memory_bytes {
+            let dims = self.grid.dims();
+            let second = self.color_field.as_ref().map_or_else(String::new, |(_, t)| format!(" and {t}"));
+            return Err(Status::resource_exhausted(format!(
+                "a grid of {dims:?} {}{second} voxels needs {need} bytes, this generator-node has {memory_bytes}; raise memory_bytes in its configuration",
+                self.voxel_type
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// A brick that a rank would push, as it announces it.
+#[derive(Debug, Clone, Copy)]
+pub struct Offer {
+    /// The step.
+    pub step: u64,
+    /// Simulation time.
+    pub time: f64,
+    /// Whose brick.
+    pub rank: u32,
+    /// First sample point.
+    pub start: [u64; 3],
+    /// Sample points per axis.
+    pub dims: [u64; 3],
+}
+
+/// A run that is open, or was.
+pub struct Run {
+    /// Its id.
+    pub id: String,
+    /// What the simulation says of it.
+    pub spec: RunSpec,
+    /// Ranks that have come.
+    pub attached: BTreeSet<u32>,
+    /// Those of them that are done.
+    pub closed: BTreeSet<u32>,
+    /// The newest step of each rank.
+    pub last_step: Vec<Option<u64>>,
+    /// Steps that lack bricks.
+    pub steps: BTreeMap<u64, Assembly>,
+    dropped: BTreeSet<u64>,
+    /// How many steps were dropped.
+    pub dropped_steps: u64,
+    /// When a rank last called.
+    pub last_heard: Instant,
+}
+
+/// Dropped steps remembered so that their other ranks' bricks are dropped too.
+const REMEMBERED_DROPS: usize = 1024;
+
+impl Run {
+    /// Opened by `rank`.
+    pub fn new(id: String, spec: RunSpec, rank: u32, now: Instant) -> Self {
+        let last_step = vec![None; spec.ranks as usize];
+        Self {
+            id,
+            spec,
+            attached: BTreeSet::from([rank]),
+            closed: BTreeSet::new(),
+            last_step,
+            steps: BTreeMap::new(),
+            dropped: BTreeSet::new(),
+            dropped_steps: 0,
+            last_heard: now,
+        }
+    }
+
+    /// True once all its ranks have been here and closed. One that was not yet is waited for: ranks may start far apart.
+    pub fn ended(&self) -> bool {
+        self.closed.len() == self.spec.ranks as usize
+    }
+
+    /// True once all ranks that have been here closed.
+    pub fn is_left(&self) -> bool {
+        self.closed.len() == self.attached.len()
+    }
+
+    /// Counts `step` as dropped, once however many ranks still bring their bricks of it.
+    pub fn drop_step(&mut self, step: u64) {
+        let full = self.dropped.len() == REMEMBERED_DROPS;
+        let forgotten = full && self.dropped.first().is_some_and(|&oldest| step < oldest);
+        if forgotten || !self.dropped.insert(step) {
+            return;
+        }
+        self.dropped_steps += 1;
+        if full {
+            self.dropped.pop_first();
+        }
+    }
+
+    /// True if `step` was dropped, or if nothing of it is here though some rank is past it: steps ascend.
+    pub fn cannot_complete(&self, step: u64) -> bool {
+        let passed = || self.last_step.iter().any(|last| last.is_some_and(|last| last >= step));
+        self.dropped.contains(&step) || !self.steps.contains_key(&step) && passed()
+    }
+
+    /// An incomplete step that lacks the brick of `rank`, which is at `step` now: its memory is better used.
+    pub fn passed_by(&self, rank: u32, step: u64) -> Option<u64> {
+        self.steps.range(..step).find(|(_, assembly)| !assembly.has(rank)).map(|(passed, _)| *passed)
+    }
+
+    /// The brick of a push that can be right.
+    pub fn check_push(&self, offer: &Offer) -> Result<Brick, Status> {
+        let Offer { step, time, rank, start, dims } = *offer;
+        if rank >= self.spec.ranks {
+            return Err(Status::invalid_argument(format!(
+                "rank {rank}: the run has {} ranks, counted from 0",
+                self.spec.ranks
+            )));
+        }
+        if !time.is_finite() {
+            return Err(Status::invalid_argument(format!("step {step}: time {time} must be finite")));
+        }
+        if let Some(last) = self.last_step[rank as usize]
+            && step <= last
+        {
+            return Err(Status::invalid_argument(format!(
+                "rank {rank}: step {step} after step {last}; steps must ascend"
+            )));
+        }
+        Brick::new(start, dims, &self.spec.grid).map_err(|e| lamina_wire::invalid(&e))
+    }
+}
