@@ -25,9 +25,9 @@ impl Price {
         Self::through(places, ln_bytes, (1.8, doubt), 0.003)
     }
 
-    /// Times: a share does not depend on r; clocks are noisy.
+    /// Times: near r^1.75, because a share does not depend on r; clocks are noisy.
     pub fn of_times(places: Vec<Place>, ln_secs: &[f64]) -> Process<Self> {
-        Self::through(places, ln_secs, (1.5, PRICE[1]), 0.1)
+        Self::through(places, ln_secs, (1.75, PRICE[1]), 0.1)
     }
 
     fn through(places: Vec<Place>, values: &[f64], (power, doubt): (f64, f64), noise: f64) -> Process<Self> {

@@ -225,7 +225,7 @@ impl<'a> Race<'a> {
         };
         // Quality of what breaks another limit matters only while the model of quality knows little.
         let known = self.tried.iter().filter(|r| r.measured.quality.batches() > 0).count();
-        if self.contract.excess(&measured.cost, f64::NAN) <= 0.0 || known < 6 {
+        if self.contract.excess(&measured.cost, f64::NAN) <= 0.0 || known < 4 {
             let first = self.first_batches() as u32;
             match trial.measure(params, first).await? {
                 Ok(more) => measured = more,
