@@ -22,7 +22,7 @@ pub struct RunSpec {
     pub color_field: Option<(String, VoxelType)>,
     /// Number of ranks, each with its own brick.
     pub ranks: u32,
-    /// What happens when memory is full.
+    /// What happens when the node is full.
     pub full_policy: FullPolicy,
     /// How to show it, if the simulation or the node's configuration says.
     pub scene: Option<Scene>,

@@ -120,7 +120,7 @@ pub struct Summary {
     pub dropped: u64,
     /// Bricks that could not be handed over.
     pub lost: u64,
-    /// Steps of the whole run that were dropped, also after all their bricks were in, or left incomplete; known if the node
+    /// Steps of the whole run that were dropped so far, also after all their bricks were in, or left incomplete; known if the node
     /// answered the close.
     pub run_dropped_steps: Option<u64>,
 }
