@@ -31,6 +31,6 @@ int main(int argc, char **argv) {
     int code = lamina_push(client, 0, 0, &whole);
     lamina_close(client, NULL);
     if (code != LAMINA_UNREACHABLE && code != LAMINA_DEADLINE) printf("%d %s\n", code, lamina_error());
-    /* Of five seconds, the default, it would take ten. */
+    /* With the default deadline, of five seconds, it would take five. */
     return (code == LAMINA_UNREACHABLE || code == LAMINA_DEADLINE) && time(NULL) - begun < 5 ? 0 : 1;
 }

@@ -89,13 +89,14 @@ impl Core {
             let same_name = run.spec.name == spec.name;
             let (silent, idle) = (now.duration_since(run.last_heard), self.idle);
             let over = run.ended() || (silent >= idle && run.is_left());
-            // Late ranks of a run that others have left are waited for, but not against another run.
-            let replaceable = run.is_left() && run.spec != spec;
+            // Late ranks of a run that others have left, or that was killed, are waited for, but not against another run.
+            let replaceable = (silent >= idle || run.is_left()) && run.spec != spec;
             let joins = same_name && !run.attached.contains(&rank) && !over && !replaceable;
             if (resumes || joins) && run.spec != spec {
                 let name = &spec.name;
                 return Err(Status::failed_precondition(format!(
-                    "run \"{name}\": rank {rank} describes it differently (grid, type, fields, ranks, policy or scene) than the ranks before"
+                    "run \"{name}\": rank {rank} describes it differently (grid, type, fields, ranks, policy or scene) than the ranks before; correct it, or wait until that run is silent for {:.0} s",
+                    idle.as_secs_f64()
                 )));
             }
             if resumes || joins {
@@ -255,7 +256,12 @@ impl Core {
                 dropped_steps: run.dropped_steps,
                 bricks: assembly.into_bricks(),
             };
+            let drops_oldest = run.spec.full_policy == FullPolicy::DropOldest;
             self.queue.push_back(complete);
+            // Steps that were begun are taken whole, many at once where a rank was behind.
+            while drops_oldest && self.queue.len() > self.waiting_steps {
+                self.drop_oldest();
+            }
         }
         Ok(Some(true))
     }
@@ -268,8 +274,9 @@ impl Core {
     }
 
     /// Detaches `rank`; gives the number of steps dropped and, once nobody is there, of those that lack a brick.
-    pub fn close(&mut self, run_id: &str, rank: u32) -> Result<u64, Status> {
+    pub fn close(&mut self, run_id: &str, rank: u32, now: Instant) -> Result<u64, Status> {
         let run = self.run(run_id)?;
+        run.last_heard = now;
         // A rank that closed does not join again: who comes in its place is a new start of the simulation.
         if run.attached.contains(&rank) {
             run.closed.insert(rank);

@@ -160,7 +160,7 @@ impl ingest_server::Ingest for IngestService {
 
     async fn close(&self, request: Request<v1::CloseRequest>) -> Result<Response<v1::CloseReply>, Status> {
         let v1::CloseRequest { run_id, rank } = request.into_inner();
-        let dropped_steps = self.0.core().close(&run_id, rank)?;
+        let dropped_steps = self.0.core().close(&run_id, rank, Instant::now())?;
         self.0.room.notify_waiters();
         tracing::info!(run_id, rank, dropped_steps, "rank detached");
         Ok(Response::new(v1::CloseReply { dropped_steps }))

@@ -19,10 +19,19 @@ impl Driver {
         let mut builder = Builder::new_multi_thread();
         builder.worker_threads(1).thread_name("lamina-client").enable_all();
         #[cfg(unix)]
-        builder.on_thread_start(|| {
-            // There is no mask that cannot be set.
-            let _ = nix::sys::signal::SigSet::all().thread_set_mask();
-        });
+        {
+            use nix::sys::signal::{SigSet, SigmaskHow};
+            builder.on_thread_start(|| {
+                // There is no mask that cannot be set.
+                let _ = SigSet::all().thread_set_mask();
+            });
+            // The first thread begins with its maker's.
+            let before = SigSet::all().thread_swap_mask(SigmaskHow::SIG_SETMASK)?;
+            let built = builder.build();
+            before.thread_set_mask()?;
+            Ok(Self(Some(built?)))
+        }
+        #[cfg(not(unix))]
         Ok(Self(Some(builder.build()?)))
     }
 

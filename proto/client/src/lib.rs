@@ -15,7 +15,8 @@
 //! ```
 //!
 //! Every call has a deadline. A generator-node that is dead is noticed at once, one that is stuck after that deadline; until
-//! it is tried again, at intervals that grow to 5 s, steps are counted as lost without waiting.
+//! it is tried again, at intervals that grow to 5 s, steps are counted as lost without waiting. Connect after forking: the
+//! thread that drives a connection is in the process that made it.
 
 mod brick;
 mod driver;

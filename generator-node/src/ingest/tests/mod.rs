@@ -168,7 +168,7 @@ fn block_waits_until_a_step_is_taken_and_drops_nothing() {
     assert_eq!(node.next_number(), Some(0));
     node.push_whole(2);
     assert_eq!(node.admit_whole(3).unwrap(), Admit::Wait);
-    assert_eq!(node.core.close("a", 0).unwrap(), 0);
+    assert_eq!(node.core.close("a", 0, node.start).unwrap(), 0);
 }
 
 #[test]
@@ -181,7 +181,7 @@ fn drop_newest_keeps_what_waits_and_counts() {
     assert_eq!((node.next_number(), node.next_number(), node.next_number()), (Some(0), Some(1), None));
     node.push_whole(4);
     assert_eq!(node.core.take_complete().unwrap().dropped_steps, 2);
-    assert_eq!(node.core.close("a", 0).unwrap(), 2);
+    assert_eq!(node.core.close("a", 0, node.start).unwrap(), 2);
 }
 
 #[test]
@@ -189,7 +189,7 @@ fn drop_oldest_keeps_the_newest_within_the_bound_and_counts() {
     let mut node = Node::serving(2, 1, FullPolicy::DropOldest);
     (0..10).for_each(|step| node.push_whole(step));
     assert_eq!((node.next_number(), node.next_number(), node.next_number()), (Some(8), Some(9), None));
-    assert_eq!(node.core.close("a", 0).unwrap(), 8);
+    assert_eq!(node.core.close("a", 0, node.start).unwrap(), 8);
 }
 
 #[test]
@@ -197,6 +197,11 @@ fn no_more_steps_wait_than_viewers_may_be_behind() {
     let mut node = Node::serving(99, 1, FullPolicy::DropOldest);
     (0..12).for_each(|step| node.push_whole(step));
     assert_eq!(std::iter::from_fn(|| node.next_number()).collect::<Vec<_>>(), (3..12).collect::<Vec<_>>());
+    let mut node = Node::serving(99, 3, FullPolicy::DropOldest);
+    for (step, rank) in [0, 1, 2].into_iter().flat_map(|rank| (0..12).map(move |step| (step, rank))) {
+        node.push(step, rank);
+    }
+    assert_eq!(std::iter::from_fn(|| node.next_number()).count(), 9, "a rank was twelve steps behind");
     let mut node = Node::serving(99, 1, FullPolicy::Block);
     (0..9).for_each(|step| node.push_whole(step));
     assert_eq!(node.admit_whole(9).unwrap(), Admit::Wait);
@@ -222,7 +227,7 @@ fn what_one_rank_saw_dropped_is_dropped_for_all_and_counted_once() {
     assert_eq!(node.next_number(), Some(0), "room again");
     assert_eq!(node.admit(1, 1).unwrap(), Admit::Dropped);
     assert_eq!(node.admit(1, 2).unwrap(), Admit::Dropped);
-    assert_eq!(node.core.close("a", 0).unwrap(), 1);
+    assert_eq!(node.core.close("a", 0, node.start).unwrap(), 1);
 }
 
 #[test]
@@ -233,7 +238,7 @@ fn bytes_of_a_step_evicted_meanwhile_are_answered_as_dropped() {
     assert_eq!(node.push(1, 0), Some(false), "step 0 made room");
     assert_eq!(node.receive(0, 1, slab(1)), None);
     assert_eq!(node.admit(0, 2).unwrap(), Admit::Dropped);
-    assert_eq!(node.core.close("a", 0).unwrap(), 1);
+    assert_eq!(node.core.close("a", 0, node.start).unwrap(), 1);
 }
 
 #[test]
@@ -268,7 +273,7 @@ fn overlap_missing_coverage_and_disagreement_name_the_ranks() {
     let late = node.core.admit("a", &offer(2, 2.5, 1, [0, 0, 3], [2, 3, 1]), node.start);
     refused(late, Code::InvalidArgument, &["rank 1", "2.5", "others 2"]);
     assert_eq!(node.admit(2, 2).unwrap(), Admit::Dropped, "a step in dispute is given up by all");
-    assert_eq!(node.core.close("a", 0).unwrap(), 3);
+    assert_eq!(node.core.close("a", 0, node.start).unwrap(), 3);
 }
 
 #[test]
@@ -337,7 +342,7 @@ fn an_aborted_upload_frees_its_memory_and_may_be_repeated() {
     assert!(matches!(node.admit(0, 1).unwrap(), Admit::Granted(_)));
     node.core.abort("a", 0, 1);
     assert_eq!((node.push(0, 1), node.push(0, 2)), (Some(false), Some(true)), "rank 0's brick outlived the abort");
-    assert_eq!(node.core.close("a", 0).unwrap(), 0);
+    assert_eq!(node.core.close("a", 0, node.start).unwrap(), 0);
 }
 
 #[test]

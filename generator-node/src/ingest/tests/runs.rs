@@ -14,10 +14,10 @@ fn another_run_gets_the_node_only_when_this_one_is_closed_or_silent() {
     let early = node.core.open(other(), 0, "", "b".into(), almost);
     refused(early, Code::FailedPrecondition, &["\"blast\"", "30 s", "another node"]);
     for rank in [0, 1, 1, 7] {
-        node.core.close("a", rank).unwrap();
+        node.core.close("a", rank, node.start).unwrap();
     }
     refused(node.open(other(), 0, "", "b"), Code::FailedPrecondition, &["\"blast\""]);
-    node.core.close("a", 2).unwrap();
+    node.core.close("a", 2, node.start).unwrap();
     assert_eq!(node.open(other(), 0, "", "b").unwrap(), "b");
 
     let mut node = Node::serving(1, 1, FullPolicy::Block);
@@ -59,7 +59,7 @@ fn a_restarted_simulation_gets_a_fresh_run_that_its_other_ranks_join() {
 fn a_rank_that_closed_and_comes_again_is_a_new_start_though_others_never_closed() {
     let mut node = Node::serving(9, 3, FullPolicy::Block);
     node.push_slabs(7);
-    node.core.close("a", 0).unwrap();
+    node.core.close("a", 0, node.start).unwrap();
     assert_eq!(node.open(spec(3, FullPolicy::Block), 0, "", "b").unwrap(), "b");
 }
 
@@ -81,7 +81,7 @@ fn ranks_with_different_ids_meet_in_one_run_instead_of_replacing_each_other() {
     assert_eq!(node.open(spec(), 0, "a", "c").unwrap(), "b", "rank 0 opened before the node was restarted");
     assert_eq!(node.open(spec(), 2, "a", "d").unwrap(), "b");
     refused(node.open(spec(), 0, "a", "e"), Code::FailedPrecondition, &["rank 0", "\"a\"", "\"b\""]);
-    assert_eq!(node.core.close("b", 1).unwrap(), 0, "the run is untouched");
+    assert_eq!(node.core.close("b", 1, node.start).unwrap(), 0, "the run is untouched");
 }
 
 #[test]
@@ -91,11 +91,11 @@ fn a_rank_that_is_done_before_another_has_come_does_not_end_the_run() {
     for rank in [0, 1] {
         assert_eq!(node.open(three(), rank, "", "a").unwrap(), "a");
         assert_eq!(node.push(0, rank), Some(false));
-        assert_eq!(node.core.close("a", rank).unwrap(), 1, "it lacks a brick so far");
+        assert_eq!(node.core.close("a", rank, node.start).unwrap(), 1, "it lacks a brick so far");
     }
     assert_eq!(node.open(three(), 2, "", "b").unwrap(), "a");
     assert_eq!(node.push(0, 2), Some(true));
-    assert_eq!(node.core.close("a", 2).unwrap(), 0);
+    assert_eq!(node.core.close("a", 2, node.start).unwrap(), 0);
     assert_eq!(node.open(three(), 2, "", "b").unwrap(), "b", "now it has ended");
 }
 
@@ -104,9 +104,9 @@ fn the_end_of_a_run_drops_and_counts_its_incomplete_steps() {
     let mut node = Node::serving(2, 3, FullPolicy::Block);
     node.push(0, 0);
     node.push(1, 0);
-    assert_eq!(node.core.close("a", 0).unwrap(), 0);
-    assert_eq!(node.core.close("a", 1).unwrap(), 0);
-    assert_eq!(node.core.close("a", 2).unwrap(), 2);
+    assert_eq!(node.core.close("a", 0, node.start).unwrap(), 0);
+    assert_eq!(node.core.close("a", 1, node.start).unwrap(), 0);
+    assert_eq!(node.core.close("a", 2, node.start).unwrap(), 2);
 }
 
 #[test]
@@ -115,7 +115,7 @@ fn a_run_whose_rank_never_came_stands_in_nobodys_way() {
         let mut node = Node::with_room_for(3);
         assert_eq!(node.open(spec(2, FullPolicy::Block), 0, "", "a").unwrap(), "a");
         assert!(node.admit_box(0, 0, 0, 3).is_ok());
-        node.core.close("a", 0).unwrap();
+        node.core.close("a", 0, node.start).unwrap();
         node
     };
     let (same, later) = (|| spec(2, FullPolicy::Block), |node: &Node| node.start + IDLE);
@@ -128,4 +128,11 @@ fn a_run_whose_rank_never_came_stands_in_nobodys_way() {
     assert_eq!(node.open(spec(3, FullPolicy::Block), 1, "", "b").unwrap(), "b", "a new start, described otherwise");
     let mut node = left();
     assert_eq!(node.open(RunSpec { name: "other".into(), ..same() }, 0, "", "b").unwrap(), "b", "another run");
+
+    // One that was killed: nobody closed.
+    let mut node = Node::serving(3, 3, FullPolicy::Block);
+    let larger = || spec(5, FullPolicy::Block);
+    refused(node.open(larger(), 4, "", "b"), Code::FailedPrecondition, &["rank 4", "silent for 30 s"]);
+    let now = later(&node);
+    assert_eq!(node.core.open(larger(), 4, "", "b".into(), now).unwrap(), "b");
 }

@@ -55,8 +55,9 @@ pub struct Connection {
     process: u32,
     /// Pushes that never reached the client.
     unfit: u64,
-    voxel_type: VoxelType,
-    color_type: Option<VoxelType>,
+    /// Name and type of the field, and of the second one.
+    field: (String, VoxelType),
+    color_field: Option<(String, VoxelType)>,
 }
 
 const DROPPED: i32 = 1;
@@ -222,9 +223,9 @@ pub unsafe extern "C" fn lamina_connect(run: *const Options, client: *mut *mut C
         let run = unsafe { run.as_ref() }.ok_or_else(|| invalid("run", "is NULL"))?;
         // SAFETY: as above.
         let options = unsafe { run_options(run) }?;
-        let (voxel_type, color_type) = (options.voxel_type, options.color_field.as_ref().map(|c| c.1));
+        let (field, color_field) = ((options.field.clone(), options.voxel_type), options.color_field.clone());
         let client = Client::connect(options)?;
-        let connection = Connection { client, process: std::process::id(), unfit: 0, voxel_type, color_type };
+        let connection = Connection { client, process: std::process::id(), unfit: 0, field, color_field };
         *place = Box::into_raw(Box::new(connection));
         Ok(0)
     };
@@ -274,14 +275,20 @@ impl Connection {
             stated => stated,
         };
         let span = span(dims, strides)?;
-        let of_type = |thing, stated, of_run| if stated == 0 { Ok(of_run) } else { voxel_type(thing, stated) };
-        let of_voxels = of_type("brick.type", given.voxel_type, self.voxel_type)?;
+        // Before anything is taken for what it is not.
+        let check = |thing, stated, (name, of_run): &(String, VoxelType)| {
+            let given = if stated == 0 { *of_run } else { voxel_type(thing, stated)? };
+            let other = || invalid("brick", format!("{given} voxels of {name}; the run has {of_run}"));
+            if given == *of_run { Ok(given) } else { Err(other()) }
+        };
+        let of_voxels = check("brick.type", given.voxel_type, &self.field)?;
         // SAFETY: the brick's voxels reach so far, by the function's own condition.
         let voxels = unsafe { slice("brick.voxels", given.voxels, span, of_voxels) }?;
         let mut brick = Brick::new(start, dims, voxels).with_strides(strides);
         if !given.colors.is_null() || given.color_type != 0 {
-            let of_run = self.color_type.ok_or_else(|| invalid("brick.colors", "the run names no color_field"))?;
-            let of_colors = of_type("brick.color_type", given.color_type, of_run)?;
+            let second = self.color_field.as_ref();
+            let second = second.ok_or_else(|| invalid("brick.colors", "the run names no color_field"))?;
+            let of_colors = check("brick.color_type", given.color_type, second)?;
             // SAFETY: as for the voxels.
             brick = brick.with_colors(unsafe { slice("brick.colors", given.colors, span, of_colors) }?);
         }
