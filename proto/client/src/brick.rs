@@ -116,6 +116,15 @@ pub fn span(dims: [usize; 3], strides: [usize; 3]) -> Result<usize, Invalid> {
     counted.and(span).ok_or_else(none)
 }
 
+/// Refuses voxels of another type than the run has of `field`.
+///
+/// # Errors
+/// If they are.
+pub fn check_type(field: &str, given: VoxelType, of_run: VoxelType) -> Result<(), Invalid> {
+    let other = || Invalid::new("brick", format!("{given} voxels of {field}; the run has {of_run}"));
+    if given == of_run { Ok(()) } else { Err(other()) }
+}
+
 /// An index box of the run's grid and its voxels, x fastest unless [`Brick::with_strides`] says otherwise.
 #[derive(Debug, Clone, Copy)]
 pub struct Brick<'a> {
@@ -158,11 +167,7 @@ impl<'a> Brick<'a> {
                 let reason = format!("{have} voxels of {field} for a box of {:?}{apart}", self.dims);
                 return Err(Invalid::new("brick", reason));
             }
-            let given = voxels.voxel_type();
-            if given != of_run {
-                return Err(Invalid::new("brick", format!("{given} voxels of {field}; the run has {of_run}")));
-            }
-            Ok(())
+            check_type(field, voxels.voxel_type(), of_run)
         };
         check(&run.field, &self.voxels, run.voxel_type)?;
         match (&self.colors, &run.color_field) {

@@ -1,5 +1,7 @@
 //! The thread that drives the connection while the simulation computes.
 
+#[cfg(unix)]
+use nix::sys::signal::{SigSet, SigmaskHow};
 use std::future::Future;
 use std::io;
 use std::time::Duration;
@@ -18,21 +20,13 @@ impl Driver {
     pub fn start() -> io::Result<Self> {
         let mut builder = Builder::new_multi_thread();
         builder.worker_threads(1).thread_name("lamina-client").enable_all();
+        // A thread begins with its maker's mask, and the first one makes all others.
         #[cfg(unix)]
-        {
-            use nix::sys::signal::{SigSet, SigmaskHow};
-            builder.on_thread_start(|| {
-                // There is no mask that cannot be set.
-                let _ = SigSet::all().thread_set_mask();
-            });
-            // The first thread begins with its maker's.
-            let before = SigSet::all().thread_swap_mask(SigmaskHow::SIG_SETMASK)?;
-            let built = builder.build();
-            before.thread_set_mask()?;
-            Ok(Self(Some(built?)))
-        }
-        #[cfg(not(unix))]
-        Ok(Self(Some(builder.build()?)))
+        let before = SigSet::all().thread_swap_mask(SigmaskHow::SIG_SETMASK)?;
+        let built = builder.build();
+        #[cfg(unix)]
+        before.thread_set_mask()?;
+        Ok(Self(Some(built?)))
     }
 
     /// The answer of `call`, which the calling thread works on and which sends nothing itself.
@@ -66,7 +60,7 @@ impl Drop for Driver {
 #[cfg(all(test, unix))]
 mod tests {
     use super::*;
-    use nix::sys::signal::{SigSet, Signal};
+    use nix::sys::signal::Signal;
 
     #[test]
     fn its_threads_take_no_signal_and_the_callers_mask_stays() {

@@ -22,7 +22,7 @@ mod brick;
 mod driver;
 mod session;
 
-pub use brick::{Brick, VoxelSlice, dense, span};
+pub use brick::{Brick, VoxelSlice, check_type, dense, span};
 pub use lamina_wire::v1::FullPolicy;
 
 use driver::Driver;
@@ -231,6 +231,11 @@ impl Client {
     /// What became of the bricks so far.
     pub fn summary(&self) -> Summary {
         self.summary
+    }
+
+    /// What it was opened with.
+    pub fn options(&self) -> &RunOptions {
+        &self.options
     }
 
     /// The run's id, once the node gave one.

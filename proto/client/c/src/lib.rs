@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use half::f16;
-use lamina_client::{Brick, Client, ClientError, FullPolicy, Receipt, RunOptions, VoxelSlice, dense, span};
+use lamina_client::{Brick, Client, ClientError, FullPolicy, Receipt, RunOptions, VoxelSlice, check_type, dense, span};
 use lamina_model::{Grid, Invalid, VoxelType};
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char, c_void};
@@ -55,9 +55,6 @@ pub struct Connection {
     process: u32,
     /// Pushes that never reached the client.
     unfit: u64,
-    /// Name and type of the field, and of the second one.
-    field: (String, VoxelType),
-    color_field: Option<(String, VoxelType)>,
 }
 
 const DROPPED: i32 = 1;
@@ -223,9 +220,8 @@ pub unsafe extern "C" fn lamina_connect(run: *const Options, client: *mut *mut C
         let run = unsafe { run.as_ref() }.ok_or_else(|| invalid("run", "is NULL"))?;
         // SAFETY: as above.
         let options = unsafe { run_options(run) }?;
-        let (field, color_field) = ((options.field.clone(), options.voxel_type), options.color_field.clone());
         let client = Client::connect(options)?;
-        let connection = Connection { client, process: std::process::id(), unfit: 0, field, color_field };
+        let connection = Connection { client, process: std::process::id(), unfit: 0 };
         *place = Box::into_raw(Box::new(connection));
         Ok(0)
     };
@@ -276,19 +272,19 @@ impl Connection {
         };
         let span = span(dims, strides)?;
         // Before anything is taken for what it is not.
-        let check = |thing, stated, (name, of_run): &(String, VoxelType)| {
-            let given = if stated == 0 { *of_run } else { voxel_type(thing, stated)? };
-            let other = || invalid("brick", format!("{given} voxels of {name}; the run has {of_run}"));
-            if given == *of_run { Ok(given) } else { Err(other()) }
+        let check = |thing, stated, name: &str, of_run| {
+            let given = if stated == 0 { of_run } else { voxel_type(thing, stated)? };
+            check_type(name, given, of_run).map(|()| given).map_err(ClientError::from)
         };
-        let of_voxels = check("brick.type", given.voxel_type, &self.field)?;
+        let run = self.client.options();
+        let of_voxels = check("brick.type", given.voxel_type, &run.field, run.voxel_type)?;
         // SAFETY: the brick's voxels reach so far, by the function's own condition.
         let voxels = unsafe { slice("brick.voxels", given.voxels, span, of_voxels) }?;
         let mut brick = Brick::new(start, dims, voxels).with_strides(strides);
         if !given.colors.is_null() || given.color_type != 0 {
-            let second = self.color_field.as_ref();
-            let second = second.ok_or_else(|| invalid("brick.colors", "the run names no color_field"))?;
-            let of_colors = check("brick.color_type", given.color_type, second)?;
+            let second = run.color_field.as_ref();
+            let (name, of_run) = second.ok_or_else(|| invalid("brick.colors", "the run names no color_field"))?;
+            let of_colors = check("brick.color_type", given.color_type, name, *of_run)?;
             // SAFETY: as for the voxels.
             brick = brick.with_colors(unsafe { slice("brick.colors", given.colors, span, of_colors) }?);
         }
