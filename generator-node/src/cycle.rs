@@ -37,6 +37,12 @@ impl Prepared {
         encode(&intermediate, generation_time, options)
     }
 
+    /// What generation alone takes.
+    pub fn time(&self, params: &GenerationParams) -> Result<v1::Cost, Invalid> {
+        let (_, generation_time) = self.backend.represent(&self.field, params, self.segmentation)?;
+        Ok(v1::Cost { generation_ns: generation_time.as_nanos() as u64, ..Default::default() })
+    }
+
     /// What stands for the step with each of `gammas`, and the time that making them all took.
     pub fn represent_all(
         &self,

@@ -95,6 +95,12 @@ impl Trials {
             reply.costs = self.costs(params, &request.gammas).await?;
             return Ok(());
         }
+        if request.time_alone {
+            let held = self.held.clone();
+            let _permit = permit(&self.shared).await?;
+            reply.cost = Some(blocking(move || held.time(&params)).await?);
+            return Ok(());
+        }
         let (bytes, cost) = self.encoded(params).await?;
         reply.cost = Some(cost);
         if !request.viewer.is_empty() {

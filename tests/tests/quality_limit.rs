@@ -48,6 +48,16 @@ fn measured(volume: &Volume, gamma: f64) -> (f64, f64) {
 
 #[test]
 fn a_step_that_falls_short_of_the_quality_asked_for_is_tuned_for() {
+    falls_short(1);
+}
+
+#[test]
+fn where_only_some_steps_are_measured_those_tell() {
+    falls_short(2);
+}
+
+/// A run whose third step is worse than its tuner wants; every `every`-th step comes with reference samples.
+fn falls_short(every: u64) {
     let (early, late) = (layered(20.0), layered(10.0));
     let ((early_bytes, early_db), (late_bytes, late_db)) = (measured(&early, COARSE), measured(&late, COARSE));
     assert!(
@@ -66,7 +76,9 @@ fn a_step_that_falls_short_of_the_quality_asked_for_is_tuned_for() {
     };
     let config = write(
         "generator-node.toml",
-        "[samples]\nimage_size = 256\ntile = 8\nbatches = 4\nangles_deg = [10.0, 30.0, 60.0]\n".into(),
+        format!(
+            "reference_every = {every}\n[samples]\nimage_size = 256\ntile = 8\nbatches = 4\nangles_deg = [10.0, 30.0, 60.0]\n"
+        ),
     );
     let generator = Daemon::start("generator-node", free_port(), &["--backend", "cpu", "--config", &config]);
     let store = folder.path().join("store");
@@ -132,7 +144,9 @@ fn a_step_that_falls_short_of_the_quality_asked_for_is_tuned_for() {
     let kept: Vec<bool> = found.iter().skip(1).map(|r| r.limit_kept).collect();
     assert_eq!(kept, [true, false, true], "{found:?}");
     // What the tuner hears is what is recorded.
-    for row in &found {
+    let measured = |r: &&StepRow| r.step.is_multiple_of(every);
+    assert!(found.iter().all(|r| r.psnr_db.is_some() == measured(&r)), "{found:?}");
+    for row in found.iter().filter(measured) {
         let next = runtime.block_on(async { tokio::time::timeout(PATIENCE, steps.message()).await });
         let heard = next.unwrap().unwrap().unwrap();
         assert_eq!(heard.step, row.step);

@@ -92,6 +92,12 @@ fn a_study_measures_once_chooses_right_and_survives_a_damaged_cache() {
     let text = fs::read_to_string(&cache).unwrap();
     let timed = text.lines().filter(|l| l.contains("\"timed\":3")).count();
     assert_eq!((timed, text.lines().count()), (9, 27), "every trial was timed three times");
+
+    // Fitted VDIs are others; the greedy ones stay measured.
+    lamina(&[&arguments[..], &["--segmentation", "fitted"]].concat());
+    assert_ne!(figures(&table(&out.join("measurements.csv"))), figures(&measured));
+    assert_eq!(fs::read_dir(out.join("cache")).unwrap().count(), 4);
+    assert_eq!(fs::read_to_string(&cache).unwrap(), text);
 }
 
 #[test]

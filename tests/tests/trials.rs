@@ -150,6 +150,9 @@ fn two_viewers_share_a_study_and_find_what_one_finds() {
             assert_eq!(cost.generation_time, sizes[0].generation_time);
         }
 
+        assert!(remote.time(&candidates[0]).await.unwrap().unwrap() > Duration::ZERO);
+        assert_eq!(measured_by(&one.url()), 12);
+
         let two = cluster.viz();
         let shared = cluster.remote(2).await.unwrap().measure(&candidates, u32::MAX).await.unwrap();
         assert_eq!(figures(&shared), alone);
@@ -293,6 +296,7 @@ fn a_trial_is_answered_as_it_was_asked() {
             params: params(0.02),
             viewer: viewer.into(),
             gammas,
+            time_alone: false,
         };
         let viewer = viewers[0].viewer.as_str();
         let requests = vec![
@@ -302,13 +306,14 @@ fn a_trial_is_answered_as_it_was_asked() {
             ask(4, "", vec![0.1; 1025]),
             v1::TrialRequest { trial_id: 5, params: params(-1.0), ..Default::default() },
             ask(6, "", vec![0.3, 0.1]),
+            v1::TrialRequest { time_alone: true, ..ask(7, viewer, vec![]) },
         ];
         let mut replies = control.trials(stream::iter(requests)).await.unwrap().into_inner();
         let mut got = Vec::new();
         while let Some(reply) = replies.message().await.unwrap() {
             got.push(reply);
         }
-        assert_eq!(got.iter().map(|r| r.trial_id).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5, 6]);
+        assert_eq!(got.iter().map(|r| r.trial_id).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5, 6, 7]);
         assert_eq!((got[0].step, got[0].batches), (7, BATCHES), "the step held is said first");
         assert_eq!((got[1].viewer.as_str(), got[2].viewer.as_str()), ("", viewer));
         assert_eq!((got[1].cost, got[1].refusal.as_str()), (got[2].cost, ""), "not generated again to be sent");
@@ -317,6 +322,9 @@ fn a_trial_is_answered_as_it_was_asked() {
             assert!(words.iter().all(|w| reply.refusal.contains(w)), "{}", reply.refusal);
         }
         assert!(got[6].costs[0].size_bytes < got[6].costs[1].size_bytes && got[6].viewer.is_empty());
+        let timed = got[7].cost.unwrap();
+        assert!(timed.generation_ns > 0 && got[7].viewer.is_empty());
+        assert_eq!((timed.size_bytes, timed.encode_ns), (0, 0), "neither encoded nor sent");
 
         let channel = connect(&viz.url()).await.unwrap();
         let mut quality = v1::quality_client::QualityClient::new(channel);

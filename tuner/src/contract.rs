@@ -3,7 +3,7 @@
 use crate::trial::{Cost, Measured};
 use crate::units::{Bytes, Millis, show_bytes};
 use crate::utility::Utility;
-use lamina_model::Invalid;
+use lamina_model::{GenerationParams, Invalid, Representation};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
@@ -87,6 +87,18 @@ impl Contract {
     pub fn time_of(&self, generation: Duration, encode: Duration) -> f64 {
         let time = if self.with_encoding { generation + encode } else { generation };
         1e3 * time.as_secs_f64()
+    }
+
+    /// The longest that generation with these parameters may take by itself, milliseconds; `None` where that is not limited,
+    /// or counts encoding: always for volumes, which lose accuracy there.
+    pub(crate) fn generation_limit_ms(&self, params: &GenerationParams) -> Option<f64> {
+        let alone = !self.with_encoding && params.representation() == Representation::Vdi;
+        self.time_ms.filter(|_| alone)
+    }
+
+    /// True if it depends on sizes what is best.
+    pub(crate) fn weighs_size(&self) -> bool {
+        self.size_bytes.is_some() || matches!(self.utility(), Utility::Size | Utility::Expression(_))
     }
 
     /// By which factor the worst limit is exceeded, as its logarithm: 0 or less keeps all of them. Decibels count as

@@ -13,6 +13,7 @@ use lamina_wire::node::innermost;
 use lamina_wire::v1::{self, control_client::ControlClient};
 use round::{Generating, Round};
 use std::collections::HashMap;
+use std::time::Duration;
 use tonic::Status;
 use tonic::transport::Channel;
 use viewers::Viewers;
@@ -105,10 +106,8 @@ impl Trial for Remote {
         if gammas.is_empty() {
             return Ok(Vec::new());
         }
-        self.settle().await?;
         let request = v1::TrialRequest { params: Some(params.into()), gammas: gammas.to_vec(), ..Default::default() };
-        self.generator.ask(request).await?;
-        let reply = self.generator.reply().await?;
+        let reply = self.ask(request).await?;
         if !reply.refusal.is_empty() {
             return Err(Invalid::new("candidates", reply.refusal).into());
         }
@@ -119,6 +118,16 @@ impl Trial for Remote {
                 .failed(format!("{got} costs for {asked} gammas; are all nodes of one version?")));
         }
         Ok(reply.costs.into_iter().map(Cost::from).collect())
+    }
+
+    async fn time(&mut self, params: &GenerationParams) -> Result<Result<Duration, Invalid>, TrialError> {
+        let request = v1::TrialRequest { params: Some(params.into()), time_alone: true, ..Default::default() };
+        let reply = self.ask(request).await?;
+        if !reply.refusal.is_empty() {
+            return Ok(Err(Invalid::new("candidate", reply.refusal)));
+        }
+        let cost = reply.cost.ok_or_else(|| self.generator.no_cost())?;
+        Ok(Ok(cost.generation_time()))
     }
 
     async fn measure(
@@ -137,6 +146,13 @@ impl Trial for Remote {
 }
 
 impl Remote {
+    /// The generator-node's answer to one request, once it has given the one before.
+    async fn ask(&mut self, request: v1::TrialRequest) -> Result<v1::TrialReply, TrialError> {
+        self.settle().await?;
+        self.generator.ask(request).await?;
+        self.generator.reply().await
+    }
+
     /// Takes the answer that a study given up has left behind.
     async fn settle(&mut self) -> Result<(), TrialError> {
         if self.generating.is_some() {

@@ -72,6 +72,14 @@ pub trait Trial: Send {
         gammas: &[f64],
     ) -> impl Future<Output = Result<Vec<Cost>, TrialError>> + Send;
 
+    /// Wall time of generation with `params`, which takes a tenth of what a whole trial does: nothing is encoded or measured.
+    ///
+    /// The outer error ends the study; an inner one is about these parameters only.
+    fn time(
+        &mut self,
+        params: &GenerationParams,
+    ) -> impl Future<Output = Result<Result<Duration, Invalid>, TrialError>> + Send;
+
     /// Costs of all these parameters, and their quality from the first `batches` batches (0: none, [`u32::MAX`]: all).
     /// What was measured before is not measured again. One answer for each, in their order.
     ///

@@ -173,6 +173,9 @@ mod tests {
         async fn sizes(&mut self, _: &GenerationParams, _: &[f64]) -> Result<Vec<Cost>, TrialError> {
             Ok(Vec::new())
         }
+        async fn time(&mut self, p: &GenerationParams) -> Result<Result<Duration, Invalid>, TrialError> {
+            Ok(Ok(Duration::from_micros(p.resolution().into())))
+        }
         async fn measure(
             &mut self,
             all: &[GenerationParams],

@@ -38,8 +38,7 @@ pub enum Command {
     Bench(Bench),
     /// Find the best parameters of a volume under a contract
     Tune(Tune),
-    /// Measure every (gamma, resolution) of a grid, greedily segmented as in the paper, and report what is best under which
-    /// limit
+    /// Measure every (gamma, resolution) of a grid, as in the paper, and report what is best under which limit
     Study(Study),
     /// Measure what each step of accuracy costs for a volume: error, time and bytes
     Accuracy(Accuracy),
@@ -153,6 +152,9 @@ pub struct Study {
     /// R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
     #[arg(long, default_value = "paper", value_name = "GRID")]
     pub grid: Grid,
+    /// How samples become the supersegments of a VDI: greedy as in the paper, or fitted as nodes send them
+    #[arg(long, value_name = "NAME", default_value_t = Segmentation::Greedy)]
+    pub segmentation: Segmentation,
     /// Size limits to choose under; without: a ladder, each 1.5 times the one before
     #[arg(long, value_name = "SIZE,..", value_delimiter = ',')]
     pub size_limits: Vec<Bytes>,

@@ -83,43 +83,13 @@ impl Core {
         now: Instant,
     ) -> Result<String, Status> {
         spec.check(rank, self.memory_bytes)?;
-        if let Some(run) = &mut self.run {
-            let resumes = !resume.is_empty() && run.id == resume;
-            // Late ranks, and those whose id is from before another rank opened the run anew: ranks meet in one run.
-            let same_name = run.spec.name == spec.name;
-            let (silent, idle) = (now.duration_since(run.last_heard), self.idle);
-            let over = run.ended() || (silent >= idle && run.is_left());
-            // Late ranks of a run that others have left, or that was killed, are waited for, but not against another run.
-            let replaceable = (silent >= idle || run.is_left()) && run.spec != spec;
-            let joins = same_name && !run.attached.contains(&rank) && !over && !replaceable;
-            if (resumes || joins) && run.spec != spec {
-                let name = &spec.name;
-                return Err(Status::failed_precondition(format!(
-                    "run \"{name}\": rank {rank} describes it differently (grid, type, fields, ranks, policy or scene) than the ranks before; correct it, or wait until that run is silent for {:.0} s",
-                    idle.as_secs_f64()
-                )));
-            }
-            if resumes || joins {
-                run.attached.insert(rank);
-                run.closed.remove(&rank);
-                run.last_heard = now;
-                return Ok(run.id.clone());
-            }
-            let live = !over && !replaceable && silent < idle;
-            if live && same_name && !resume.is_empty() {
-                return Err(Status::failed_precondition(format!(
-                    "run \"{}\": rank {rank} comes with id \"{resume}\", but a newer start of the simulation serves this rank as \"{}\"; stop one of the two",
-                    spec.name, run.id
-                )));
-            }
-            if live && !same_name {
-                return Err(Status::failed_precondition(format!(
-                    "this generator-node serves run \"{}\", last heard {:.0} s ago; close that run, wait until it is silent for {:.0} s, or use another node",
-                    run.spec.name,
-                    silent.as_secs_f64(),
-                    idle.as_secs_f64()
-                )));
-            }
+        if let Some(run) = &mut self.run
+            && run.is_of(&spec, rank, resume, now.duration_since(run.last_heard), self.idle)?
+        {
+            run.attached.insert(rank);
+            run.closed.remove(&rank);
+            run.last_heard = now;
+            return Ok(run.id.clone());
         }
         self.abandon_run();
         let id = if resume.is_empty() { fresh_id } else { resume.to_owned() };

@@ -4,7 +4,7 @@ use super::{Brick, assembly::Assembly};
 use lamina_model::{ColorField, Grid, Scene, VoxelType};
 use lamina_wire::v1::FullPolicy;
 use std::collections::{BTreeMap, BTreeSet};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use tonic::Status;
 
 /// What a simulation says when it opens a run; the same from every rank.
@@ -139,6 +139,53 @@ impl Run {
     /// True once all ranks that have been here closed.
     pub fn is_left(&self) -> bool {
         self.closed.len() == self.attached.len()
+    }
+
+    /// True if `rank`, which describes its run as `spec` and had it as `resume` before the node was restarted (or as nothing), is
+    /// one of this run's; false if its run may take this one's place, of which nothing was heard for `silent`.
+    ///
+    /// # Errors
+    /// If neither: this run lives, and `rank` is of another or describes it differently.
+    pub fn is_of(
+        &self,
+        spec: &RunSpec,
+        rank: u32,
+        resume: &str,
+        silent: Duration,
+        idle: Duration,
+    ) -> Result<bool, Status> {
+        let (name, differs) = (&self.spec.name, self.spec != *spec);
+        let idles = silent >= idle;
+        // Late ranks of a run that others have left, or that was killed, are waited for, but not against another run.
+        let is_over = self.ended() || idles && self.is_left() || (idles || self.is_left()) && differs;
+        let is_late = *name == spec.name && !self.attached.contains(&rank) && !is_over;
+        // Also those whose id is from before another rank opened the run anew: ranks meet in one run.
+        if is_late || !resume.is_empty() && self.id == resume {
+            if differs {
+                return Err(Status::failed_precondition(format!(
+                    "run \"{name}\": rank {rank} describes it differently (grid, type, fields, ranks, policy or scene) than the ranks before; correct it, or wait until that run is silent for {:.0} s",
+                    idle.as_secs_f64()
+                )));
+            }
+            return Ok(true);
+        }
+        if is_over || idles {
+            return Ok(false);
+        }
+        if *name != spec.name {
+            return Err(Status::failed_precondition(format!(
+                "this generator-node serves run \"{name}\", last heard {:.0} s ago; close that run, wait until it is silent for {:.0} s, or use another node",
+                silent.as_secs_f64(),
+                idle.as_secs_f64()
+            )));
+        }
+        if !resume.is_empty() {
+            return Err(Status::failed_precondition(format!(
+                "run \"{name}\": rank {rank} comes with id \"{resume}\", but a newer start of the simulation serves this rank as \"{}\"; stop one of the two",
+                self.id
+            )));
+        }
+        Ok(false)
     }
 
     /// Counts `step` as dropped, once however many ranks still bring their bricks of it.

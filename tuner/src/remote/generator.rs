@@ -100,6 +100,11 @@ impl Generator {
         }
     }
 
+    /// The error of an answer without a cost.
+    pub fn no_cost(&self) -> TrialError {
+        self.failed("measured no cost of a trial".to_owned())
+    }
+
     /// An error of this node.
     pub fn failed(&self, reason: String) -> TrialError {
         node_error(NODE, &self.address, &reason)

@@ -189,7 +189,7 @@ impl<'a> Round<'a> {
             known.refusal = Some(Invalid::new("candidate", reply.refusal));
             return Ok(());
         }
-        let cost = reply.cost.ok_or_else(|| self.generator.failed("measured no cost of a trial".to_owned()))?;
+        let cost = reply.cost.ok_or_else(|| self.generator.no_cost())?;
         // One that is sent again keeps the cost it had.
         known.cost.get_or_insert(cost.into());
         if let Some(viewer) = viewer {

@@ -9,6 +9,7 @@ mod range;
 #[cfg(test)]
 mod tests;
 mod timed;
+mod timings;
 
 pub use gauss::{Process, place};
 pub use grid::{Axis, Grid};

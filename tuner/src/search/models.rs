@@ -15,6 +15,8 @@ pub struct Price {
     /// Power of r, and its standard deviation.
     power: f64,
     doubt: f64,
+    /// Standard deviation of what each r has of its own.
+    rough: f64,
     noise: f64,
 }
 
@@ -22,24 +24,34 @@ impl Price {
     /// Sizes: near r^1.8, because neighbouring rays, or points, compress well together; how well points do is less sure.
     pub fn of_sizes(representation: Representation, places: Vec<Place>, ln_bytes: &[f64]) -> Process<Self> {
         let doubt = if representation == Representation::Volume { 0.5 } else { PRICE[1] };
-        Self::through(places, ln_bytes, (1.8, doubt), 0.003)
+        Self::through(places, ln_bytes, (1.8, doubt), ROUGH, 0.003)
     }
 
     /// Times: near r^1.75, because a share does not depend on r; clocks are noisy.
     pub fn of_times(places: Vec<Place>, ln_secs: &[f64]) -> Process<Self> {
-        Self::through(places, ln_secs, (1.75, PRICE[1]), 0.1)
+        Self::through(places, ln_secs, (1.75, PRICE[1]), 0.0, 0.1)
     }
 
-    fn through(places: Vec<Place>, values: &[f64], (power, doubt): (f64, f64), noise: f64) -> Process<Self> {
+    fn through(
+        places: Vec<Place>,
+        values: &[f64],
+        (power, doubt): (f64, f64),
+        rough: f64,
+        noise: f64,
+    ) -> Process<Self> {
         let n = places.len() as f64;
         let centre = [0, 1].map(|k| places.iter().map(|p| p[k]).sum::<f64>() / n);
         let height = values.iter().sum::<f64>() / n;
-        Process::new(Self { centre, height, power, doubt, noise }, places, values)
+        Process::new(Self { centre, height, power, doubt, rough, noise }, places, values)
     }
 }
 
 /// Standard deviations: of the height, of the power of r, of the slope in ln gamma, of what is no plane.
 const PRICE: [f64; 4] = [2.0, 0.15, 1.0, 0.27];
+/// How the rays happen to fall on the voxels makes neighbouring resolutions differ by 1 or 2 % in size.
+const ROUGH: f64 = 0.015;
+/// Over this much in ln r.
+const ROUGH_LENGTH: f64 = 0.06;
 
 impl Prior for Price {
     fn mean(&self, at: &Place) -> f64 {
@@ -52,7 +64,8 @@ impl Prior for Price {
             doubt.powi(2) * (a[k] - self.centre[k]) * (b[k] - self.centre[k])
         };
         let curve = smooth((a[0] - b[0]) / 2.0) * bending((a[1] - b[1]) / 0.6);
-        PRICE[0].powi(2) + slope(0) + slope(1) + PRICE[3].powi(2) * curve
+        let rough = (-(a[0] - b[0]).abs() / ROUGH_LENGTH).exp() * smooth((a[1] - b[1]) / 2.0);
+        PRICE[0].powi(2) + slope(0) + slope(1) + PRICE[3].powi(2) * curve + self.rough.powi(2) * rough
     }
 
     fn noise(&self) -> f64 {
@@ -74,9 +87,11 @@ const ORIGIN: Place = [5.5, -3.5];
 const POWERS: [f64; 2] = [-2.5, 1.5];
 /// Standard deviations of (a0, a1, b0, b1).
 const DOUBT: [f64; 4] = [4.0, 0.6, 4.0, 0.6];
-/// Standard deviation of what is not of that form, decibels, and of a measurement.
-const REST_DB: f64 = 0.5;
-const NOISE_DB: f64 = 0.02;
+/// Standard deviation of what is not of that form, decibels; over how much in ln r and in ln gamma it changes; and that of one
+/// resolution beside its neighbours and of a measurement.
+const REST_DB: f64 = 0.8;
+const REST_LENGTHS: Place = [0.8, 0.5];
+const NOISE_DB: f64 = 0.1;
 /// Decibels per unit of ln(squared error).
 const DB: f64 = -10.0 / std::f64::consts::LN_10;
 
@@ -146,7 +161,8 @@ impl Prior for Quality {
     fn covariance(&self, a: &Place, b: &Place) -> f64 {
         let (sa, sb) = (decibels(&self.fitted, a).1, decibels(&self.fitted, b).1);
         let form: f64 = (0..4).map(|k| sa[k] * sb[k] * DOUBT[k].powi(2)).sum();
-        form + REST_DB.powi(2) * smooth((a[0] - b[0]) / 0.8) * smooth((a[1] - b[1]) / 1.2)
+        let near = |k: usize| smooth((a[k] - b[k]) / REST_LENGTHS[k]);
+        form + REST_DB.powi(2) * near(0) * near(1)
     }
 
     fn noise(&self) -> f64 {

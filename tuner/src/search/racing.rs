@@ -2,20 +2,23 @@
 //!
 //! Models of size, time and quality ([`super::models`]) say what each candidate may be worth under the contract; the one
 //! expected to improve most on the best found is measured next (expected improvement: Jones, Schonlau and Welch, Efficient
-//! Global Optimization of Expensive Black-Box Functions, 1998), until none is expected to improve by more than a
-//! fiftieth of a decibel. Sizes of a dozen gammas come from one march at the lowest resolution, which costs least. Quality
-//! is first measured on a quarter of the sampled pixels; only contenders that this cannot tell apart get them all.
+//! Global Optimization of Expensive Black-Box Functions, 1998), until none is expected to improve by more than some
+//! hundredths of a decibel. Where sizes matter, those of a dozen gammas come from one march at the lowest resolution, which
+//! costs least. Where generation has to be fast it is timed first, the best of what may be fast enough before all else: what
+//! breaks that limit is not encoded. Quality is first measured on a quarter of the sampled pixels; only contenders that this
+//! cannot tell apart get them all.
 
 use super::gauss::{Place, Process, place};
 use super::models::{Price, Quality};
 use super::promise::{Hopes, Promise};
 use super::timed::Timed;
+use super::timings::Timings;
 use crate::Contract;
 use crate::interval::{difference_db, half_width_db};
 use crate::trial::{Trial, TrialError};
 use crate::tune::{Row, Study};
 use crate::utility::Utility;
-use lamina_model::{GenerationParams, decibels};
+use lamina_model::{GenerationParams, Invalid, decibels};
 use tokio::time::Instant;
 
 /// The most trials of one representation.
@@ -93,7 +96,7 @@ impl Promise {
     /// coming nearer by a hundredth.
     fn worth_trying(&self, race: &Race) -> bool {
         match race.least_cost() {
-            Some(least) => self.improvement > race.tolerance(least),
+            Some(least) => self.params.is_some_and(|p| self.improvement > race.tolerance(&p, least)),
             None => self.feasible > HOPE || (race.tried.len() < MOST_NEARER && self.nearer > 0.01),
         }
     }
@@ -106,6 +109,7 @@ struct Race<'a> {
     /// Sizes from the march.
     marched: Vec<(Place, f64)>,
     tried: Vec<Row>,
+    timings: Timings,
     refused: Vec<GenerationParams>,
     hopes: Hopes<'a>,
     /// Batches that there are.
@@ -122,6 +126,7 @@ impl<'a> Race<'a> {
             candidates,
             marched: Vec::new(),
             tried: Vec::new(),
+            timings: Timings::new(contract, &candidates[0]),
             refused: Vec::new(),
             hopes: Hopes::new(contract),
             batches,
@@ -135,9 +140,14 @@ impl<'a> Race<'a> {
         trial: &mut Timed<'_, impl Trial>,
         progress: &mut (impl FnMut(&Row) + Send),
     ) -> Result<(Vec<Row>, Promise), TrialError> {
-        self.march(trial).await?;
+        if self.contract.weighs_size() {
+            self.march(trial).await?;
+        }
         for params in self.first_trials() {
-            self.measure(trial, &params, progress).await?;
+            self.time_first(trial, &params).await?;
+            if !self.timings.too_slow(&params) {
+                self.measure(trial, &params, progress).await?;
+            }
         }
         loop {
             let mut next = self.most_promising();
@@ -146,7 +156,9 @@ impl<'a> Race<'a> {
                 if !trial.enough() {
                     break;
                 }
-                self.measure(trial, &params, progress).await?;
+                if !self.time_first(trial, &params).await? {
+                    self.measure(trial, &params, progress).await?;
+                }
                 next = self.most_promising();
             }
             // All pixels may tell other than a quarter of them did: then something else may have become worth trying.
@@ -212,14 +224,13 @@ impl<'a> Race<'a> {
         params: &GenerationParams,
         progress: &mut (impl FnMut(&Row) + Send),
     ) -> Result<(), TrialError> {
-        if self.tried.iter().any(|r| r.params == *params) || !trial.enough() {
+        if self.refused.contains(params) || self.tried.iter().any(|r| r.params == *params) || !trial.enough() {
             return Ok(());
         }
         let mut measured = match trial.measure(params, 0).await? {
             Ok(measured) => measured,
             Err(reason) => {
-                tracing::warn!(%reason, "candidate left out");
-                self.refused.push(*params);
+                self.leave_out(params, &reason);
                 return Ok(());
             }
         };
@@ -231,8 +242,7 @@ impl<'a> Race<'a> {
                 Ok(more) => measured = more,
                 // No viewer can show it.
                 Err(reason) => {
-                    tracing::warn!(%reason, "candidate left out");
-                    self.refused.push(*params);
+                    self.leave_out(params, &reason);
                     return Ok(());
                 }
             }
@@ -243,18 +253,42 @@ impl<'a> Race<'a> {
         Ok(())
     }
 
+    /// Times generation before anything else, if its time decides what else is worth finding out; true if it did. With nothing in
+    /// hand even what is too slow is measured: it may come nearest to the contract.
+    async fn time_first(
+        &mut self,
+        trial: &mut Timed<'_, impl Trial>,
+        params: &GenerationParams,
+    ) -> Result<bool, TrialError> {
+        if self.least_cost().is_none() || !self.timings.want(params) || !trial.enough() {
+            return Ok(false);
+        }
+        match trial.time(params).await? {
+            Ok(time) => self.timings.add(params, time),
+            Err(reason) => self.leave_out(params, &reason),
+        }
+        Ok(true)
+    }
+
+    fn leave_out(&mut self, params: &GenerationParams, reason: &Invalid) {
+        tracing::warn!(%reason, "candidate left out");
+        self.refused.push(*params);
+    }
+
     fn least_cost(&self) -> Option<f64> {
         let least = self.tried.iter().map(|r| r.cost).chain(self.to_beat).fold(f64::INFINITY, f64::min);
         (least < f64::INFINITY).then_some(least)
     }
 
-    /// An improvement too small to look for.
-    fn tolerance(&self, least: f64) -> f64 {
-        match self.utility {
-            Utility::Quality => 0.02,
-            Utility::Size | Utility::Time => 0.002 * least.abs().max(1e-9),
-            Utility::Expression(_) => 0.0005 * least.abs().max(1e-9),
-        }
+    /// An improvement too small to look for: a larger one where trials are dear.
+    fn tolerance(&self, params: &GenerationParams, least: f64) -> f64 {
+        let dearer = f64::from(params.resolution()) / f64::from(self.lowest());
+        dearer
+            * match self.utility {
+                Utility::Quality => 0.01,
+                Utility::Size | Utility::Time => 0.002 * least.abs().max(1e-9),
+                Utility::Expression(_) => 0.0005 * least.abs().max(1e-9),
+            }
     }
 
     fn models(&self) -> (Process<Price>, Process<Price>, Option<Process<Quality>>) {
@@ -264,12 +298,9 @@ impl<'a> Race<'a> {
             places.push(at(row));
             sizes.push((row.measured.cost.size_bytes.max(1) as f64).ln());
         }
-        let time = |r: &Row| {
-            let cost = &r.measured.cost;
-            self.contract.time_of(cost.generation_time, cost.encode_time).max(1e-6).ln()
-        };
-        let times =
-            Price::of_times(self.tried.iter().map(at).collect(), &self.tried.iter().map(time).collect::<Vec<_>>());
+        let ms = |r: &Row| (at(r), self.contract.time_of(r.measured.cost.generation_time, r.measured.cost.encode_time));
+        let (timed, times): (Vec<Place>, Vec<f64>) =
+            self.tried.iter().map(ms).chain(self.timings.all()).map(|(at, ms)| (at, ms.max(1e-6).ln())).unzip();
         let off = self.first_batches_off_db();
         let quality = |r: &Row| {
             let found = &r.measured.quality;
@@ -279,7 +310,7 @@ impl<'a> Race<'a> {
         let (seen, decibels): (Vec<Place>, Vec<f64>) = self.tried.iter().filter_map(quality).unzip();
         (
             Price::of_sizes(self.candidates[0].representation(), places, &sizes),
-            times,
+            Price::of_times(timed, &times),
             (!seen.is_empty()).then(|| Quality::through(seen, &decibels)),
         )
     }
@@ -315,10 +346,13 @@ impl<'a> Race<'a> {
             self.candidates.iter().filter(|c| !self.refused.contains(c) && !self.tried.iter().any(|r| r.params == **c));
         let promise = |params: &GenerationParams| {
             let at = place(params);
-            let of = [sizes.predict(&at), times.predict(&at), qualities.predict(&at)];
-            Promise { params: Some(*params), ..self.hopes.expectation(&of, least, nearest) }
+            let mut of = [sizes.predict(&at), times.predict(&at), qualities.predict(&at)];
+            if least.is_some() {
+                of[1] = self.timings.expected(params, of[1])?;
+            }
+            Some(Promise { params: Some(*params), ..self.hopes.expectation(&of, least, nearest) })
         };
-        let promises: Vec<Promise> = untried.map(promise).collect();
+        let promises: Vec<Promise> = untried.filter_map(promise).collect();
         let hope = promises.iter().map(|p| p.feasible).fold(0.0, f64::max);
         // Without anything in hand, what is surest to keep the limits, and of those the best; without hope, what comes nearest.
         let order = |p: &Promise| match least {

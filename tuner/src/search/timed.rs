@@ -37,6 +37,11 @@ impl<'a, T: Trial> Timed<'a, T> {
         self.trial.sizes(params, gammas).await
     }
 
+    /// See [`Trial::time`].
+    pub async fn time(&mut self, params: &GenerationParams) -> Result<Result<Duration, Invalid>, TrialError> {
+        self.trial.time(params).await
+    }
+
     /// [`Trial::measure`] of one.
     pub async fn measure(
         &mut self,

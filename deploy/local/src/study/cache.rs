@@ -112,7 +112,7 @@ pub struct Cache {
 }
 
 /// What the trials of one file have in common, as 16 hexadecimal digits.
-pub fn fingerprint(volume: &Volume, scene: &Scene, plan: &SamplePlan, backend: &str) -> anyhow::Result<String> {
+pub fn fingerprint(volume: &Volume, scene: &Scene, plan: &SamplePlan, kernel: &str) -> anyhow::Result<String> {
     let mut hash = Sha256::new();
     hash.update(VERSION.to_le_bytes());
     let grid = volume.grid();
@@ -123,7 +123,7 @@ pub fn fingerprint(volume: &Volume, scene: &Scene, plan: &SamplePlan, backend: &
             hash.update(voxels.to_le_bytes(z * plane..(z + 1) * plane));
         }
     }
-    hash.update(serde_json::to_vec(&(grid.dims(), grid.spacing(), grid.origin(), scene, plan, backend))?);
+    hash.update(serde_json::to_vec(&(grid.dims(), grid.spacing(), grid.origin(), scene, plan, kernel))?);
     let mut name = String::new();
     for byte in &hash.finalize()[..8] {
         write!(name, "{byte:02x}")?;

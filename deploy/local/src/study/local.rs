@@ -167,6 +167,10 @@ impl Trial for Local {
         all.iter().map(|one| Ok(encode(one, generation_time)?.1)).collect()
     }
 
+    async fn time(&mut self, params: &GenerationParams) -> Result<Result<Duration, Invalid>, TrialError> {
+        Ok(self.represent(params).map(|(_, time)| time))
+    }
+
     async fn measure(
         &mut self,
         params: &[GenerationParams],

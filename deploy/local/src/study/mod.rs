@@ -30,7 +30,6 @@ use lamina_tuner::search::Grid;
 use lamina_tuner::trial::Trial as _;
 use lamina_tuner::tune::{Row, tune};
 use lamina_viz_node::kernel as viz;
-use std::path::Path;
 
 /// How often a generation is timed: once in each of as many rounds over the grid, because what else a machine does may last
 /// for minutes.
@@ -68,7 +67,7 @@ pub fn study(arguments: &cli::Study) -> anyhow::Result<()> {
         for step in chosen {
             let name = series.name().to_owned();
             let volume = with_colors(&series, step, series.read(step)?, &scene)?;
-            let trial = open(&name, step as u64, volume, &scene, &backends, &arguments.out)?;
+            let trial = open(&name, step as u64, volume, &scene, &backends, arguments)?;
             all.push(measure(name, step as u64, &scene, trial, &arguments.grid)?);
             // What is there is written after every step: the next may take an hour.
             csv::measurements(&arguments.out, &all)?;
@@ -98,13 +97,16 @@ fn open(
     volume: Volume,
     scene: &Scene,
     backends: &(Backend, viz::Backend),
-    out: &Path,
+    arguments: &cli::Study,
 ) -> anyhow::Result<Local> {
     let plan = SamplePlan::default();
-    let backend = format!("{:?}", std::mem::discriminant(&backends.0));
-    let fingerprint = cache::fingerprint(&volume, scene, &plan, &backend)?;
-    let cache = Cache::open(&out.join("cache").join(format!("{name}-{step}-{fingerprint}.jsonl")))?;
-    Ok(Local::new(step, volume, scene, backends, &plan, Segmentation::Greedy, cache)?)
+    let mut kernel = format!("{:?}", std::mem::discriminant(&backends.0));
+    if arguments.segmentation != Segmentation::Greedy {
+        kernel += &arguments.segmentation.to_string();
+    }
+    let fingerprint = cache::fingerprint(&volume, scene, &plan, &kernel)?;
+    let cache = Cache::open(&arguments.out.join("cache").join(format!("{name}-{step}-{fingerprint}.jsonl")))?;
+    Ok(Local::new(step, volume, scene, backends, &plan, arguments.segmentation, cache)?)
 }
 
 /// Every candidate of `grid`.

@@ -9,7 +9,8 @@ use lamina_tuner::Contract;
 use lamina_tuner::search::search;
 use lamina_tuner::trial::{self, Cost, Trial, TrialError};
 use lamina_tuner::tune::Row;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
+use std::time::Duration;
 
 /// What a search found under one contract, beside the best of all.
 pub struct Outcome {
@@ -23,7 +24,7 @@ pub struct Outcome {
     pub best: Option<Row>,
     /// The search's, as the exhaustive study measured it.
     pub found: Option<Row>,
-    /// Trials it took.
+    /// Trials it took, those included that ended once generation was timed.
     pub trials: usize,
     /// Processor time of what it measured, and its own, seconds.
     pub cpu_secs: f64,
@@ -51,6 +52,8 @@ struct Replay<'a> {
     march_secs: &'a mut Option<f64>,
     /// Batches given so far.
     given: HashMap<ParamsKey, u32>,
+    /// What anything was asked of.
+    asked: HashSet<ParamsKey>,
     spent_secs: f64,
 }
 
@@ -77,9 +80,16 @@ impl Trial for Replay<'_> {
         self.spent_secs += self.march_secs.unwrap_or(0.0);
         let cost = |gamma: &f64| {
             let trial = self.study.cache().get(&params.with_gamma(*gamma)?);
-            trial.map(|t| t.cost).ok_or_else(|| Invalid::new("trial", "was not measured").into())
+            trial.map(|t| t.cost).ok_or_else(|| unmeasured().into())
         };
         gammas.iter().map(cost).collect()
+    }
+
+    async fn time(&mut self, params: &GenerationParams) -> Result<Result<Duration, Invalid>, TrialError> {
+        let Some(trial) = self.study.cache().get(params) else { return Ok(Err(unmeasured())) };
+        self.spent_secs += 1e-9 * trial.spent.generate_ns as f64;
+        self.asked.insert(params.key());
+        Ok(Ok(trial.cost.generation_time))
     }
 
     async fn measure(
@@ -93,11 +103,12 @@ impl Trial for Replay<'_> {
 
 impl Replay<'_> {
     fn one(&mut self, params: &GenerationParams, batches: u32) -> Result<trial::Measured, Invalid> {
-        let trial = self.study.cache().get(params).ok_or_else(|| Invalid::new("trial", "was not measured"))?;
+        let trial = self.study.cache().get(params).ok_or_else(unmeasured)?;
         let (spent, key) = (&trial.spent, params.key());
         let before = self.given.get(&key).copied();
         let all = trial.quality.batches() as u32;
         let wanted = batches.min(all).max(before.unwrap_or(0));
+        self.asked.insert(key);
         let mut ns = 0.0;
         if before.is_none() {
             ns += (spent.generate_ns + spent.encode_ns) as f64;
@@ -110,6 +121,10 @@ impl Replay<'_> {
         self.given.insert(key, wanted);
         Ok(trial::Measured { cost: trial.cost, quality: trial.quality.first(wanted as usize) })
     }
+}
+
+fn unmeasured() -> Invalid {
+    Invalid::new("trial", "was not measured")
 }
 
 /// Searches every measured step under each contract.
@@ -125,9 +140,10 @@ pub fn outcomes(all: &mut [Measured], contracts: &[&Contract]) -> anyhow::Result
             // Its own arithmetic; the march, if it is made now, counts as it does every time.
             let (marched, before) = (march_secs.is_some(), Used::now());
             let (study, march_secs) = (&mut m.trial, &mut march_secs);
-            let mut replay = Replay { study, march_secs, given: HashMap::new(), spent_secs: 0.0 };
+            let mut replay =
+                Replay { study, march_secs, given: HashMap::new(), asked: HashSet::new(), spent_secs: 0.0 };
             let found = runtime.block_on(search(&mut replay, contract, &candidates, None, None, |_| {}))?;
-            let spent_secs = replay.spent_secs;
+            let (spent_secs, trials) = (replay.spent_secs, replay.asked.len());
             let march = march_secs.filter(|_| !marched).unwrap_or(0.0);
             let own_secs = (before.secs().unwrap_or(0.0) - march).max(0.0);
             let chosen = found.study.best.map(|n| found.study.rows[n].params);
@@ -138,7 +154,7 @@ pub fn outcomes(all: &mut [Measured], contracts: &[&Contract]) -> anyhow::Result
                 contract: (*contract).clone(),
                 best: best(&m.rows, contract).map(|n| m.rows[n].clone()),
                 found: chosen.and_then(measured),
-                trials: found.study.rows.len(),
+                trials,
                 cpu_secs: spent_secs + own_secs,
                 exhaustive_secs,
             });

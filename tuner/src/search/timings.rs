@@ -1,0 +1,113 @@
+//! Generation timed by itself, where a contract limits it. That takes a fraction of a whole trial, most of which is coding and
+//! drawing: so candidates are timed first, and those that break the limit are not encoded.
+
+use super::gauss::{Place, Prediction, place};
+use crate::Contract;
+use lamina_model::GenerationParams;
+use std::time::Duration;
+
+/// The most candidates timed.
+const MOST: usize = 24;
+/// Standard deviations below the mean that one value in a hundred lies.
+const ONE_IN_HUNDRED: f64 = 2.3;
+
+/// Generation times taken by themselves, and the limit they have to keep.
+pub struct Timings {
+    limit_ms: Option<f64>,
+    known: Vec<(GenerationParams, f64)>,
+}
+
+impl Timings {
+    /// None yet. `some` is any of the candidates, which are all of one representation.
+    pub fn new(contract: &Contract, some: &GenerationParams) -> Self {
+        Self { limit_ms: contract.generation_limit_ms(some), known: Vec::new() }
+    }
+
+    /// True if `params` should be timed before they are measured.
+    pub fn want(&self, params: &GenerationParams) -> bool {
+        self.limit_ms.is_some() && self.known.len() < MOST && self.of(params).is_none()
+    }
+
+    /// Takes in how long generation with `params` took.
+    pub fn add(&mut self, params: &GenerationParams, time: Duration) {
+        self.known.push((*params, 1e3 * time.as_secs_f64()));
+    }
+
+    /// True if `params` were timed and break the limit.
+    pub fn too_slow(&self, params: &GenerationParams) -> bool {
+        self.of(params).zip(self.limit_ms).is_some_and(|(ms, limit_ms)| ms > limit_ms)
+    }
+
+    /// The logarithm of milliseconds to go by where `predicted` is what a model says; `None` for what is too slow. As timing
+    /// costs little, what can still be timed counts as fast enough if it may be, so that the best of those is timed first.
+    pub fn expected(&self, params: &GenerationParams, predicted: Prediction) -> Option<Prediction> {
+        let Some(limit) = self.limit_ms.map(f64::ln) else { return Some(predicted) };
+        let exactly = |mean| Prediction { mean, deviation: 0.0 };
+        if let Some(ms) = self.of(params) {
+            return Some(exactly(ms.ln())).filter(|at| at.mean <= limit);
+        }
+        if !self.want(params) {
+            return Some(predicted);
+        }
+        let may_be = predicted.mean - ONE_IN_HUNDRED * predicted.deviation <= limit;
+        // A hair below the limit, which the exponential of its logarithm may exceed.
+        may_be.then(|| exactly(predicted.mean.min(limit - 1e-9)))
+    }
+
+    /// Where they were taken, and milliseconds.
+    pub fn all(&self) -> impl Iterator<Item = (Place, f64)> {
+        self.known.iter().map(|(params, ms)| (place(params), *ms))
+    }
+
+    fn of(&self, params: &GenerationParams) -> Option<f64> {
+        self.known.iter().find(|(known, _)| known == params).map(|(_, ms)| *ms)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn params(r: u32) -> GenerationParams {
+        GenerationParams::new(r, 0.02).unwrap()
+    }
+
+    #[test]
+    fn what_may_be_fast_enough_counts_as_fast_until_it_is_timed() {
+        let limited: Contract = "time <= 20ms".parse().unwrap();
+        let mut timings = Timings::new(&limited, &params(100));
+        let expected = |timings: &Timings, r, ms: f64, deviation| {
+            let found = timings.expected(&params(r), Prediction { mean: ms.ln(), deviation })?;
+            assert_eq!(found.deviation, 0.0);
+            Some(found.mean.exp())
+        };
+        let near = |found: Option<f64>, ms: f64| found.is_some_and(|f| (f - ms).abs() < 1e-6 && f <= 20.0);
+        assert!(timings.want(&params(100)) && !timings.too_slow(&params(100)));
+        assert!(near(expected(&timings, 100, 15.0, 0.3), 15.0));
+        assert!(near(expected(&timings, 100, 24.0, 0.1), 20.0), "a chance of one in thirty");
+        assert_eq!(expected(&timings, 100, 26.0, 0.1), None, "of one in two hundred");
+        timings.add(&params(100), Duration::from_millis(19));
+        timings.add(&params(110), Duration::from_millis(21));
+        assert!(!timings.want(&params(100)) && !timings.want(&params(110)));
+        assert!(near(expected(&timings, 100, 26.0, 0.1), 19.0) && !timings.too_slow(&params(100)));
+        assert!(expected(&timings, 110, 15.0, 0.3).is_none() && timings.too_slow(&params(110)));
+        for r in 200..222 {
+            timings.add(&params(r), Duration::from_millis(50));
+        }
+        let predicted = Prediction { mean: 9.0, deviation: 0.3 };
+        assert!(!timings.want(&params(300)) && timings.expected(&params(300), predicted) == Some(predicted), "enough");
+        assert!(timings.too_slow(&params(200)) && timings.expected(&params(200), predicted).is_none());
+    }
+
+    #[test]
+    fn nothing_is_timed_where_generation_alone_is_not_limited() {
+        let volume = params(64).with_representation(lamina_model::Representation::Volume);
+        for (contract, params) in
+            [("size <= 20kB", params(64)), ("time+encoding <= 20ms", params(64)), ("time <= 20ms", volume)]
+        {
+            let timings = Timings::new(&contract.parse().unwrap(), &params);
+            let predicted = Prediction { mean: 9.0, deviation: 0.1 };
+            assert!(!timings.want(&params) && timings.expected(&params, predicted) == Some(predicted), "{contract}");
+        }
+    }
+}
