@@ -105,7 +105,7 @@ impl Contract {
 
     /// True if it depends on sizes what is best.
     pub(crate) fn weighs_size(&self) -> bool {
-        self.size_bytes.is_some() || matches!(self.utility(), Utility::Size | Utility::Expression(_))
+        self.size_bytes.is_some() || self.utility().weighs_size()
     }
 
     /// By which factor the worst limit is exceeded, as its logarithm: 0 or less keeps all of them. Decibels count as

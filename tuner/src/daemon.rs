@@ -6,7 +6,7 @@ use crate::live::LiveQuality;
 use crate::push::{push, setting};
 use crate::remote::{Remote, connect};
 use crate::run::{End, Run, cost, read};
-use crate::search::{candidates, search};
+use crate::search::{candidates, search_with_margin};
 use crate::trial::{Cost, Trial as _, TrialError};
 use crate::tune::Row;
 use crate::{Config, status::Status};
@@ -251,13 +251,13 @@ impl Daemon {
         // Ends what goes ahead with the search.
         let progress = move |row: &Row| {
             status.tried(row);
+            rows.retain(|known| known.params != row.params);
             rows.push(row.clone());
             if let Some(ahead) = &mut ahead {
                 ahead.tried(row);
             }
         };
-        let aim = contract.aim();
-        let searching = search(&mut remote, &aim, &all, in_use.as_ref(), until, progress);
+        let searching = search_with_margin(&mut remote, &contract, &all, in_use.as_ref(), until, progress);
         let (found, pushed) = match picked {
             Some(picked) => tokio::join!(searching, follow(control, status, picked)),
             None => (searching.await, None),
@@ -268,9 +268,7 @@ impl Daemon {
         }
         // A study given up has measured something all the same.
         let found = found.inspect_err(|_| status.measured(step, &tried, None))?;
-        let mut study = found.study;
-        // What misses the aim may keep the contract.
-        study.best = study.best.or_else(|| study.nearest(&aim).filter(|&n| study.rows[n].distance(&contract) <= 0.0));
+        let study = found.study;
         let studied = study.step.max(report.step);
         // "Nothing keeps the contract" is no knowledge of a search that was cut short, nor of one among old candidates.
         let cut = found.cut || (old && study.best.is_none());

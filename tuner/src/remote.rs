@@ -155,7 +155,7 @@ impl Remote {
 
     /// Takes the answer that a study given up has left behind.
     async fn settle(&mut self) -> Result<(), TrialError> {
-        if self.generating.is_some() {
+        if !self.generator.is_idle() {
             let reply = self.generator.reply().await?;
             Round::new(self, &[], 0).generated(reply)?;
         }

@@ -72,7 +72,8 @@ pub trait Trial: Send {
         gammas: &[f64],
     ) -> impl Future<Output = Result<Vec<Cost>, TrialError>> + Send;
 
-    /// Wall time of generation with `params`, which takes a tenth of what a whole trial does: nothing is encoded or measured.
+    /// Wall time of generation with `params`, which takes a tenth of what a whole trial does: nothing is encoded or measured. Of
+    /// a volume it is without the coding, which [`Cost`] counts.
     ///
     /// The outer error ends the study; an inner one is about these parameters only.
     fn time(

@@ -43,6 +43,15 @@ impl Utility {
         Ok(Self::Expression(Box::new(expression)))
     }
 
+    /// True if it depends on the size.
+    pub fn weighs_size(&self) -> bool {
+        match self {
+            Self::Quality | Self::Time => false,
+            Self::Size => true,
+            Self::Expression(expression) => expression.var_names().iter().any(|v| v == "sigma"),
+        }
+    }
+
     /// Lower is better. Size in bytes, quality in decibels, time in milliseconds. +infinity where an expression has no value.
     pub fn cost(&self, size_bytes: u64, psnr_db: f64, time_ms: f64) -> f64 {
         let kilobytes = size_bytes as f64 / 1e3;

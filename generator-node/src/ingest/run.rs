@@ -157,10 +157,10 @@ impl Run {
         let (name, differs) = (&self.spec.name, self.spec != *spec);
         let idles = silent >= idle;
         // Late ranks of a run that others have left, or that was killed, are waited for, but not against another run.
-        let is_over = self.ended() || idles && self.is_left() || (idles || self.is_left()) && differs;
-        let is_late = *name == spec.name && !self.attached.contains(&rank) && !is_over;
+        let replaceable = self.ended() || idles && self.is_left() || (idles || self.is_left()) && differs;
+        let joins = *name == spec.name && !self.attached.contains(&rank) && !replaceable;
         // Also those whose id is from before another rank opened the run anew: ranks meet in one run.
-        if is_late || !resume.is_empty() && self.id == resume {
+        if joins || !resume.is_empty() && self.id == resume {
             if differs {
                 return Err(Status::failed_precondition(format!(
                     "run \"{name}\": rank {rank} describes it differently (grid, type, fields, ranks, policy or scene) than the ranks before; correct it, or wait until that run is silent for {:.0} s",
@@ -169,7 +169,7 @@ impl Run {
             }
             return Ok(true);
         }
-        if is_over || idles {
+        if replaceable || idles {
             return Ok(false);
         }
         if *name != spec.name {

@@ -1,5 +1,6 @@
 //! Which parameters are tried.
 
+mod aimed;
 mod gauss;
 mod grid;
 mod models;
@@ -11,6 +12,7 @@ mod tests;
 mod timed;
 mod timings;
 
+pub use aimed::search_with_margin;
 pub use gauss::{Process, place};
 pub use grid::{Axis, Grid};
 pub use models::Price;

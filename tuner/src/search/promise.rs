@@ -13,6 +13,8 @@ const DRAWS: usize = 48;
 pub struct Promise {
     /// Which one.
     pub params: Option<GenerationParams>,
+    /// Generation has to be timed first, as it may be too slow.
+    pub in_doubt: bool,
     /// By how much it is expected to improve on the best.
     pub improvement: f64,
     /// How likely it is to keep the contract; where nothing was found to, how likely anything is.
@@ -51,7 +53,7 @@ impl<'a> Hopes<'a> {
             }
         }
         let n = self.draws.len() as f64;
-        Promise { params: None, improvement: improvement / n, feasible: feasible / n, nearer: nearer / n }
+        Promise { improvement: improvement / n, feasible: feasible / n, nearer: nearer / n, ..Promise::default() }
     }
 }
 

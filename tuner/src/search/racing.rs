@@ -4,8 +4,8 @@
 //! expected to improve most on the best found is measured next (expected improvement: Jones, Schonlau and Welch, Efficient
 //! Global Optimization of Expensive Black-Box Functions, 1998), until none is expected to improve by more than some
 //! hundredths of a decibel. Where sizes matter, those of a dozen gammas come from one march at the lowest resolution, which
-//! costs least. Where generation has to be fast it is timed first, the best of what may be fast enough before all else: what
-//! breaks that limit is not encoded. Quality is first measured on a quarter of the sampled pixels; only contenders that this
+//! costs least. Where generation has to be fast, what may be too slow is timed first, the best of what may be fast enough before
+//! all else: what breaks that limit is not encoded. Quality is first measured on a quarter of the sampled pixels; only contenders that this
 //! cannot tell apart get them all.
 
 use super::gauss::{Place, Process, place};
@@ -27,6 +27,8 @@ const MOST_TRIALS: usize = 24;
 const MOST_NEARER: usize = 10;
 /// Gammas of the march at the lowest resolution.
 const MARCH: usize = 12;
+/// How much larger an improvement has to be where trials are dear, at most.
+const DEAREST: f64 = 5.0;
 /// The least probability that is worth a trial.
 const HOPE: f64 = 0.005;
 
@@ -144,10 +146,16 @@ impl<'a> Race<'a> {
             self.march(trial).await?;
         }
         for params in self.first_trials() {
-            self.time_first(trial, &params).await?;
+            if self.timings.want(&params, None) {
+                self.time(trial, &params).await?;
+            }
             if !self.timings.too_slow(&params) {
                 self.measure(trial, &params, progress).await?;
             }
+        }
+        // Models need something to begin with.
+        if let Some(fastest) = self.timings.fastest().filter(|_| self.tried.is_empty()) {
+            self.measure(trial, &fastest, progress).await?;
         }
         loop {
             let mut next = self.most_promising();
@@ -156,7 +164,9 @@ impl<'a> Race<'a> {
                 if !trial.enough() {
                     break;
                 }
-                if !self.time_first(trial, &params).await? {
+                if next.in_doubt {
+                    self.time(trial, &params).await?;
+                } else {
                     self.measure(trial, &params, progress).await?;
                 }
                 next = self.most_promising();
@@ -224,7 +234,7 @@ impl<'a> Race<'a> {
         params: &GenerationParams,
         progress: &mut (impl FnMut(&Row) + Send),
     ) -> Result<(), TrialError> {
-        if self.refused.contains(params) || self.tried.iter().any(|r| r.params == *params) || !trial.enough() {
+        if !self.is_new(params) || !trial.enough() {
             return Ok(());
         }
         let mut measured = match trial.measure(params, 0).await? {
@@ -253,21 +263,21 @@ impl<'a> Race<'a> {
         Ok(())
     }
 
-    /// Times generation before anything else, if its time decides what else is worth finding out; true if it did. With nothing in
-    /// hand even what is too slow is measured: it may come nearest to the contract.
-    async fn time_first(
-        &mut self,
-        trial: &mut Timed<'_, impl Trial>,
-        params: &GenerationParams,
-    ) -> Result<bool, TrialError> {
-        if self.least_cost().is_none() || !self.timings.want(params) || !trial.enough() {
-            return Ok(false);
+    /// Times generation alone. With nothing in hand even what is too slow is measured: it may come nearest to the contract.
+    async fn time(&mut self, trial: &mut Timed<'_, impl Trial>, params: &GenerationParams) -> Result<(), TrialError> {
+        if self.least_cost().is_none() || !self.is_new(params) || !trial.enough() {
+            return Ok(());
         }
         match trial.time(params).await? {
             Ok(time) => self.timings.add(params, time),
             Err(reason) => self.leave_out(params, &reason),
         }
-        Ok(true)
+        Ok(())
+    }
+
+    /// True if nothing was measured of it yet, nor refused.
+    fn is_new(&self, params: &GenerationParams) -> bool {
+        !self.refused.contains(params) && self.tried.iter().all(|r| r.params != *params)
     }
 
     fn leave_out(&mut self, params: &GenerationParams, reason: &Invalid) {
@@ -283,7 +293,7 @@ impl<'a> Race<'a> {
     /// An improvement too small to look for: a larger one where trials are dear.
     fn tolerance(&self, params: &GenerationParams, least: f64) -> f64 {
         let dearer = f64::from(params.resolution()) / f64::from(self.lowest());
-        dearer
+        dearer.min(DEAREST)
             * match self.utility {
                 Utility::Quality => 0.01,
                 Utility::Size | Utility::Time => 0.002 * least.abs().max(1e-9),
@@ -298,9 +308,10 @@ impl<'a> Race<'a> {
             places.push(at(row));
             sizes.push((row.measured.cost.size_bytes.max(1) as f64).ln());
         }
-        let ms = |r: &Row| (at(r), self.contract.time_of(r.measured.cost.generation_time, r.measured.cost.encode_time));
-        let (timed, times): (Vec<Place>, Vec<f64>) =
-            self.tried.iter().map(ms).chain(self.timings.all()).map(|(at, ms)| (at, ms.max(1e-6).ln())).unzip();
+        let timed =
+            |r: &Row| (at(r), self.contract.time_of(r.measured.cost.generation_time, r.measured.cost.encode_time));
+        let (timed_at, times): (Vec<Place>, Vec<f64>) =
+            self.tried.iter().map(timed).chain(self.timings.all()).map(|(at, ms)| (at, ms.max(1e-6).ln())).unzip();
         let off = self.first_batches_off_db();
         let quality = |r: &Row| {
             let found = &r.measured.quality;
@@ -310,7 +321,7 @@ impl<'a> Race<'a> {
         let (seen, decibels): (Vec<Place>, Vec<f64>) = self.tried.iter().filter_map(quality).unzip();
         (
             Price::of_sizes(self.candidates[0].representation(), places, &sizes),
-            Price::of_times(timed, &times),
+            Price::of_times(timed_at, &times),
             (!seen.is_empty()).then(|| Quality::through(seen, &decibels)),
         )
     }
@@ -342,24 +353,24 @@ impl<'a> Race<'a> {
         let Some(qualities) = qualities else { return none };
         let least = self.least_cost();
         let nearest = self.tried.iter().map(|r| r.distance(self.contract)).fold(f64::INFINITY, f64::min);
-        let untried =
-            self.candidates.iter().filter(|c| !self.refused.contains(c) && !self.tried.iter().any(|r| r.params == **c));
+        let untried = self.candidates.iter().filter(|c| self.is_new(c));
         let promise = |params: &GenerationParams| {
             let at = place(params);
             let mut of = [sizes.predict(&at), times.predict(&at), qualities.predict(&at)];
+            let in_doubt = least.is_some() && self.timings.want(params, Some(of[1]));
             if least.is_some() {
                 of[1] = self.timings.expected(params, of[1])?;
             }
-            Some(Promise { params: Some(*params), ..self.hopes.expectation(&of, least, nearest) })
+            Some(Promise { params: Some(*params), in_doubt, ..self.hopes.expectation(&of, least, nearest) })
         };
         let promises: Vec<Promise> = untried.filter_map(promise).collect();
         let hope = promises.iter().map(|p| p.feasible).fold(0.0, f64::max);
         // Without anything in hand, what is surest to keep the limits, and of those the best; without hope, what comes nearest.
-        let order = |p: &Promise| match least {
-            Some(_) => p.improvement,
-            None if hope > HOPE && p.feasible == 0.0 => f64::NEG_INFINITY,
-            None if hope > HOPE => (p.feasible * 20.0).round() * 1e6 + p.improvement,
-            None => p.nearer,
+        let order = |p: &Promise| match (least, p.params) {
+            (Some(least), Some(params)) => p.improvement / self.tolerance(&params, least),
+            (None, _) if hope > HOPE && p.feasible == 0.0 => f64::NEG_INFINITY,
+            (None, _) if hope > HOPE => (p.feasible * 20.0).round() * 1e6 + p.improvement,
+            _ => p.nearer,
         };
         let best = promises.into_iter().max_by(|a, b| order(a).total_cmp(&order(b))).unwrap_or(none);
         if least.is_none() { Promise { feasible: hope, ..best } } else { best }

@@ -8,7 +8,7 @@ use tokio::time::{Duration, Instant};
 pub struct Timed<'a, T> {
     trial: &'a mut T,
     until: Option<Instant>,
-    /// The measurement that took longest so far.
+    /// The measurement or timing that took longest so far.
     longest: Duration,
     /// There was no time for a trial that was wanted.
     pub cut: bool,
@@ -39,7 +39,10 @@ impl<'a, T: Trial> Timed<'a, T> {
 
     /// See [`Trial::time`].
     pub async fn time(&mut self, params: &GenerationParams) -> Result<Result<Duration, Invalid>, TrialError> {
-        self.trial.time(params).await
+        let begun = Instant::now();
+        let answer = self.trial.time(params).await;
+        self.longest = self.longest.max(begun.elapsed());
+        answer
     }
 
     /// [`Trial::measure`] of one.

@@ -1,5 +1,5 @@
 //! Generation timed by itself, where a contract limits it. That takes a fraction of a whole trial, most of which is coding and
-//! drawing: so candidates are timed first, and those that break the limit are not encoded.
+//! drawing: so candidates that may break the limit are timed first, and those that do are not encoded.
 
 use super::gauss::{Place, Prediction, place};
 use crate::Contract;
@@ -23,9 +23,15 @@ impl Timings {
         Self { limit_ms: contract.generation_limit_ms(some), known: Vec::new() }
     }
 
-    /// True if `params` should be timed before they are measured.
-    pub fn want(&self, params: &GenerationParams) -> bool {
-        self.limit_ms.is_some() && self.known.len() < MOST && self.of(params).is_none()
+    /// True if `params` should be timed before they are measured: where a model predicts the logarithm of their milliseconds, if
+    /// it leaves it open that they break the limit.
+    pub fn want(&self, params: &GenerationParams, predicted: Option<Prediction>) -> bool {
+        let surely_fast = |limit: f64| predicted.is_some_and(|p| p.mean + ONE_IN_HUNDRED * p.deviation <= limit.ln());
+        self.can_be_timed(params) && self.limit_ms.is_some_and(|limit| !surely_fast(limit))
+    }
+
+    fn can_be_timed(&self, params: &GenerationParams) -> bool {
+        self.known.len() < MOST && self.of(params).is_none()
     }
 
     /// Takes in how long generation with `params` took.
@@ -46,12 +52,17 @@ impl Timings {
         if let Some(ms) = self.of(params) {
             return Some(exactly(ms.ln())).filter(|at| at.mean <= limit);
         }
-        if !self.want(params) {
+        if !self.can_be_timed(params) {
             return Some(predicted);
         }
         let may_be = predicted.mean - ONE_IN_HUNDRED * predicted.deviation <= limit;
         // A hair below the limit, which the exponential of its logarithm may exceed.
         may_be.then(|| exactly(predicted.mean.min(limit - 1e-9)))
+    }
+
+    /// The fastest of those timed.
+    pub fn fastest(&self) -> Option<GenerationParams> {
+        self.known.iter().min_by(|a, b| a.1.total_cmp(&b.1)).map(|(params, _)| *params)
     }
 
     /// Where they were taken, and milliseconds.
@@ -82,20 +93,26 @@ mod tests {
             Some(found.mean.exp())
         };
         let near = |found: Option<f64>, ms: f64| found.is_some_and(|f| (f - ms).abs() < 1e-6 && f <= 20.0);
-        assert!(timings.want(&params(100)) && !timings.too_slow(&params(100)));
+        let predicts = |ms: f64, deviation| Some(Prediction { mean: ms.ln(), deviation });
+        assert!(timings.want(&params(100), None) && !timings.too_slow(&params(100)));
+        assert!(timings.want(&params(100), predicts(17.0, 0.1)) && !timings.want(&params(100), predicts(15.0, 0.1)));
         assert!(near(expected(&timings, 100, 15.0, 0.3), 15.0));
         assert!(near(expected(&timings, 100, 24.0, 0.1), 20.0), "a chance of one in thirty");
         assert_eq!(expected(&timings, 100, 26.0, 0.1), None, "of one in two hundred");
         timings.add(&params(100), Duration::from_millis(19));
         timings.add(&params(110), Duration::from_millis(21));
-        assert!(!timings.want(&params(100)) && !timings.want(&params(110)));
+        assert!(!timings.want(&params(100), None) && !timings.want(&params(110), None));
+        assert_eq!(timings.fastest(), Some(params(100)));
         assert!(near(expected(&timings, 100, 26.0, 0.1), 19.0) && !timings.too_slow(&params(100)));
         assert!(expected(&timings, 110, 15.0, 0.3).is_none() && timings.too_slow(&params(110)));
         for r in 200..222 {
             timings.add(&params(r), Duration::from_millis(50));
         }
         let predicted = Prediction { mean: 9.0, deviation: 0.3 };
-        assert!(!timings.want(&params(300)) && timings.expected(&params(300), predicted) == Some(predicted), "enough");
+        assert!(
+            !timings.want(&params(300), None) && timings.expected(&params(300), predicted) == Some(predicted),
+            "enough"
+        );
         assert!(timings.too_slow(&params(200)) && timings.expected(&params(200), predicted).is_none());
     }
 
@@ -107,7 +124,10 @@ mod tests {
         {
             let timings = Timings::new(&contract.parse().unwrap(), &params);
             let predicted = Prediction { mean: 9.0, deviation: 0.1 };
-            assert!(!timings.want(&params) && timings.expected(&params, predicted) == Some(predicted), "{contract}");
+            assert!(
+                !timings.want(&params, None) && timings.expected(&params, predicted) == Some(predicted),
+                "{contract}"
+            );
         }
     }
 }

@@ -1,0 +1,38 @@
+//! A search that keeps off the limits, and goes up to them only where it has to.
+
+use super::racing::{Found, search};
+use crate::Contract;
+use crate::trial::{Trial, TrialError};
+use crate::tune::{Row, Study};
+use lamina_model::GenerationParams;
+use tokio::time::Instant;
+
+/// Searches under what `contract` [aims](Contract::aim) at, and if nothing comes up to that, under the contract itself; see
+/// [`search`] for the rest. Trials of both are passed to `progress`.
+///
+/// # Errors
+/// Those of [`search`].
+pub async fn search_with_margin(
+    trial: &mut impl Trial,
+    contract: &Contract,
+    candidates: &[GenerationParams],
+    in_use: Option<&GenerationParams>,
+    until: Option<Instant>,
+    mut progress: impl FnMut(&Row) + Send,
+) -> Result<Found, TrialError> {
+    let aim = contract.aim();
+    let found = search(trial, &aim, candidates, in_use, until, &mut progress).await?;
+    if found.study.best.is_some() || aim == *contract {
+        return Ok(found);
+    }
+    if found.cut {
+        return Ok(Found { study: judged(found.study, contract), ..found });
+    }
+    search(trial, contract, candidates, in_use, until, progress).await
+}
+
+/// `study` with costs under `contract`.
+fn judged(mut study: Study, contract: &Contract) -> Study {
+    study.rows.iter_mut().for_each(|row| row.cost = contract.cost(&row.measured));
+    study.on_common_pixels(contract)
+}
