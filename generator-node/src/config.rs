@@ -30,7 +30,7 @@ pub struct Config {
     pub backend: Choice,
     /// How samples become the supersegments of VDIs: `fitted`, or `greedy` as in the paper.
     pub segmentation: Segmentation,
-    /// Compressor of VDIs: `bzip2` or `zstd`.
+    /// What makes VDIs small: `mixed`, `bzip2` or `zstd`.
     pub codec: CodecName,
     /// Byte layout of VDIs: `columns`, or `plain` (the paper's records) for comparison.
     pub layout: LayoutName,
@@ -46,6 +46,8 @@ pub enum CodecName {
     Bzip2,
     /// Zstandard, level 3.
     Zstd,
+    /// Mixed contexts of neighbouring rays.
+    Mixed,
 }
 
 /// A layout's name in configuration files.
@@ -71,7 +73,7 @@ impl Default for Config {
             params: default_params(),
             backend: Choice::Auto,
             segmentation: Segmentation::Fitted,
-            codec: CodecName::Bzip2,
+            codec: CodecName::Mixed,
             layout: LayoutName::Columns,
             scene: None,
         }
@@ -107,6 +109,7 @@ impl Config {
         if self.waiting_steps == 0 {
             return Err(Invalid::new("waiting_steps", "0: no step could wait for its turn; give 1 or more"));
         }
+        self.encode_options().check()?;
         Ok(self)
     }
 
@@ -116,6 +119,7 @@ impl Config {
             codec: match self.codec {
                 CodecName::Bzip2 => Codec::Bzip2,
                 CodecName::Zstd => Codec::Zstd,
+                CodecName::Mixed => Codec::Mixed,
             },
             layout: match self.layout {
                 LayoutName::Columns => Layout::Columns,

@@ -60,9 +60,10 @@ fn seeds() -> Result<Vec<Vec<u8>>, Box<dyn std::error::Error>> {
     let mut seeds = Vec::new();
     for resolution in [1, 3, 7] {
         let vdi = Intermediate::Vdi(Box::new(vdi(resolution, &mut random)?));
-        for codec in [Codec::Bzip2, Codec::Zstd] {
-            for layout in [Layout::Columns, Layout::Plain] {
-                seeds.push(encode_any(&vdi, &EncodeOptions { codec, layout })?);
+        for codec in [Codec::Bzip2, Codec::Zstd, Codec::Mixed] {
+            let options = [Layout::Columns, Layout::Plain].map(|layout| EncodeOptions { codec, layout });
+            for options in options.iter().filter(|o| o.check().is_ok()) {
+                seeds.push(encode_any(&vdi, options)?);
             }
         }
     }

@@ -68,11 +68,13 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
         cli::LayoutName::Columns => Layout::Columns,
         cli::LayoutName::Plain => Layout::Plain,
     };
-    let codec = match arguments.codec {
-        cli::CodecName::Bzip2 => Codec::Bzip2,
-        cli::CodecName::Zstd => Codec::Zstd,
+    let codec = match (arguments.codec, layout) {
+        (Some(cli::CodecName::Bzip2), _) | (None, Layout::Plain) => Codec::Bzip2,
+        (Some(cli::CodecName::Zstd), _) => Codec::Zstd,
+        (Some(cli::CodecName::Mixed), _) | (None, Layout::Columns) => Codec::Mixed,
     };
-    let bytes = codec::encode_any(&intermediate, &EncodeOptions { codec, layout })?;
+    let options = EncodeOptions { codec, layout }.check()?;
+    let bytes = codec::encode_any(&intermediate, &options)?;
     let elements = match params.representation() {
         Representation::Vdi => "supersegments",
         Representation::Volume => "sample_points",

@@ -12,9 +12,10 @@ use proptest::prelude::*;
 const HEADER_AT: usize = 8;
 const TABLE_AT: usize = 202;
 
-const ALL_OPTIONS: [EncodeOptions; 4] = [
+const ALL_OPTIONS: [EncodeOptions; 5] = [
     EncodeOptions { codec: Codec::Bzip2, layout: Layout::Columns },
     EncodeOptions { codec: Codec::Zstd, layout: Layout::Columns },
+    EncodeOptions { codec: Codec::Mixed, layout: Layout::Columns },
     EncodeOptions { codec: Codec::Bzip2, layout: Layout::Plain },
     EncodeOptions { codec: Codec::Zstd, layout: Layout::Plain },
 ];
@@ -142,8 +143,10 @@ fn an_image_without_content_and_one_of_a_single_ray_come_back() {
 fn sections_of_more_than_one_block_come_back() {
     let original = assorted(190, 3);
     assert!(5 * original.segments().len() > 899_900);
-    let bytes = encode(&original, &EncodeOptions::default()).unwrap();
-    assert_eq!(decode(&bytes, &DecodeLimits::default()).unwrap(), quantize(&original));
+    for options in ALL_OPTIONS.into_iter().filter(|o| o.layout == Layout::Columns) {
+        let bytes = encode(&original, &options).unwrap();
+        assert_eq!(decode(&bytes, &DecodeLimits::default()).unwrap(), quantize(&original));
+    }
 }
 
 /// A uniform field, every sample its own supersegment: the worst case for rounding, since all errors agree. Errors of the lists
@@ -233,26 +236,30 @@ fn golden_bytes_of_version_1() {
 
 #[test]
 fn every_kind_of_failure_is_told_apart() {
-    let good = encode(&assorted(4, 5), &EncodeOptions::default()).unwrap();
     let refuse = |bytes: &[u8]| decode(bytes, &DecodeLimits::default()).unwrap_err();
     assert!(matches!(refuse(b""), CodecError::NotAVdi));
     assert!(matches!(refuse(b"LVDX--------"), CodecError::NotAVdi));
     assert!(matches!(refuse(b"LVDI\x01"), CodecError::Damaged(_)));
-    let mut newer = good.clone();
-    newer[4] = 2;
-    assert!(matches!(refuse(&newer), CodecError::NewerVersion { found: 2, newest: 1 }));
-    assert!(matches!(peek(&newer), Err(CodecError::NewerVersion { .. })));
-    assert!(matches!(refuse(&good[..good.len() - 1]), CodecError::Damaged(_)));
-    assert!(matches!(refuse(&[good.clone(), vec![0]].concat()), CodecError::Damaged(_)));
-    let mut trailing = good.clone();
-    trailing.splice(good.len() - 4..good.len() - 4, [0]);
-    assert!(matches!(refuse(&with_crc(trailing)), CodecError::Invalid(_)));
-    let small = DecodeLimits { max_decoded_bytes: 100 };
-    assert!(matches!(decode(&good, &small), Err(CodecError::TooLarge { limit_bytes: 100, .. })));
-    for (at, value) in [(6, 0), (192, 7), (193, 7), (TABLE_AT, 9), (147, 255)] {
-        let mut bad = good.clone();
-        bad[at] = value;
-        assert!(matches!(refuse(&with_crc(bad)), CodecError::Invalid(_)), "byte {at}");
+    for options in ALL_OPTIONS {
+        let good = encode(&assorted(4, 5), &options).unwrap();
+        let mut newer = good.clone();
+        newer[4] = 3;
+        assert!(matches!(refuse(&newer), CodecError::NewerVersion { found: 3, newest: 2 }));
+        assert!(matches!(peek(&newer), Err(CodecError::NewerVersion { .. })));
+        assert!(matches!(refuse(&good[..good.len() - 1]), CodecError::Damaged(_)));
+        assert!(matches!(refuse(&[good.clone(), vec![0]].concat()), CodecError::Damaged(_)));
+        let mut trailing = good.clone();
+        trailing.splice(good.len() - 4..good.len() - 4, [0]);
+        assert!(matches!(refuse(&with_crc(trailing)), CodecError::Invalid(_)));
+        let small = DecodeLimits { max_decoded_bytes: 100 };
+        assert!(matches!(decode(&good, &small), Err(CodecError::TooLarge { limit_bytes: 100, .. })));
+        // The other version knows no such codec.
+        let other = 3 - good[4];
+        for (at, value) in [(4, other), (6, 0), (192, 7), (193, 7), (198, 99), (TABLE_AT, 9), (147, 255)] {
+            let mut bad = good.clone();
+            bad[at] = value;
+            assert!(matches!(refuse(&with_crc(bad)), CodecError::Invalid(_)), "{options:?}: byte {at}");
+        }
     }
 }
 
@@ -265,11 +272,16 @@ fn depths_that_plain_floats_cannot_hold_are_refused_with_the_remedy() {
         ..header(1)
     };
     let original = Vdi::new(tiny, vec![0, 1], vec![far]).unwrap();
-    let plain = EncodeOptions { layout: Layout::Plain, ..EncodeOptions::default() };
+    let plain = EncodeOptions { layout: Layout::Plain, ..EncodeOptions::BZIP2 };
     let error = encode(&original, &plain).unwrap_err();
     assert!(matches!(error, CodecError::Unrepresentable(_)) && error.to_string().contains("Layout::Columns"));
-    let columns = encode(&original, &EncodeOptions::default()).unwrap();
-    assert_eq!(decode(&columns, &DecodeLimits::default()).unwrap(), quantize(&original));
+    for codec in [Codec::Bzip2, Codec::Mixed] {
+        let columns = encode(&original, &EncodeOptions { codec, layout: Layout::Columns }).unwrap();
+        assert_eq!(decode(&columns, &DecodeLimits::default()).unwrap(), quantize(&original));
+    }
+    let mixed = EncodeOptions { layout: Layout::Plain, ..EncodeOptions::default() };
+    let error = encode(&original, &mixed).unwrap_err().to_string();
+    assert!(error.contains("give bzip2 or zstd"), "{error}");
 }
 
 /// A file of a few hundred bytes that claims most of a gigabyte of lists; a block that holds more than is due.
@@ -368,7 +380,7 @@ proptest! {
     #[test]
     fn any_vdi_comes_back_as_its_quantised_self(resolution in 1_u32..12, seed: u64) {
         let original = assorted(resolution, seed);
-        for codec in [Codec::Bzip2, Codec::Zstd] {
+        for codec in [Codec::Bzip2, Codec::Zstd, Codec::Mixed] {
             let bytes = encode(&original, &EncodeOptions { codec, layout: Layout::Columns }).unwrap();
             let back = decode(&bytes, &DecodeLimits::default()).unwrap();
             prop_assert_eq!(&back, &quantize(&original));

@@ -26,9 +26,10 @@ use lamina_wire::codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode, enc
 pub const STAGES: [&str; 10] =
     ["raycast", "generate", "depth", "color", "composite", "encode", "decode", "render", "own view", "novel"];
 
-const CODECS: [(&str, Codec, Layout); 4] = [
+const CODECS: [(&str, Codec, Layout); 5] = [
     ("columns bzip2", Codec::Bzip2, Layout::Columns),
     ("columns zstd", Codec::Zstd, Layout::Columns),
+    ("columns mixed", Codec::Mixed, Layout::Columns),
     ("plain bzip2", Codec::Bzip2, Layout::Plain),
     ("plain zstd", Codec::Zstd, Layout::Plain),
 ];

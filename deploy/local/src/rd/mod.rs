@@ -30,12 +30,15 @@ const BOUNDS: [f64; 12] = [0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025, 0.017, 0.01
 const QUOTED_DB: [f64; 3] = [36.0, 40.0, 44.0];
 
 /// The anchor of all comparisons, what the paper has, and what else is done with VDIs, one thing after the other.
-const VDI_CODINGS: [(&str, Segmentation, Layout, Detail); 4] = [
-    ("VDI, plain", Segmentation::Greedy, Layout::Plain, Detail::Nearest),
-    ("VDI, columns", Segmentation::Greedy, Layout::Columns, Detail::Nearest),
-    ("VDI, blended", Segmentation::Greedy, Layout::Columns, Detail::Blended),
-    ("VDI, fitted", Segmentation::Fitted, Layout::Columns, Detail::Blended),
+const VDI_CODINGS: [(&str, Segmentation, EncodeOptions, Detail); 5] = [
+    ("VDI, plain", Segmentation::Greedy, PLAIN, Detail::Nearest),
+    ("VDI, columns", Segmentation::Greedy, EncodeOptions::BZIP2, Detail::Nearest),
+    ("VDI, blended", Segmentation::Greedy, EncodeOptions::BZIP2, Detail::Blended),
+    ("VDI, fitted", Segmentation::Fitted, EncodeOptions::BZIP2, Detail::Blended),
+    ("VDI, mixed", Segmentation::Fitted, MIXED, Detail::Blended),
 ];
+const PLAIN: EncodeOptions = EncodeOptions { codec: Codec::Bzip2, layout: Layout::Plain };
+const MIXED: EncodeOptions = EncodeOptions { codec: Codec::Mixed, layout: Layout::Columns };
 
 /// What is measured on.
 struct Bench {
@@ -55,12 +58,12 @@ impl Bench {
         &self,
         intermediate: &Intermediate,
         generation_ms: f64,
-        layout: Layout,
+        options: &EncodeOptions,
         detail: Detail,
     ) -> anyhow::Result<Sample> {
         let params = intermediate.params();
         let start = Instant::now();
-        let bytes = codec::encode_any(intermediate, &EncodeOptions { codec: Codec::Bzip2, layout })?;
+        let bytes = codec::encode_any(intermediate, options)?;
         let encoded = Instant::now();
         let decoded = codec::decode_any(&bytes, &DecodeLimits::default())?;
         let decode_ms = encoded.elapsed().as_secs_f64() * 1e3;
@@ -80,8 +83,8 @@ impl Bench {
                 for segmentation in [Segmentation::Greedy, Segmentation::Fitted] {
                     let (vdi, time) = self.backend.represent(&self.field, &params, segmentation)?;
                     let codings = VDI_CODINGS.iter().zip(&mut samples);
-                    for ((.., layout, detail), samples) in codings.filter(|((_, s, ..), _)| *s == segmentation) {
-                        samples.push(self.sample(&vdi, time.as_secs_f64() * 1e3, *layout, *detail)?);
+                    for ((.., options, detail), samples) in codings.filter(|((_, s, ..), _)| *s == segmentation) {
+                        samples.push(self.sample(&vdi, time.as_secs_f64() * 1e3, options, *detail)?);
                     }
                 }
             }
@@ -100,7 +103,7 @@ impl Bench {
             let volumes = self.backend.represent_all(&self.field, &params, &BOUNDS, Segmentation::Fitted)?;
             let reduction_ms = start.elapsed().as_secs_f64() * 1e3;
             for volume in volumes {
-                samples.push(self.sample(&volume, reduction_ms, Layout::Columns, Detail::Blended)?);
+                samples.push(self.sample(&volume, reduction_ms, &MIXED, Detail::Blended)?);
             }
         }
         let whole = samples[..BOUNDS.len()].to_vec();

@@ -67,7 +67,7 @@ impl Local {
         let start = clock();
         let (intermediate, generation_time) = self.represent(params)?;
         let generated = clock();
-        let (bytes, cost) = encode(&intermediate, generation_time)?;
+        let (bytes, cost) = self.encode(&intermediate, generation_time)?;
         let encoded = clock();
         let shown = Prepared::new(codec::decode_any(&bytes, &DecodeLimits::default())?);
         let ns = |from: Duration, to: Duration| to.saturating_sub(from).as_nanos() as u64;
@@ -78,6 +78,14 @@ impl Local {
             quality_ns: 0,
         };
         Ok((shown, cost, spent))
+    }
+
+    /// Its bytes, with what they cost.
+    fn encode(&self, intermediate: &Intermediate, generation_time: Duration) -> Result<(Vec<u8>, Cost), Invalid> {
+        let options = encode_options(self.segmentation);
+        let (bytes, [generation_time, encode_time]) = codec::encode_timed(intermediate, generation_time, &options)?;
+        let (size_bytes, supersegments) = (bytes.len() as u64, intermediate.elements());
+        Ok((bytes, Cost { size_bytes, generation_time, encode_time, supersegments }))
     }
 
     fn represent(&self, params: &GenerationParams) -> Result<(Intermediate, Duration), Invalid> {
@@ -129,12 +137,12 @@ impl Local {
     }
 }
 
-/// Its bytes, with what they cost.
-fn encode(intermediate: &Intermediate, generation_time: Duration) -> Result<(Vec<u8>, Cost), Invalid> {
-    let (bytes, [generation_time, encode_time]) =
-        codec::encode_timed(intermediate, generation_time, &EncodeOptions::default())?;
-    let (size_bytes, supersegments) = (bytes.len() as u64, intermediate.elements());
-    Ok((bytes, Cost { size_bytes, generation_time, encode_time, supersegments }))
+/// How VDIs cut so are coded: as in the paper, or as nodes send them.
+pub fn encode_options(segmentation: Segmentation) -> EncodeOptions {
+    match segmentation {
+        Segmentation::Greedy => EncodeOptions::BZIP2,
+        Segmentation::Fitted => EncodeOptions::default(),
+    }
 }
 
 fn measured(trial: &Recorded) -> Measured {
@@ -164,7 +172,7 @@ impl Trial for Local {
         let start = Instant::now();
         let all = self.backend.represent_all(&self.field, params, gammas, self.segmentation)?;
         let generation_time = start.elapsed();
-        all.iter().map(|one| Ok(encode(one, generation_time)?.1)).collect()
+        all.iter().map(|one| Ok(self.encode(one, generation_time)?.1)).collect()
     }
 
     async fn time(&mut self, params: &GenerationParams) -> Result<Result<Duration, Invalid>, TrialError> {

@@ -102,7 +102,7 @@ fn open(
     let plan = SamplePlan::default();
     let mut kernel = format!("{:?}", std::mem::discriminant(&backends.0));
     if arguments.segmentation != Segmentation::Greedy {
-        kernel += &arguments.segmentation.to_string();
+        kernel += &format!("{} {:?}", arguments.segmentation, local::encode_options(arguments.segmentation).codec);
     }
     let fingerprint = cache::fingerprint(&volume, scene, &plan, &kernel)?;
     let cache = Cache::open(&arguments.out.join("cache").join(format!("{name}-{step}-{fingerprint}.jsonl")))?;

@@ -2,7 +2,8 @@
 //!
 //! A band knows nothing of its neighbours and learns everything anew: at [`BAND_VOXELS`] that costs about a percent of the
 //! bytes. Where the bands lie follows from the sizes alone.
-use super::{Error, decode::decode as decode_band, encode::encode as encode_band};
+use super::{decode::decode as decode_band, encode::encode as encode_band};
+use crate::Error;
 use rayon::prelude::*;
 use std::ops::Range;
 

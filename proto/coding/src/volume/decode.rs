@@ -1,12 +1,13 @@
 //! From bytes to values.
-use super::coder::Decoder;
 use super::flags::Flags;
 use super::grid::{Class, Grid};
 use super::predict::{Row, WEIGHTS};
 use super::quantise::reconstruct;
 use super::symbols::{Context, Kind, Known, Models, RAW, places, saturated};
 use super::walk::{Field, Level, within};
-use super::{BIAS_BITS, Error, HEADER, STEP_BITS, step_and_bias};
+use super::{BIAS_BITS, HEADER, STEP_BITS, step_and_bias};
+use crate::Error;
+use crate::coder::Decoder;
 
 /// The values of a volume of `dims` voxels (x fastest) that was coded with `bound`. Bytes that were changed give other
 /// finite values or an error, in about the time and memory that the volume asks.

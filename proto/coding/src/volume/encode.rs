@@ -1,5 +1,4 @@
 //! From values to bytes.
-use super::coder::Encoder;
 use super::fit::fit;
 use super::flags::Flags;
 use super::grid::{BLOCK, Class, Grid};
@@ -9,6 +8,7 @@ use super::symbols::{Context, Kind, Known, LARGE, Models, RAW, places, saturated
 use super::tune::Settings;
 use super::walk::{Field, Level};
 use super::{BIAS_BITS, HEADER, STEP_BITS, step_and_bias};
+use crate::coder::Encoder;
 
 /// Codes `values` of a volume of `dims` voxels (x fastest), all finite, so that each comes back within `bound` (more
 /// than 0, in units of the values), or, where `free` gives an interval for its index, within that, which holds the

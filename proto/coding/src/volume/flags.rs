@@ -1,7 +1,7 @@
 //! Which blocks of a level have residuals at all, one flag a block.
-use super::coder::Coder;
 use super::grid::{BLOCK, Grid};
 use super::symbols::Models;
+use crate::coder::Coder;
 
 /// Flags of one level.
 #[derive(Debug)]

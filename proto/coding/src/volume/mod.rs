@@ -6,13 +6,11 @@
 //! QoZ (J. Liu et al., "Dynamic Quality Metric Oriented Error Bounded Lossy Compression", SC 2022); the weights of the
 //! prediction are fitted to the volume, and the residuals are coded in the context of those around them.
 mod bands;
-mod coder;
 mod decode;
 mod encode;
 mod fit;
 mod flags;
 mod grid;
-mod mix;
 mod predict;
 mod quantise;
 mod symbols;
@@ -23,20 +21,6 @@ mod walk;
 mod tests;
 
 pub use bands::{decode, encode};
-
-/// Why bytes are not a volume.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum Error {
-    /// The sizes do not fit this machine.
-    #[error("a volume of these sizes does not fit")]
-    Sizes,
-    /// The bytes are fewer than a header.
-    #[error("the bytes of a volume end within its header")]
-    Short,
-    /// A number is not finite or out of its range.
-    #[error("the bytes of a volume hold an impossible value")]
-    Value,
-}
 
 /// Bytes before the decisions: least value, largest value, first value, each `f32` with the low byte first.
 const HEADER: usize = 12;

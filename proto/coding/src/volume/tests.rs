@@ -1,4 +1,5 @@
-use super::{Error, HEADER, decode::decode, encode::encode};
+use super::{HEADER, decode::decode, encode::encode};
+use crate::Error;
 
 /// Numbers in 0..1 of a linear congruential generator.
 fn noise(seed: u64) -> impl FnMut() -> f32 {

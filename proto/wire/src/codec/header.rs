@@ -81,7 +81,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Contents, CodecError> {
         return Err(invalid(format!("its header claims {} bytes and has {consumed}", bytes.len())));
     }
     let codec = Codec::from_id(fields.codec)
-        .ok_or_else(|| invalid(format!("its codec {} is neither 0 (bzip2) nor 1 (zstd)", fields.codec)))?;
+        .ok_or_else(|| invalid(format!("its codec {} is none of 0 (bzip2), 1 (zstd) and 2 (mixed)", fields.codec)))?;
     let layout = Layout::from_id(fields.layout)
         .ok_or_else(|| invalid(format!("its layout {} is neither 0 (columns) nor 1 (plain)", fields.layout)))?;
     let (segments, occupied_rays) = (fields.segments, fields.occupied_rays);

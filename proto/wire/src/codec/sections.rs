@@ -1,8 +1,7 @@
 //! Sections: arrays of fixed-width elements, cut into blocks, compressed block by block. First the table of all
 //! sections (width, then the compressed length of each block), then all blocks.
 
-use super::Codec;
-use super::compress::{self, BLOCK_BYTES};
+use super::compress::{self, BLOCK_BYTES, Bytewise};
 use super::error::{CodecError, invalid};
 use rayon::prelude::*;
 use std::ops::RangeInclusive;
@@ -22,7 +21,7 @@ pub(super) struct Shape {
     pub widths: RangeInclusive<u8>,
 }
 
-pub(super) fn write(sections: &[Section], codec: Codec, out: &mut Vec<u8>) -> Result<(), CodecError> {
+pub(super) fn write(sections: &[Section], codec: Bytewise, out: &mut Vec<u8>) -> Result<(), CodecError> {
     let pack = |s: &Section| s.bytes.par_chunks(BLOCK_BYTES).map(|b| compress::compress(codec, b)).collect();
     let packed: Vec<Vec<Vec<u8>>> = sections.par_iter().map(pack).collect::<Result<_, CodecError>>()?;
     for (section, blocks) in sections.iter().zip(&packed) {
@@ -36,7 +35,7 @@ pub(super) fn write(sections: &[Section], codec: Codec, out: &mut Vec<u8>) -> Re
 
 /// Reads sections of the given shapes, which together must fill `bytes`. Nothing is allocated for a section before its
 /// blocks are known to lie within `bytes`.
-pub(super) fn read(mut bytes: &[u8], codec: Codec, shapes: &[Shape]) -> Result<Vec<Section>, CodecError> {
+pub(super) fn read(mut bytes: &[u8], codec: Bytewise, shapes: &[Shape]) -> Result<Vec<Section>, CodecError> {
     let mut table = Vec::with_capacity(shapes.len());
     for shape in shapes {
         let width = take(&mut bytes, 1)?[0];

@@ -7,14 +7,12 @@
 use super::coder::Coder;
 use std::sync::LazyLock;
 
-/// Opinions a decision.
-pub const OPINIONS: usize = 5;
 /// Units of ln(p / (1 - p)) = 1.
 const UNIT: i32 = 256;
 /// Largest |ln(p / (1 - p))| in units.
 const LIMIT: i32 = 2047;
 /// A weight of one.
-const ONE: i32 = 1 << 16;
+pub const ONE: i32 = 1 << 16;
 
 /// The logistic function and its inverse as tables.
 #[derive(Debug)]
@@ -64,13 +62,24 @@ fn logistic(x: i32, powers: &[f64]) -> u16 {
     (share * 65536.0).clamp(32.0, 65504.0) as u16
 }
 
+/// How the opinions of a decision are mixed, of which there are `N`.
+#[derive(Debug)]
+pub struct Mixing<const N: usize> {
+    /// Decisions after which the rate of each opinion stays.
+    pub settled: [u8; N],
+    /// Largest weight: the sum of all opinions with it is below 2^31.
+    pub most: i32,
+    /// Shift of what a mixer learns from one decision.
+    pub rate: u32,
+}
+
 /// The weights of one kind of decision.
 #[derive(Debug, Clone)]
-pub struct Mixer([i32; OPINIONS]);
+pub struct Mixer<const N: usize>([i32; N]);
 
-impl Default for Mixer {
+impl<const N: usize> Default for Mixer<N> {
     fn default() -> Self {
-        Self([ONE * 7 / 20; OPINIONS])
+        Self([ONE * 7 / 4 / N as i32; N])
     }
 }
 
@@ -91,9 +100,8 @@ const fn rates() -> [u16; 256] {
     rates
 }
 
-/// Decisions after which the rate stays, for a single model and by opinion.
+/// Decisions after which the rate of a single model stays.
 const SETTLED: u8 = 24;
-const SETTLED_BY_OPINION: [u8; OPINIONS] = [60, 90, 40, 90, 60];
 
 impl Default for Chance {
     fn default() -> Self {
@@ -129,16 +137,17 @@ pub fn single<C: Coder>(coder: &mut C, model: &mut Chance, bit: bool) -> bool {
 
 /// A decision by several models, weighed by `mixer`.
 #[inline(always)]
-pub fn mixed<C: Coder>(
+pub fn mixed<C: Coder, const N: usize>(
     coder: &mut C,
     tables: &Tables,
-    mixer: &mut Mixer,
-    models: [&mut Chance; OPINIONS],
+    mixing: &Mixing<N>,
+    mixer: &mut Mixer<N>,
+    models: [&mut Chance; N],
     bit: bool,
 ) -> bool {
-    let mut opinions = [0; OPINIONS];
+    let mut opinions = [0; N];
     let mut sum = 0;
-    for i in 0..OPINIONS {
+    for i in 0..N {
         opinions[i] = tables.stretch(models[i].0);
         sum += opinions[i] * mixer.0[i];
     }
@@ -146,15 +155,9 @@ pub fn mixed<C: Coder>(
     let bit = coder.at(probability, bit);
     let error = if bit { 65536 - probability as i32 } else { -(probability as i32) };
     for (weight, opinion) in mixer.0.iter_mut().zip(opinions) {
-        let change = (opinion * (error >> 4) + (1 << (RATE - 1))) >> RATE;
-        *weight = (*weight + change).clamp(-MOST, MOST);
+        let change = (opinion * (error >> 4) + (1 << (mixing.rate - 1))) >> mixing.rate;
+        *weight = (*weight + change).clamp(-mixing.most, mixing.most);
     }
-    models.into_iter().zip(SETTLED_BY_OPINION).for_each(|(model, settled)| model.learn(bit, settled));
+    models.into_iter().zip(mixing.settled).for_each(|(model, settled)| model.learn(bit, settled));
     bit
 }
-
-/// Largest weight: the sum of all opinions with it is below 2^31.
-const MOST: i32 = 3 * ONE;
-
-/// Shift of what a mixer learns from one decision.
-const RATE: u32 = 12;
