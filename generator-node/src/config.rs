@@ -70,7 +70,7 @@ impl Default for Config {
             idle_secs: 30.0,
             reference_every: 1,
             samples: SamplePlan::default(),
-            params: default_params(),
+            params: GenerationParams::default(),
             backend: Choice::Auto,
             segmentation: Segmentation::Fitted,
             codec: CodecName::Mixed,
@@ -78,10 +78,6 @@ impl Default for Config {
             scene: None,
         }
     }
-}
-
-fn default_params() -> GenerationParams {
-    GenerationParams::new(256, 0.02).expect("256 rays and gamma 0.02 are valid")
 }
 
 impl Config {

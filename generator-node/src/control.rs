@@ -5,8 +5,8 @@ use crate::schedule::Setting;
 use crate::trials::Trials;
 use futures::{Stream, StreamExt, stream};
 use lamina_model::GenerationParams;
+use lamina_wire::invalid;
 use lamina_wire::v1::{self, control_server};
-use lamina_wire::{invalid, required};
 use std::pin::Pin;
 use std::sync::Arc;
 use tokio::sync::broadcast::error::RecvError;
@@ -26,7 +26,7 @@ impl control_server::Control for ControlService {
         request: Request<v1::SetParametersRequest>,
     ) -> Result<Response<v1::SetParametersReply>, Status> {
         let request = request.into_inner();
-        let setting = setting_from(&request).map_err(|e| invalid(&e))?;
+        let setting = setting_from(&request, self.0.params_in_force()).map_err(|e| invalid(&e))?;
         let applies_from_step = self.0.set(request.from_step, setting);
         tracing::info!(applies_from_step, "parameters set");
         Ok(Response::new(v1::SetParametersReply { applies_from_step }))
@@ -73,9 +73,16 @@ impl control_server::Control for ControlService {
     }
 }
 
-fn setting_from(request: &v1::SetParametersRequest) -> Result<Setting, lamina_model::Invalid> {
+/// What is asked for; with the parameters `in_force` where none are given.
+fn setting_from(
+    request: &v1::SetParametersRequest,
+    in_force: GenerationParams,
+) -> Result<Setting, lamina_model::Invalid> {
+    if request.params.is_none() && request.limits.is_none() {
+        return Err(lamina_model::Invalid::new("params", "missing, and no limits either: there is nothing to set"));
+    }
     Ok(Setting {
-        params: required(request.params, "params")?.try_into()?,
+        params: request.params.map_or(Ok(in_force), GenerationParams::try_from)?,
         limits: request.limits.unwrap_or_default(),
         fallbacks: request.fallbacks.iter().map(|p| GenerationParams::try_from(*p)).collect::<Result<_, _>>()?,
     })

@@ -194,6 +194,11 @@ impl Shared {
         self.state().last_report.clone()
     }
 
+    /// The parameters scheduled last.
+    pub fn params_in_force(&self) -> GenerationParams {
+        self.state().schedule.newest().params
+    }
+
     /// Schedules parameters; says from which step on they hold.
     pub fn set(&self, from_step: u64, setting: Setting) -> u64 {
         self.state().schedule.set(from_step, setting)
@@ -298,14 +303,15 @@ impl Cycle {
     }
 
     /// The step with the setting's parameters, or with the first fallback that keeps the size limit. Where none of them can be
-    /// used, as volumes cannot where voxels are missing, a VDI as the node starts with, or the first that keeps the limit of
-    /// ever coarser ones.
+    /// used, as volumes cannot where voxels are missing, or there are no fallbacks yet, a VDI as the node starts with, or the
+    /// first that keeps the limit of ever coarser ones.
     fn generate_within(&self, prepared: &Prepared, setting: &Setting) -> Result<Generated, Invalid> {
         let limit = setting.limits.size_bytes;
         let mut attempts =
             Attempts { prepared, options: &self.shared.options, limit, spent_ns: [0; 2], best: Err(None) };
         attempts.until_one_fits(std::iter::once(setting.params).chain(setting.fallbacks.iter().copied()));
-        if attempts.best.is_err() {
+        // Before the first study there are no fallbacks.
+        if attempts.best.is_err() || (setting.fallbacks.is_empty() && !attempts.fits()) {
             attempts.until_one_fits(last_resort(&self.shared.params));
         }
         // The step's cost is that of all attempts.
@@ -331,6 +337,12 @@ struct Attempts<'a> {
 }
 
 impl Attempts<'_> {
+    /// True if one of them keeps the limit.
+    fn fits(&self) -> bool {
+        let kept = |cost: &v1::Cost| self.limit.is_none_or(|limit| cost.size_bytes <= limit);
+        self.best.as_ref().is_ok_and(|(_, _, cost)| kept(cost))
+    }
+
     fn until_one_fits(&mut self, all: impl Iterator<Item = GenerationParams>) {
         let step = self.prepared.step;
         for params in all {

@@ -27,6 +27,11 @@ impl Schedule {
         Self { settings: vec![(0, setting)], next_step: 0 }
     }
 
+    /// What was set last.
+    pub fn newest(&self) -> &Setting {
+        &self.settings[self.settings.len() - 1].1
+    }
+
     /// Lets `setting` hold from `from_step`, or from the next step if that one is past; says which.
     pub fn set(&mut self, from_step: u64, setting: Setting) -> u64 {
         let from = from_step.max(self.next_step);
@@ -72,6 +77,7 @@ mod tests {
         assert_eq!(s.begin(8), setting(2));
         assert_eq!(s.begin(9), setting(3));
         assert_eq!(s.begin(20), setting(3));
+        assert_eq!(*s.newest(), setting(3));
         s.restart();
         assert_eq!(s.begin(0), setting(3));
     }

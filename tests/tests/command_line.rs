@@ -46,21 +46,21 @@ fn a_headless_live_run_leaves_what_it_promises() {
         "3",
         "--headless",
         "--contract",
-        "size <= 60kB",
+        "size <= 20kB",
         "--out",
         &text(&out),
     ]);
-    assert!(printed.contains("3 steps, 0 above their limit"), "{printed}");
+    assert!(printed.contains("3 steps, 0 broke the contract"), "{printed}");
     let csv = std::fs::read_to_string(out.join("steps.csv")).unwrap();
     assert!(csv.starts_with("step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,"));
     let rows: Vec<StepRow> = csv.lines().skip(1).map(|l| StepRow::from_csv(l).unwrap()).collect();
     assert_eq!(rows.iter().map(|r| r.step).collect::<Vec<_>>(), [0, 1, 2]);
-    assert_eq!(rows[0].size_limit_bytes, None, "nothing is tuned before the first step");
-    assert!(rows[1..].iter().all(|r| r.size_limit_bytes == Some(60_000) && r.size_bytes <= 60_000), "{rows:?}");
+    // The first one too, before anything is tuned: its first VDI is larger.
+    assert!(rows.iter().all(|r| r.size_limit_bytes == Some(20_000) && r.size_bytes <= 20_000), "{rows:?}");
     assert!(rows.iter().all(|r| r.psnr_db.is_some() && r.views.len() == 6));
     // All points of so small a volume, finely coded, fit; no VDI of this size comes near.
     assert!(
-        rows[1].representation == Representation::Volume && rows[1].psnr_db.is_some_and(|q| f64::from(q) > 60.0),
+        rows[1].representation == Representation::Volume && rows[1].psnr_db.is_some_and(|q| f64::from(q) > 50.0),
         "{:?}",
         rows[1]
     );

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use lamina_cast::{Backend, Field};
-use lamina_model::{Intermediate, Representation, SamplePlan, Scene, suggest::suggest};
+use lamina_model::{GenerationParams, Intermediate, Representation, SamplePlan, Scene, Segmentation, suggest::suggest};
 use lamina_read::{Options, Series};
 use lamina_tests::processes::{Daemon, free_port, recorded_series, run, wait_for};
 use lamina_viz_node::kernel::{self as viz, Detail, Prepared};
@@ -29,7 +29,10 @@ impl Cluster {
     fn start() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let write = |name: &str, text: String| std::fs::write(folder.path().join(name), text).unwrap();
-        write("generator-node.toml", "[samples]\nimage_size = 256\ntile = 4\nangles_deg = [10.0, 30.0, 60.0]\n".into());
+        write(
+            "generator-node.toml",
+            "[samples]\nimage_size = 256\ntile = 4\nbatches = 1\nangles_deg = [10.0, 30.0, 60.0]\n".into(),
+        );
         write("viz-node.toml", format!("store = \"{}\"\n", folder.path().join("store").display()));
         let grid = "resolution = { from = 32, to = 128, step = 32 }\ngamma = { from = 0.01, to = 0.11, step = 0.05 }";
         write("tuner.toml", format!("contract = \"size <= {LIMIT_BYTES}B\"\nbudget = 1.0\n[grid]\n{grid}\n"));
@@ -112,11 +115,16 @@ fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
     let cluster = Cluster::start();
     let series = Series::open(&recorded_series(), &Options::default()).unwrap();
     cluster.replay(series.len());
-    assert!(cluster.rows().iter().any(|r| r.size_bytes > LIMIT_BYTES), "untuned, the limit would be broken");
+    assert!(cluster.rows().iter().all(|r| r.limit_kept), "the limit holds before anything is tuned");
     assert!(wait_for(Duration::from_secs(120), || cluster.tuner_rests_after(series.len() as u64)));
     // The second run of the same simulation is tuned from its first step on.
     cluster.replay(series.len());
     let (rows, folder, scene) = (cluster.rows(), cluster.run_folder().unwrap(), chosen_scene(&series));
+    let last = Field::new(series.read(series.len() - 1).unwrap(), &scene);
+    let params = GenerationParams::default();
+    let (untuned, _) = Backend::cpu().represent(&last, &params, Segmentation::Fitted).unwrap();
+    let bytes = codec::encode_any(&untuned, &codec::EncodeOptions::default()).unwrap().len() as u64;
+    assert!(bytes > LIMIT_BYTES, "without a limit it would be broken: {bytes}");
     let plan = SamplePlan { image_size: 256, tile: 4, batches: 1, angles_deg: vec![10.0, 30.0, 60.0] };
     for (n, row) in rows.iter().enumerate() {
         let bytes = std::fs::read(folder.join(format!("step_{n:06}.vdi"))).unwrap();

@@ -68,8 +68,7 @@ fn rows(vdi: &Vdi, layout: Layout) -> Vec<Value> {
 #[test]
 fn the_independent_reader_finds_every_header_field_and_supersegment() {
     let original = assorted();
-    let options =
-        [(Codec::Bzip2, Layout::Columns), (Codec::Bzip2, Layout::Plain), (Codec::Mixed, Layout::Columns)];
+    let options = [(Codec::Bzip2, Layout::Columns), (Codec::Bzip2, Layout::Plain), (Codec::Mixed, Layout::Columns)];
     for (codec, layout) in options {
         let bytes = encode(&original, &EncodeOptions { codec, layout }).unwrap();
         let output = read_vdi(&bytes);

@@ -39,7 +39,7 @@ const TIME_AIMED_AT: f64 = 0.9;
 /// Further than any quality short of its limit.
 const FAR: f64 = 100.0;
 
-const HELP: &str = "write limits such as `size <= 300kB, time <= 40ms, time+encoding <= 60ms, psnr >= 35dB, cone <= 30deg`, and \
+const HELP: &str = "write limits such as `size <= 300kB, time <= 40ms, psnr >= 35dB, cone <= 30deg` (or `time+encoding <= 60ms` for `time`), and \
      `maximise psnr`, `minimise size`, `minimise time` or `maximise q - 0.01 * sigma`";
 
 fn bad(part: &str, why: impl fmt::Display) -> Invalid {
@@ -154,13 +154,14 @@ impl Contract {
     /// What these figures are against the limits, for people: `312.0 kB (limit 300.0 kB), 31.2 ms`.
     pub fn describe(&self, measured: &Measured) -> String {
         let ms = self.time_of(measured.cost.generation_time, measured.cost.encode_time);
+        let db = measured.quality.psnr_db();
         let limit = |text: Option<String>| text.map_or_else(String::new, |t| format!(" (limit {t})"));
         format!(
-            "{}{}, {ms:.1} ms{}, {:.2} dB{}",
+            "{}{}, {ms:.1} ms{}, {}{}",
             show_bytes(measured.cost.size_bytes),
             limit(self.size_bytes.map(show_bytes)),
             limit(self.time_ms.map(|t| format!("{t} ms"))),
-            measured.quality.psnr_db(),
+            if db.is_nan() { "quality not measured".to_owned() } else { format!("{db:.2} dB") },
             limit(self.psnr_db.map(|q| format!("{q} dB"))),
         )
     }
@@ -288,6 +289,15 @@ mod tests {
         let c = contract("size <= 100B, psnr >= 20dB");
         assert!((c.excess(&measured(200, 0, 0.0).cost, 0.0) - 10_f64.ln()).abs() < 1e-12);
         assert!((c.excess(&measured(200, 0, 0.0).cost, f64::NAN) - 2_f64.ln()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_has_no_value_is_never_the_best() {
+        // Division by nothing; but identical pictures have a quality, if no finite one.
+        let c = contract("maximise q / 0");
+        assert_eq!(c.cost(&measured(1, 1, 1e-3)), f64::INFINITY);
+        assert_eq!(contract("maximise q - sigma").cost(&measured(1, 1, 0.0)), f64::NEG_INFINITY);
+        assert!(c.describe(&measured(1, 1, f64::NAN)).ends_with("quality not measured"));
     }
 
     #[test]

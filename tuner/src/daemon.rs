@@ -3,7 +3,7 @@
 use crate::ahead::{Ahead, follow};
 use crate::characteristic::choose;
 use crate::live::LiveQuality;
-use crate::push::{push, setting};
+use crate::push::{limits_alone, push, setting};
 use crate::remote::{Remote, connect};
 use crate::run::{End, Run, cost, read};
 use crate::search::{candidates, search_with_margin};
@@ -86,9 +86,11 @@ impl Daemon {
         let mut reports = reports.ready_chunks(MEANWHILE);
         let mut quality = self.config.contract.psnr_db.map(|_| LiveQuality::follow(&control));
         tracing::info!(generator, "watching");
-        // A restarted generator-node has forgotten its parameters.
-        if let Some(setting) = self.setting.clone() {
-            self.holds_from = self.holds_from.max(push(&control, setting).await?);
+        // A restarted generator-node has forgotten its parameters; a new one knows no limits yet.
+        let begin = self.setting.clone();
+        let from = push(&control, begin.clone().unwrap_or_else(|| limits_alone(&self.config.contract))).await?;
+        if begin.is_some() {
+            self.holds_from = self.holds_from.max(from);
         }
         while let Some(mut some) = reports.next().await {
             let Some(report) = some.pop().transpose().map_err(failed)? else { continue };

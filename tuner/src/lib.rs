@@ -10,7 +10,7 @@ mod daemon;
 pub mod interval;
 mod live;
 pub mod pareto;
-mod push;
+pub mod push;
 pub mod remote;
 mod run;
 pub mod search;

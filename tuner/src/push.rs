@@ -13,13 +13,22 @@ pub fn setting(study: &Study, chosen: usize, contract: &Contract) -> v1::SetPara
     v1::SetParametersRequest {
         params: Some((&study.rows[chosen].params).into()),
         from_step: 0,
-        limits: Some(v1::Limits {
-            size_bytes: contract.size_bytes,
-            time_ns: contract.time_ms.map(|ms| (ms * 1e6) as u64),
-            with_encoding: contract.with_encoding,
-            psnr_db: contract.psnr_db,
-        }),
+        limits: Some(limits(contract)),
         fallbacks: ladder.iter().map(Into::into).collect(),
+    }
+}
+
+/// The contract's limits alone, for steps before the first study.
+pub fn limits_alone(contract: &Contract) -> v1::SetParametersRequest {
+    v1::SetParametersRequest { limits: Some(limits(contract)), ..Default::default() }
+}
+
+fn limits(contract: &Contract) -> v1::Limits {
+    v1::Limits {
+        size_bytes: contract.size_bytes,
+        time_ns: contract.time_ms.map(|ms| (ms * 1e6) as u64),
+        with_encoding: contract.with_encoding,
+        psnr_db: contract.psnr_db,
     }
 }
 

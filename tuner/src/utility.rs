@@ -67,7 +67,9 @@ impl Utility {
                 };
                 let values: Vec<f64> = expression.var_names().iter().map(value).collect();
                 let utility = expression.eval(&values).unwrap_or(f64::NAN);
-                if utility.is_nan() { f64::INFINITY } else { -utility }
+                // Where only the quality has no bound, neither may the utility.
+                let none = utility.is_nan() || (utility.is_infinite() && psnr_db.is_finite());
+                if none { f64::INFINITY } else { -utility }
             }
         }
     }

@@ -5,11 +5,13 @@ use lamina_cast::Backend;
 use lamina_device::Choice;
 use lamina_model::{GenerationParams, Representation, SamplePlan, Scene};
 use lamina_tuner::Contract;
+use lamina_tuner::push::{limits_alone, push};
+use lamina_tuner::remote::connect;
 use lamina_tuner::search::Grid;
 use lamina_viz_node::Store;
 use lamina_viz_node::store::StepRow;
 use lamina_wire::node::{Shutdown, listen};
-use lamina_wire::v1::{self, tuning_client::TuningClient};
+use lamina_wire::v1::{self, control_client::ControlClient, tuning_client::TuningClient};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -102,6 +104,8 @@ impl Nodes {
 
         let mut tuner = None;
         if let Some(tuning) = setup.tuning {
+            // The first step keeps the limits too, so they have to be there before it.
+            runtime.block_on(announce(&generator, &tuning.contract))?;
             let config = lamina_tuner::Config {
                 generator: generator.clone(),
                 contract: tuning.contract,
@@ -165,6 +169,13 @@ impl Nodes {
         self.stop.send_replace(true);
         self.runtime.shutdown_timeout(Duration::from_secs(2));
     }
+}
+
+/// Tells the generator-node the limits.
+async fn announce(generator: &str, contract: &Contract) -> anyhow::Result<()> {
+    let control = ControlClient::new(connect(generator).await?);
+    push(&control, limits_alone(contract)).await?;
+    Ok(())
 }
 
 /// Where quality is measured.

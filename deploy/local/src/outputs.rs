@@ -102,14 +102,14 @@ impl Outputs {
             String::from("step,resolution,gamma,size_bytes,generation_ms,encode_ms,psnr_db,chosen,representation\n");
         for t in &trials {
             text += &format!(
-                "{},{},{},{},{:.3},{:.3},{:.3},{},{}\n",
+                "{},{},{},{},{:.3},{:.3},{},{},{}\n",
                 t.step,
                 t.resolution,
                 t.gamma,
                 t.size_bytes,
                 t.generation_ms,
                 t.encode_ms,
-                t.psnr_db,
+                if t.psnr_db.is_nan() { String::new() } else { format!("{:.3}", t.psnr_db) },
                 t.chosen,
                 t.representation
             );
@@ -132,7 +132,7 @@ impl Outputs {
             pictures: self.pictures.clone(),
         };
         self.write("report.html", report::render(&report).as_bytes())?;
-        say!("{} steps, {broken} above their limit; see {}", rows.len(), self.dir.join("report.html").display());
+        say!("{} steps, {broken} broke the contract; see {}", rows.len(), self.dir.join("report.html").display());
         Ok(())
     }
 

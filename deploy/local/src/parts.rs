@@ -47,6 +47,7 @@ pub fn raycast(arguments: &cli::Raycast) -> anyhow::Result<()> {
     let field = prepare(volume, &scene);
     let (camera, size) = (scene.camera.rotated_about_y(arguments.view.view)?, arguments.view.size);
     let backend = Backend::open(arguments.input.backend)?;
+    picture_file::check(&arguments.view.out)?;
     let start = Instant::now();
     let image = backend.raycast(&field, &camera, size, size)?;
     say!("raycast_ms {:.1}", start.elapsed().as_secs_f64() * 1e3);
@@ -63,7 +64,6 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
     let field = prepare(volume, &scene);
     let (intermediate, generation_time) =
         Backend::open(arguments.input.backend)?.represent(&field, &params, arguments.segmentation)?;
-    let generated = Instant::now();
     let layout = match arguments.layout {
         cli::LayoutName::Columns => Layout::Columns,
         cli::LayoutName::Plain => Layout::Plain,
@@ -74,20 +74,22 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
         (Some(cli::CodecName::Mixed), _) | (None, Layout::Columns) => Codec::Mixed,
     };
     let options = EncodeOptions { codec, layout }.check()?;
-    let bytes = codec::encode_any(&intermediate, &options)?;
+    let (bytes, times) = codec::encode_timed(&intermediate, generation_time, &options)?;
+    let [generation_ms, encode_ms] = times.map(|t| t.as_secs_f64() * 1e3);
     let elements = match params.representation() {
         Representation::Vdi => "supersegments",
         Representation::Volume => "sample_points",
     };
     say!("{elements} {}", intermediate.elements());
-    say!("generation_ms {:.1}", generation_time.as_secs_f64() * 1e3);
-    say!("encode_ms {:.1}", generated.elapsed().as_secs_f64() * 1e3);
+    say!("generation_ms {generation_ms:.1}");
+    say!("encode_ms {encode_ms:.1}");
     say!("size_bytes {}", bytes.len());
     std::fs::write(&arguments.out, bytes).with_context(|| format!("{}: cannot be written", arguments.out.display()))
 }
 
 /// `lamina render`.
 pub fn render(arguments: &cli::Render) -> anyhow::Result<()> {
+    picture_file::check(&arguments.view.out)?;
     let name = arguments.input.display();
     let bytes = std::fs::read(&arguments.input).with_context(|| format!("{name}: cannot be read"))?;
     let shown = Prepared::new(codec::decode_any(&bytes, &DecodeLimits::default()).with_context(|| name.to_string())?);

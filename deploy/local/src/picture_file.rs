@@ -5,12 +5,27 @@ use lamina_model::Image;
 use std::fs;
 use std::path::Path;
 
+/// Passes a name that pictures can be written to: to be asked before work begins.
+pub fn check(path: &Path) -> anyhow::Result<()> {
+    let extension = extension(path);
+    ensure!(matches!(extension.as_str(), "png" | "pfm"), unwritable(path, &extension));
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).is_none_or(Path::is_dir);
+    ensure!(folder, "{}: cannot be written: its folder is not there", path.display());
+    Ok(())
+}
+
+fn unwritable(path: &Path, extension: &str) -> String {
+    let kind =
+        if extension.is_empty() { "a picture without an ending".to_owned() } else { format!("\".{extension}\"") };
+    format!("{}: cannot write {kind}; name a .png or .pfm file", path.display())
+}
+
 /// Writes `image` as its file name's ending says.
 pub fn write(path: &Path, image: &Image) -> anyhow::Result<()> {
     let bytes = match extension(path).as_str() {
         "png" => lamina_viz_node::view::png(image)?,
         "pfm" => pfm(image),
-        other => bail!("{}: cannot write \".{other}\"; name a .png or .pfm file", path.display()),
+        other => bail!(unwritable(path, other)),
     };
     fs::write(path, bytes).with_context(|| format!("{}: cannot be written", path.display()))
 }

@@ -88,6 +88,7 @@ fn push_only(
     let summary = client.close();
     let dropped = summary.run_dropped_steps.unwrap_or(summary.dropped);
     say!("pushed {}  dropped {dropped}  lost {}", summary.pushed, summary.lost);
+    anyhow::ensure!(summary.pushed > 0 || summary.lost == 0, "no step got through; is a generator-node running there?");
     Ok(())
 }
 
@@ -141,7 +142,7 @@ fn progress(steps: Option<u64>, visible: bool) -> ProgressBar {
 
 fn line(row: &StepRow) -> String {
     let psnr = row.psnr_db.map_or_else(|| "   -   ".to_owned(), |q| format!("{:.2} dB", f64::from(q)));
-    let kept = if row.limit_kept { "" } else { "  above the limit" };
+    let kept = if row.limit_kept { "" } else { "  contract broken" };
     format!(
         "step {:4}  time {:.4}  {:6}  r {}  gamma {}  {}  {:.0} ms  {psnr}{kept}",
         row.step,

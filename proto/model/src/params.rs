@@ -91,8 +91,10 @@ pub struct ParamsFields {
     #[serde(default)]
     pub representation: Representation,
     /// Rays per side; of a reduced volume, the most sample points on a side.
+    #[serde(default = "rays")]
     pub resolution: u32,
     /// Interrupt parameter; of a reduced volume, the greatest error of a value, 1 being the transfer function's range.
+    #[serde(default = "gamma")]
     pub gamma: f64,
     /// Opacity at which a ray ends; 1 never.
     #[serde(default = "one")]
@@ -102,6 +104,12 @@ pub struct ParamsFields {
     pub step_voxels: f64,
 }
 
+fn rays() -> u32 {
+    GenerationParams::default().resolution
+}
+fn gamma() -> f64 {
+    GenerationParams::default().gamma
+}
 fn one() -> f64 {
     1.0
 }
@@ -121,6 +129,14 @@ impl From<GenerationParams> for ParamsFields {
     fn from(p: GenerationParams) -> Self {
         let GenerationParams { representation, resolution, gamma, opacity_cutoff, step_voxels } = p;
         Self { representation, resolution, gamma, opacity_cutoff, step_voxels }
+    }
+}
+
+impl Default for GenerationParams {
+    /// What is in use before anything is known of the data: VDIs of 256 x 256 rays, gamma 0.02.
+    fn default() -> Self {
+        let (representation, step_voxels) = (Representation::Vdi, Self::DEFAULT_STEP_VOXELS);
+        Self { representation, resolution: 256, gamma: 0.02, opacity_cutoff: 1.0, step_voxels }
     }
 }
 
@@ -145,8 +161,7 @@ impl GenerationParams {
         if !(gamma.is_finite() && gamma >= 0.0) {
             return Err(Invalid::new("gamma", format!("{gamma} must be a finite number, 0 or more")));
         }
-        let (representation, step_voxels) = (Representation::Vdi, Self::DEFAULT_STEP_VOXELS);
-        Ok(Self { representation, resolution, gamma, opacity_cutoff: 1.0, step_voxels })
+        Ok(Self { resolution, gamma, ..Self::default() })
     }
 
     /// What tells these parameters from all others.

@@ -6,21 +6,16 @@ use serde::{Deserialize, Serialize};
 /// Batches of one random pixel in every `tile` x `tile` block of a square image, for each of some views. Batches are
 /// independent of each other: any number of them is a sample of the whole image.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(default, deny_unknown_fields)]
 pub struct SamplePlan {
     /// Side of the image the samples stand for, pixels.
     pub image_size: u32,
     /// Side of a block, pixels; 1 compares every pixel.
     pub tile: u32,
     /// Batches; 1 where every pixel is compared.
-    #[serde(default = "one")]
     pub batches: u32,
     /// Views: rotations of the generation camera about +y through its target, degrees.
     pub angles_deg: Vec<f64>,
-}
-
-fn one() -> u32 {
-    1
 }
 
 impl Default for SamplePlan {

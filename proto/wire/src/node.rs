@@ -27,7 +27,7 @@ pub enum NodeError {
     },
     /// The address cannot be listened on.
     #[error(
-        "cannot listen on {address}: {reason}; choose another address with `listen` or --listen, or stop what uses it"
+        "cannot listen on {address}: {reason}; choose another address (--listen, `listen` in the configuration, --viewer of `lamina`), or stop what uses it"
     )]
     Listen {
         /// The address.

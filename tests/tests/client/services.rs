@@ -177,6 +177,10 @@ async fn parameters_that_cannot_be_are_refused_by_name() {
     let request = v1::SetParametersRequest { params: Some(good), from_step: 3, ..Default::default() };
     let reply = within(control.set_parameters(request)).await.unwrap().into_inner();
     assert_eq!(reply.applies_from_step, 3);
+    // Limits alone leave the parameters as they are.
+    let limits = v1::Limits { size_bytes: Some(5000), ..Default::default() };
+    let request = v1::SetParametersRequest { limits: Some(limits), ..Default::default() };
+    within(control.set_parameters(request)).await.unwrap();
 }
 
 #[tokio::test]

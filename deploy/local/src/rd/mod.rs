@@ -12,6 +12,7 @@ use crate::report::numbers::significant;
 use crate::report::panel::{CLASSES, Line, file, panel};
 use anyhow::{Context, ensure};
 use curve::{Curve, Sample, difference};
+use indicatif::{ProgressBar, ProgressStyle};
 use lamina_cast::{Backend, Field, most_points};
 use lamina_model::{GenerationParams, Intermediate, ReferenceSamples, Representation, SamplePlan, Segmentation};
 use lamina_tuner::units::show_bytes;
@@ -46,6 +47,7 @@ struct Bench {
     backend: Backend,
     viewer: viz::Backend,
     reference: ReferenceSamples,
+    bar: ProgressBar,
 }
 
 impl Bench {
@@ -62,6 +64,7 @@ impl Bench {
         detail: Detail,
     ) -> anyhow::Result<Sample> {
         let params = intermediate.params();
+        self.bar.inc(1);
         let start = Instant::now();
         let bytes = codec::encode_any(intermediate, options)?;
         let encoded = Instant::now();
@@ -118,11 +121,17 @@ pub fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
         arguments.beside.is_none() || scene.effects.color_field.is_none(),
         "--beside: other codings hold one field, and this scene takes its colours from a second; leave one of the two out"
     );
+    std::fs::create_dir_all(&arguments.out)
+        .with_context(|| format!("{}: cannot be created", arguments.out.display()))?;
     let (backend, viewer) = (Backend::open(arguments.input.backend)?, viz::Backend::open(arguments.input.backend)?);
     let field = prepare(volume, &scene);
     let plan = SamplePlan { batches: 64, ..SamplePlan::default() };
     let reference = backend.reference_samples(&field, &plan, arguments.input.time_step as u64)?;
-    let bench = Bench { field, backend, viewer, reference };
+    let encodings = RAYS.len() * GAMMAS.len() * VDI_CODINGS.len() + SHARES.len() * BOUNDS.len();
+    let bar = ProgressBar::new(encodings as u64);
+    let style = ProgressStyle::with_template("{bar:30} {pos}/{len} encodings  {elapsed}  {eta} to go")?;
+    bar.set_style(style);
+    let bench = Bench { field, backend, viewer, reference, bar };
     let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
     let mut curves = bench.vdis(&base)?;
     if most_points(&bench.field) > 0 {
@@ -133,8 +142,7 @@ pub fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
     if let Some(table) = &arguments.beside {
         curves.extend(beside::curves(table, &bench)?);
     }
-    std::fs::create_dir_all(&arguments.out)
-        .with_context(|| format!("{}: cannot be created", arguments.out.display()))?;
+    bench.bar.finish_and_clear();
     for (name, text) in [("rd.csv", samples_csv(&curves)), ("bd.csv", bd_csv(&curves)), ("rd.svg", drawing(&curves))] {
         let path = arguments.out.join(name);
         std::fs::write(&path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
