@@ -1,4 +1,4 @@
-"""Decisions of a range coder, from the sections "Range coder" of proto/VOLUME-FORMAT.md and "Numbers" of proto/VDI-FORMAT.md: what
+"""Decisions of a range coder, from the sections "Range coder" of proto/VOLUME-FORMAT.md and "Codec 2" of proto/VDI-FORMAT.md: what
 both readers share."""
 from bisect import bisect_left
 

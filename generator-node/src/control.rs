@@ -5,8 +5,8 @@ use crate::schedule::Setting;
 use crate::trials::Trials;
 use futures::{Stream, StreamExt, stream};
 use lamina_model::GenerationParams;
-use lamina_wire::invalid;
 use lamina_wire::v1::{self, control_server};
+use lamina_wire::{invalid, required};
 use std::pin::Pin;
 use std::sync::Arc;
 use tokio::sync::broadcast::error::RecvError;
@@ -26,8 +26,10 @@ impl control_server::Control for ControlService {
         request: Request<v1::SetParametersRequest>,
     ) -> Result<Response<v1::SetParametersReply>, Status> {
         let request = request.into_inner();
-        let setting = setting_from(&request, self.0.params_in_force()).map_err(|e| invalid(&e))?;
-        let applies_from_step = self.0.set(request.from_step, setting);
+        let applies_from_step = match (request.params, request.limits) {
+            (None, Some(limits)) => self.0.limit(limits),
+            _ => self.0.set(request.from_step, setting_from(&request).map_err(|e| invalid(&e))?),
+        };
         tracing::info!(applies_from_step, "parameters set");
         Ok(Response::new(v1::SetParametersReply { applies_from_step }))
     }
@@ -73,16 +75,9 @@ impl control_server::Control for ControlService {
     }
 }
 
-/// What is asked for; with the parameters `in_force` where none are given.
-fn setting_from(
-    request: &v1::SetParametersRequest,
-    in_force: GenerationParams,
-) -> Result<Setting, lamina_model::Invalid> {
-    if request.params.is_none() && request.limits.is_none() {
-        return Err(lamina_model::Invalid::new("params", "missing, and no limits either: there is nothing to set"));
-    }
+fn setting_from(request: &v1::SetParametersRequest) -> Result<Setting, lamina_model::Invalid> {
     Ok(Setting {
-        params: request.params.map_or(Ok(in_force), GenerationParams::try_from)?,
+        params: required(request.params, "params")?.try_into()?,
         limits: request.limits.unwrap_or_default(),
         fallbacks: request.fallbacks.iter().map(|p| GenerationParams::try_from(*p)).collect::<Result<_, _>>()?,
     })

@@ -194,9 +194,9 @@ impl Shared {
         self.state().last_report.clone()
     }
 
-    /// The parameters scheduled last.
-    pub fn params_in_force(&self) -> GenerationParams {
-        self.state().schedule.newest().params
+    /// Gives what is scheduled other limits; says from which step on they hold.
+    pub fn limit(&self, limits: v1::Limits) -> u64 {
+        self.state().schedule.limit(limits)
     }
 
     /// Schedules parameters; says from which step on they hold.
@@ -310,9 +310,9 @@ impl Cycle {
         let mut attempts =
             Attempts { prepared, options: &self.shared.options, limit, spent_ns: [0; 2], best: Err(None) };
         attempts.until_one_fits(std::iter::once(setting.params).chain(setting.fallbacks.iter().copied()));
-        // Before the first study there are no fallbacks.
+        // Before the first study there are no fallbacks; those of a study go as far down as it has found worth sending.
         if attempts.best.is_err() || (setting.fallbacks.is_empty() && !attempts.fits()) {
-            attempts.until_one_fits(last_resort(&self.shared.params));
+            attempts.until_one_fits(last_resort(&self.shared.params).filter(|p| *p != setting.params));
         }
         // The step's cost is that of all attempts.
         let [generation_ns, encode_ns] = attempts.spent_ns;

@@ -8,7 +8,7 @@ use lamina_wire::v1;
 pub struct Setting {
     /// Used first.
     pub params: GenerationParams,
-    /// What `params` were chosen for. Only the size is looked at here: time cannot be taken back, and quality is not known.
+    /// What every step has to keep. Only the size is looked at here: time cannot be taken back, and quality is not known.
     pub limits: v1::Limits,
     /// Tried in turn while the VDI is larger.
     pub fallbacks: Vec<GenerationParams>,
@@ -27,9 +27,10 @@ impl Schedule {
         Self { settings: vec![(0, setting)], next_step: 0 }
     }
 
-    /// What was set last.
-    pub fn newest(&self) -> &Setting {
-        &self.settings[self.settings.len() - 1].1
+    /// Gives all settings other limits; says from which step on they hold.
+    pub fn limit(&mut self, limits: v1::Limits) -> u64 {
+        self.settings.iter_mut().for_each(|(_, setting)| setting.limits = limits);
+        self.next_step
     }
 
     /// Lets `setting` hold from `from_step`, or from the next step if that one is past; says which.
@@ -77,7 +78,14 @@ mod tests {
         assert_eq!(s.begin(8), setting(2));
         assert_eq!(s.begin(9), setting(3));
         assert_eq!(s.begin(20), setting(3));
-        assert_eq!(*s.newest(), setting(3));
+        // New limits leave parameters and their steps as they are.
+        let limits = v1::Limits { size_bytes: Some(7), ..Default::default() };
+        s.set(30, setting(4));
+        assert_eq!(s.limit(limits), 21);
+        assert_eq!(s.begin(21), Setting { limits, ..setting(3) });
+        assert_eq!(s.begin(30), Setting { limits, ..setting(4) });
+        s.set(31, setting(3));
+        s.begin(31);
         s.restart();
         assert_eq!(s.begin(0), setting(3));
     }

@@ -43,11 +43,11 @@ pub fn prepare(volume: Volume, scene: &Scene) -> Field {
 
 /// `lamina raycast`.
 pub fn raycast(arguments: &cli::Raycast) -> anyhow::Result<()> {
+    picture_file::check(&arguments.view.out)?;
     let (volume, scene) = open(&arguments.input)?;
     let field = prepare(volume, &scene);
     let (camera, size) = (scene.camera.rotated_about_y(arguments.view.view)?, arguments.view.size);
     let backend = Backend::open(arguments.input.backend)?;
-    picture_file::check(&arguments.view.out)?;
     let start = Instant::now();
     let image = backend.raycast(&field, &camera, size, size)?;
     say!("raycast_ms {:.1}", start.elapsed().as_secs_f64() * 1e3);
@@ -56,14 +56,6 @@ pub fn raycast(arguments: &cli::Raycast) -> anyhow::Result<()> {
 
 /// `lamina generate`.
 pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
-    let (volume, scene) = open(&arguments.input)?;
-    let params = GenerationParams::new(arguments.resolution, arguments.gamma)?
-        .with_opacity_cutoff(arguments.opacity_cutoff)?
-        .with_step_voxels(scene.step_voxels)?
-        .with_representation(arguments.representation);
-    let field = prepare(volume, &scene);
-    let (intermediate, generation_time) =
-        Backend::open(arguments.input.backend)?.represent(&field, &params, arguments.segmentation)?;
     let layout = match arguments.layout {
         cli::LayoutName::Columns => Layout::Columns,
         cli::LayoutName::Plain => Layout::Plain,
@@ -74,6 +66,14 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
         (Some(cli::CodecName::Mixed), _) | (None, Layout::Columns) => Codec::Mixed,
     };
     let options = EncodeOptions { codec, layout }.check()?;
+    let (volume, scene) = open(&arguments.input)?;
+    let params = GenerationParams::new(arguments.resolution, arguments.gamma)?
+        .with_opacity_cutoff(arguments.opacity_cutoff)?
+        .with_step_voxels(scene.step_voxels)?
+        .with_representation(arguments.representation);
+    let field = prepare(volume, &scene);
+    let (intermediate, generation_time) =
+        Backend::open(arguments.input.backend)?.represent(&field, &params, arguments.segmentation)?;
     let (bytes, times) = codec::encode_timed(&intermediate, generation_time, &options)?;
     let [generation_ms, encode_ms] = times.map(|t| t.as_secs_f64() * 1e3);
     let elements = match params.representation() {

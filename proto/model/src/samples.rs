@@ -47,6 +47,13 @@ impl SamplePlan {
             let most = Self::MAX_BATCHES;
             return Err(Invalid::new("samples.batches", format!("{} must lie in 1..={most}", self.batches)));
         }
+        if self.tile == 1 && self.batches > 1 {
+            let batches = self.batches;
+            return Err(Invalid::new(
+                "samples.batches",
+                format!("{batches} batches of every pixel tell no more than one; with tile = 1 give batches = 1"),
+            ));
+        }
         if self.angles_deg.is_empty() || self.angles_deg.len() > Self::MAX_VIEWS {
             let n = self.angles_deg.len();
             return Err(Invalid::new(

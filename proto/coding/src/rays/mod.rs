@@ -16,6 +16,7 @@ use model::{Entry, Model};
 use palette::Palette;
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 /// A supersegment as it is coded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,7 +47,7 @@ fn bands(resolution: usize, segments: usize) -> Vec<Range<usize>> {
 /// to `offsets[k + 1]`, in order of depth and without overlap, none empty, none deeper than [`MAX_DEPTH`].
 ///
 /// # Panics
-/// If there are not as many offsets as rays and one more.
+/// If there are not as many offsets as rays and one more, or supersegments are not as said.
 pub fn encode(resolution: usize, offsets: &[u32], segment: impl Fn(usize) -> Segment + Sync) -> Vec<u8> {
     assert_eq!(offsets.len(), resolution * resolution + 1, "one offset a ray and one more");
     let segments = offsets[resolution * resolution] as usize;
@@ -58,8 +59,8 @@ pub fn encode(resolution: usize, offsets: &[u32], segment: impl Fn(usize) -> Seg
         let entries: Vec<Entry> = (first..end).map(|k| palette.entry(&segment(k as usize))).collect();
         let wanted = |ray: usize| &entries[(offsets[ray] - first) as usize..(offsets[ray + 1] - first) as usize];
         let (mut encoder, mut model) = (Encoder::default(), Model::new(&palette, segments / bands.len()));
-        // What is in order of depth cannot fail.
-        let _ = code(&mut encoder, &mut model, [resolution, rows.len()], entries.len(), wanted);
+        let coded = code(&mut encoder, &mut model, [resolution, rows.len()], || true, wanted);
+        coded.expect("supersegments come in order of depth");
         encoder.finish()
     };
     let mut list = Encoder::default();
@@ -94,14 +95,17 @@ pub fn decode<T: Send>(
         return Err(Error::Short);
     }
     let palette = Palette::read(&mut Decoder::new(parts[0]), segments)?;
+    // Of all bands together, so that none takes memory for more than there may be.
+    let left = AtomicUsize::new(segments);
+    let room = || left.fetch_update(Relaxed, Relaxed, |n| n.checked_sub(1)).is_ok();
     let band = |(rows, part): (&Range<usize>, &&[u8])| {
         let (mut decoder, mut model) = (Decoder::new(part), Model::new(&palette, segments / bands.len()));
-        let (ends, entries) = code(&mut decoder, &mut model, [resolution, rows.len()], segments, |_| &[])?;
+        let (ends, entries) = code(&mut decoder, &mut model, [resolution, rows.len()], room, |_| &[])?;
         let made = entries.iter().map(|entry| palette.segment(entry).map(&make)).collect::<Result<Vec<T>, Error>>()?;
         Ok((ends, made))
     };
     let decoded: Vec<(Vec<u32>, Vec<T>)> = bands.par_iter().zip(&parts[1..]).map(band).collect::<Result<_, Error>>()?;
-    if decoded.iter().map(|(_, made)| made.len()).sum::<usize>() != segments {
+    if left.into_inner() > 0 {
         return Err(Error::Value);
     }
     let (mut offsets, mut all) = (Vec::with_capacity(rays + 1), Vec::new());
@@ -114,13 +118,13 @@ pub fn decode<T: Send>(
     Ok((offsets, all))
 }
 
-/// Codes `rows` rows of `resolution` rays, each of which is as `wanted`, or reads them: where each ray ends, after a 0, and at
-/// `most` so many supersegments.
+/// Codes `rows` rows of `resolution` rays, each of which is as `wanted`, or reads them, while there is `room` for a
+/// supersegment: where each ray ends, after a 0, and the supersegments.
 fn code<'a, C: Coder>(
     coder: &mut C,
     model: &mut Model,
     [resolution, rows]: [usize; 2],
-    most: usize,
+    room: impl Fn() -> bool,
     wanted: impl Fn(usize) -> &'a [Entry],
 ) -> Result<(Vec<u32>, Vec<Entry>), Error> {
     let (mut ends, mut entries, mut ray) = (vec![0], Vec::new(), Vec::new());
@@ -131,7 +135,7 @@ fn code<'a, C: Coder>(
         let up = if k >= resolution { at(k - resolution) } else { &[] };
         let right = if k >= resolution && x + 1 < resolution { at(k - resolution + 1) } else { &[] };
         ray.clear();
-        model.ray(coder, wanted(k), [left, up, right], most - entries.len(), &mut ray)?;
+        model.ray(coder, wanted(k), [left, up, right], &room, &mut ray)?;
         entries.extend_from_slice(&ray);
         ends.push(entries.len() as u32);
     }

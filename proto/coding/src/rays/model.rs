@@ -1,7 +1,7 @@
 //! What of a supersegment's surroundings its decisions depend on.
 use super::MAX_DEPTH;
 use super::palette::Palette;
-use super::symbols::{Contexts, Symbols, hash};
+use super::symbols::{Contexts, Symbols, fold, hash, unfold};
 use crate::Error;
 use crate::coder::Coder;
 use crate::mix::{Chance, single};
@@ -135,13 +135,13 @@ impl Model {
     /// Codes a ray that is as `wanted`, or reads it, into `ray`; `around` are those to the left, above and to the upper right.
     ///
     /// # Errors
-    /// If it becomes longer than `most`, or deeper than any ray.
+    /// If there is no `room` for a supersegment, or it would be deeper than any.
     pub fn ray<C: Coder>(
         &mut self,
         coder: &mut C,
         wanted: &[Entry],
         around: [&[Entry]; 3],
-        most: usize,
+        room: impl Fn() -> bool,
         ray: &mut Vec<Entry>,
     ) -> Result<(), Error> {
         if around.iter().all(|ray| ray.is_empty()) && !single(coder, &mut self.any, !wanted.is_empty()) {
@@ -156,7 +156,7 @@ impl Model {
             if !self.more(coder, &around, gaps, ray, next.is_some()) {
                 return Ok(());
             }
-            if ray.len() == most {
+            if !room() {
                 return Err(Error::Value);
             }
             let next = next.copied().unwrap_or_default();
@@ -229,10 +229,8 @@ impl Model {
                 hash(apart(left, up), apart(right, left), 0),
                 hash(previous.both, kind, 0),
             ];
-            let off = gap.wrapping_sub(expected) as i32;
-            let folded = self.gaps.number(coder, &contexts, mixer, (off << 1 ^ off >> 31) as u32);
-            let off = (folded >> 1) as i32 ^ -((folded & 1) as i32);
-            return expected.wrapping_add_signed(off);
+            let folded = self.gaps.number(coder, &contexts, mixer, fold(gap.wrapping_sub(expected) as i32));
+            return expected.wrapping_add_signed(unfold(folded));
         }
         let [left, up, right] = gaps.map(|gap| gap.min(NEAR));
         let zeros = u32::from(left == 0) * 2 + u32::from(up == 0);

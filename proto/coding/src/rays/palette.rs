@@ -1,6 +1,7 @@
 //! All colours and opacities that occur, sorted: a supersegment names their places.
 use super::Segment;
 use super::model::Entry;
+use super::symbols::{fold, unfold};
 use crate::Error;
 use crate::coder::{Coder, Decoder};
 use crate::mix::{Chance, single};
@@ -62,16 +63,25 @@ impl Palette {
     pub fn code(&self, coder: &mut impl Coder) {
         let mut seen = [false; 256];
         self.opacities.iter().for_each(|&o| seen[usize::from(o)] = true);
-        code(coder, &mut seen, self.colours.len(), |k| self.colours[k], |_| {});
+        let coded = code(coder, &mut seen, self.colours.len(), |k| self.colours[k], |_| Ok(()));
+        coded.expect("colours are of 24 bits");
     }
 
     /// Reads one of at most so many colours.
     pub fn read(decoder: &mut Decoder, most: usize) -> Result<Self, Error> {
         let (mut seen, mut colours) = ([false; 256], Vec::new());
-        let count = code(decoder, &mut seen, most, |_| 0, |colour| colours.push(colour));
-        if count > most || !colours.is_sorted_by(|a, b| a < b) || colours.last().is_some_and(|&c| c >= 1 << 24) {
-            return Err(Error::Value);
-        }
+        let most = most.min(1 << 24);
+        code(
+            decoder,
+            &mut seen,
+            most,
+            |_| 0,
+            |colour| {
+                let after = colours.last().is_none_or(|&last| last < colour);
+                colours.push(colour);
+                if after { Ok(()) } else { Err(Error::Value) }
+            },
+        )?;
         Ok(Self::new(colours, &seen))
     }
 }
@@ -84,14 +94,16 @@ fn number([red, green, blue, _]: [u8; 4]) -> u32 {
 type Lengths = [[Chance; 10]; 4];
 
 /// Codes which opacities occur, the number of colours, at most `most`, and `colour` by number; or reads them, for `found`.
-/// Returns the number of colours, or one beyond `most`.
+///
+/// # Errors
+/// If there are more, or one is none, or `found` fails.
 fn code<C: Coder>(
     coder: &mut C,
     seen: &mut [bool; 256],
     most: usize,
     colour: impl Fn(usize) -> u32,
-    mut found: impl FnMut(u32),
-) -> usize {
+    mut found: impl FnMut(u32) -> Result<(), Error>,
+) -> Result<(), Error> {
     let mut same = [Chance::default(); 2];
     let mut last = false;
     for seen in seen {
@@ -101,7 +113,7 @@ fn code<C: Coder>(
     let high = coder.even(16, (most >> 16) as u32);
     let count = (high << 16 | coder.even(16, most as u32 & 0xffff)) as usize;
     if count > most {
-        return most + 1;
+        return Err(Error::Value);
     }
     let mut lengths = Lengths::default();
     let [mut red, mut green, mut blue] = [0_i32; 3];
@@ -113,19 +125,10 @@ fn code<C: Coder>(
         let green_of = if step > 0 { 1 } else { 2 };
         green += unfold(exp_golomb(coder, &mut lengths[green_of], fold(g - green)));
         blue += unfold(exp_golomb(coder, &mut lengths[3], fold(b - blue)));
-        found((red as u32) << 16 | (green as u32 & 255) << 8 | blue as u32 & 255);
-        [red, green, blue] = [red & 255, green & 255, blue & 255];
+        let [Ok(r), Ok(g), Ok(b)] = [red, green, blue].map(u8::try_from) else { return Err(Error::Value) };
+        found(number([r, g, b, 0]))?;
     }
-    count
-}
-
-/// 0, -1, 1, -2, .. as 0, 1, 2, 3, ..
-fn fold(d: i32) -> u32 {
-    (d << 1 ^ d >> 31) as u32
-}
-
-fn unfold(n: u32) -> i32 {
-    (n >> 1) as i32 ^ -((n & 1) as i32)
+    Ok(())
 }
 
 /// A number below 1023: by the length of its successor in binary, then its digits.

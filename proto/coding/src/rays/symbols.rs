@@ -38,6 +38,16 @@ pub fn hash(a: u32, b: u32, c: u32) -> u32 {
     (sum ^ sum >> 15).wrapping_mul(0x2C1B_3C6D)
 }
 
+/// 0, -1, 1, -2, .. as 0, 1, 2, 3, ..
+pub fn fold(d: i32) -> u32 {
+    (d << 1 ^ d >> 31) as u32
+}
+
+/// Undoes [`fold`].
+pub fn unfold(n: u32) -> i32 {
+    (n >> 1) as i32 ^ -((n & 1) as i32)
+}
+
 impl Symbols {
     /// For trees, with so many `kinds` of mixers, in two to the power of `bits` chances an opinion.
     pub fn of_trees(bits: u32, kinds: usize) -> Self {

@@ -96,6 +96,25 @@ fn what_neighbouring_rays_share_costs_little() {
 }
 
 #[test]
+fn bands_that_hold_too_much_together_are_refused() {
+    // Bands of as many rows each.
+    let rays = random(402, 6, 40, 3);
+    let (first, most) = (encode(402, &rays.0, |k| rays.1[k]), rays.1.len());
+    let lengths: Vec<usize> =
+        first[..32].chunks_exact(8).map(|b| u64::from_le_bytes(b.try_into().unwrap()) as usize).collect();
+    // The first band in place of each: as many supersegments in all, or one too many.
+    let part = |k: usize| &first[32 + lengths[..k].iter().sum::<usize>()..][..lengths[k]];
+    let parts = [part(0), part(1), part(1), part(1)];
+    let mut bytes: Vec<u8> = parts.iter().flat_map(|p| (p.len() as u64).to_le_bytes()).collect();
+    bytes.extend(parts.concat());
+    let rows = bands(402, most)[0].len();
+    let held = rays.0[rows * 402] as usize * 3;
+    assert_eq!(bands(402, held).len(), 3);
+    assert!(decode(&bytes, 402, held, |s| s).is_ok_and(|(_, all)| all.len() == held));
+    assert_eq!(decode(&bytes, 402, held - 1, |s| s), Err(Error::Value));
+}
+
+#[test]
 fn bytes_that_were_changed_are_refused_or_give_rays_in_order() {
     let (offsets, segments) = random(24, 5, 60, 11);
     let bytes = encode(24, &offsets, |k| segments[k]);

@@ -39,11 +39,11 @@ const CRC_BYTES: usize = 4;
 /// What makes it small.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Codec {
-    /// The one that the paper's sizes are quoted in. Level 9.
+    /// What the paper's sizes are compared with. Level 9.
     Bzip2,
     /// Many times faster and larger. Level 3.
     Zstd,
-    /// Smallest: each ray in the context of those beside it (`lamina_coding::rays`), not as bytes. In twice the time of bzip2.
+    /// Smallest: each ray in the context of those beside it (`lamina_coding::rays`), not as bytes. In two to three times the time of bzip2.
     #[default]
     Mixed,
 }

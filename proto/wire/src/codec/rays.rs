@@ -4,7 +4,9 @@ use super::error::{CodecError, invalid};
 use super::header::Contents;
 use super::quantize;
 use lamina_coding::rays::{self, Segment};
-use lamina_model::Vdi;
+use lamina_model::{Vdi, VdiHeader};
+
+const _: () = assert!(rays::MAX_DEPTH == VdiHeader::MAX_STEPS);
 
 pub(super) fn write(vdi: &Vdi) -> Vec<u8> {
     let codes = quantize::codes(vdi);
