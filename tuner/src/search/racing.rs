@@ -366,13 +366,17 @@ impl<'a> Race<'a> {
         let promises: Vec<Promise> = untried.filter_map(promise).collect();
         let hope = promises.iter().map(|p| p.feasible).fold(0.0, f64::max);
         // Without anything in hand, what is surest to keep the limits, and of those the best; without hope, what comes nearest.
-        let order = |p: &Promise| match (least, p.params) {
-            (Some(least), Some(params)) => p.improvement / self.tolerance(&params, least),
-            (None, _) if hope > HOPE && p.feasible == 0.0 => f64::NEG_INFINITY,
-            (None, _) if hope > HOPE => (p.feasible * 20.0).round() * 1e6 + p.improvement,
-            _ => p.nearer,
+        let worth = |p: &Promise| match least {
+            Some(_) => p.improvement,
+            None if hope > HOPE && p.feasible == 0.0 => f64::NEG_INFINITY,
+            None if hope > HOPE => (p.feasible * 20.0).round() * 1e6 + p.improvement,
+            None => p.nearer,
         };
-        let best = promises.into_iter().max_by(|a, b| order(a).total_cmp(&order(b))).unwrap_or(none);
+        // A large one that is not worth what its trial costs does not hide another that is.
+        let order = |a: &Promise, b: &Promise| {
+            a.worth_trying(self).cmp(&b.worth_trying(self)).then(worth(a).total_cmp(&worth(b)))
+        };
+        let best = promises.into_iter().max_by(order).unwrap_or(none);
         if least.is_none() { Promise { feasible: hope, ..best } } else { best }
     }
 
