@@ -1,7 +1,7 @@
 """Reads a VDI file, from the page proto/VDI-FORMAT.md alone, and prints it as JSON.
 Usage: read_vdi.py FILE [--segments]    (adds [ray, start, end, red, green, blue, opacity code] of every supersegment)"""
 import bz2, json, struct, sys, zlib
-from decisions import Coder, clamp
+from decisions import SQUASH, STRETCH, Coder, clamp
 
 BLOCK = 899_900
 FIELDS = "<3d3d3dd 3d3d dIddd Q3fBBII"
@@ -11,7 +11,7 @@ def header(data):
     if data[:4] != b"LVDI":
         sys.exit("not a VDI: the magic bytes are missing")
     version, length = struct.unpack_from("<HH", data, 4)
-    if version not in (1, 2) or length != struct.calcsize(FIELDS):
+    if version not in (1, 3) or length != struct.calcsize(FIELDS):
         sys.exit(f"version {version} with a header of {length} bytes is not known to this reader")
     if zlib.crc32(data[:-4]) != struct.unpack("<I", data[-4:])[0]:
         sys.exit("damaged: the checksum differs")
@@ -72,7 +72,7 @@ def plain(h, s, rays):
             yield [ray, round(start / h["step_length"]), round(end / h["step_length"]), *rgba]
 
 
-M32, NOWHERE, MIXING = 2**32 - 1, 2**32 - 1, ([40] * 6, 131072, 11)
+M32, NOWHERE = 2**32 - 1, 2**32 - 1
 
 
 def hash3(a, b, c):
@@ -96,20 +96,34 @@ def unfold(n):
     return n >> 1 ^ -(n & 1)
 
 
+def learnt(v, bit):
+    p, c = v - v % 16, v % 16
+    change = ((32767 if bit else -32768) - v) * (65536 // (2 * c + 3)) + 2**18 >> 15
+    return p + c + change // 16 * 16 + (c < 15)
+
+
 class Symbols:
-    def __init__(self, coder, bits):
-        self.coder, self.shift, self.tables, self.mixers = coder, 32 - (bits - 4), [{} for _ in range(6)], {}
+    def __init__(self, coder, lines):
+        self.coder, self.shift, self.tables, self.mixers = coder, 32 - lines, [{} for _ in range(4)], {}
 
     def decide(self, contexts, group, node, mixer):
-        line = [(c ^ group * 0x9E3779B1 & M32) * 0x85EBCA6B % 2**32 >> self.shift for c in contexts]
-        return self.coder.mixed(MIXING, self.tables, self.mixers, [(i, node) for i in line], mixer)
+        places = [((c ^ group * 0x9E3779B1 & M32) * 0x85EBCA6B % 2**32 >> self.shift, node) for c in contexts]
+        values = [table.get(place, 0) for table, place in zip(self.tables, places)]
+        weights, s = self.mixers.get(mixer, [6144] * 4), [STRETCH[(v >> 4) + 2048] for v in values]
+        p = SQUASH[clamp(sum(w * x for w, x in zip(weights, s)) >> 14, -2047, 2047) + 2047]
+        bit = self.coder.bit(p)
+        e = (65536 - p if bit else -p) >> 1
+        self.mixers[mixer] = [clamp(w + ((2 * x * e >> 16) + 1 >> 1), -32768, 32767) for w, x in zip(weights, s)]
+        for table, place, v in zip(self.tables, places, values):
+            table[place] = learnt(v, bit)
+        return bit
 
     def tree(self, contexts, bits, kind):
         node, group, within = 1, 0, 1
         for level in reversed(range(bits)):
             bit = self.decide(contexts, group, within, (kind, level))
             node, within = node << 1 | bit, within << 1 | bit
-            if within >= 16:
+            if within >= 32:
                 group, within = node, 1
         return node - (1 << bits)
 
@@ -117,8 +131,9 @@ class Symbols:
         n, found = 0, 1
         while n < 25 and self.decide(contexts, 0, min(n + 1, 15), (kind, "length", min(n, 15))):
             n += 1
+        group, more = (0, (0, 16, 17, 20)[n]) if n < 4 else (n, 0)
         for digit in range(min(n, 3)):
-            found = found << 1 | self.decide(contexts, n, found, (kind, min(n, 15), digit))
+            found = found << 1 | self.decide(contexts, group, more + found, (kind, min(n, 15), digit))
         return (found << max(n - 3, 0) | self.coder.even(max(n - 3, 0))) - 1
 
 
@@ -144,33 +159,38 @@ def palette(data):
     return colours, opacities
 
 
-class Rays:
-    def __init__(self, data, colours, opacities, segments):
-        size = lambda less, most: clamp(bits(segments) + 1 - less, 10, most)
-        self.coder, self.any, self.colours, self.opacities = Coder(data), {}, colours, opacities
-        names = {"more": (3, 14), "gap": (3, 18), "length": (1, 18), "opacity": (1, 18), "colour": (0, 19)}
-        self.symbols = {name: Symbols(self.coder, size(*of)) for name, of in names.items()}
+NONE = (0, 0, 0)
 
-    # (colour, opacity, both, bin of length) of a supersegment (start, end, colour, opacity).
-    def look(self, s):
-        return (s[2] + 1, s[3] + 1, s[2] + 1 << 8 ^ s[3] + 1, bin32(s[1] - s[0])) if s else (0, 0, 0, 0)
+
+# (colour, opacity, bin of length) of the first supersegment [start, end, opacity, colour] of those.
+def look(ray):
+    return (ray[0][3] + 1, ray[0][2] + 1, bin32(ray[0][1] - ray[0][0])) if ray else NONE
+
+
+def beyond(ray, depth):
+    return [s for s in ray if s[1] > depth]
+
+
+class Shapes:
+    def __init__(self, data, opacities, segments):
+        lines = lambda less, most: clamp(bits(segments) - less, 5, most)
+        self.coder, self.any, self.bits = Coder(data), {}, bits(opacities)
+        kinds = {"more": (6, 10), "gap": (6, 14), "length": (4, 14), "opacity": (4, 14)}
+        self.symbols = {name: Symbols(self.coder, lines(*of)) for name, of in kinds.items()}
 
     def ray(self, around):
         if not any(around) and not self.coder.single(self.any, 0):
             return []
-        code, found, end, before, older = self.symbols, [], 0, 0, (0, 0, 0, 0)
-        beside = lambda depth: [[s for s in ray if s[1] > depth] for ray in around]
+        code, found, end, before, previous, older = self.symbols, [], 0, 0, NONE, NONE
         bin_of = lambda gap: 99 if gap == NOWHERE else bin32(gap)
         apart = lambda a, b: 99 if NOWHERE in (a, b) else bin32(abs(a - b))
         while True:
-            previous, first = self.look(found[-1] if found else None), not found
-            rest = beside(end)
+            first, rest = not found, [beyond(ray, end) for ray in around]
             left, up, right = (min(len(ray), 7) for ray in rest)
             gaps = [max(ray[0][0] - end, 0) if ray else NOWHERE for ray in rest]
             gl, gu, gr = (bin_of(g) for g in gaps)
             both = 2 * min(left, 1) + min(up, 1)
-            contexts = (hash3(left, up, first), hash3(gl, gu, first), hash3(right, gr, gu), hash3(previous[2], both, 0),
-                        hash3(min(len(found), 63), left, up), hash3(previous[3], gl, right))
+            contexts = (hash3(gl, gu, first), hash3(right, gr, gu), hash3(previous[1], both, 0), hash3(min(len(found), 63), left, up))
             if not code["more"].decide(contexts, 0, 0, (both, 0)):
                 return found
             l, u, r = gaps
@@ -179,54 +199,65 @@ class Rays:
             kind = 2 * first + (expected >= 12)
             mixer = 3 * kind + (l == 0) + (u == 0)
             if expected >= 12:
-                contexts = (hash3(apart(l, u), kind, 0), hash3(gl, gu, kind), hash3(apart(r, expected), kind, 0), hash3(kind, 0, 0),
-                            hash3(apart(l, u), apart(r, l), 0), hash3(previous[2], kind, 0))
+                contexts = (hash3(apart(l, u), kind, 0), hash3(gl, gu, kind), hash3(apart(r, expected), kind, 0),
+                            hash3(previous[1], kind, 0))
                 gap = expected + unfold(code["gap"].number(contexts, mixer))
             else:
                 a, b, c = (min(g, 40) for g in gaps)
-                contexts = (hash3(a, b, 0), hash3(a, previous[2], 0), hash3(b, c, 0), hash3(previous[2], 2 * (a == 0) + (b == 0), 0),
-                            hash3(previous[3], min(before, 40), 0), hash3(a << 8 | b, c, kind))
+                contexts = (hash3(a << 8 | b, c, kind), hash3(previous[1], 2 * (a == 0) + (b == 0), 0), hash3(b, c, 0),
+                            hash3(previous[2], min(before, 40), 0))
                 gap = code["gap"].number(contexts, mixer)
             start = end + gap
-            rest = beside(start)
+            rest = [beyond(ray, start) for ray in around]
             left, up, right = (min(ray[0][1] - start, 4000) if ray and ray[0][0] <= start else 0 for ray in rest)
             entered = lambda ray: 3 if not ray else 1 + (ray[0][0] > start) - (ray[0][0] < start)
-            looks = [self.look(ray[0] if ray else None) for ray in rest]
-            contexts = (hash3(left, up, 0), hash3(left, entered(rest[0]) + 4 * entered(rest[1]), bin32(up)), hash3(up, right, 0),
-                        hash3(looks[0][1], left, 0), hash3(looks[1][1], up, 0), hash3(previous[2], previous[3], bin32(gap)))
+            contexts = (hash3(left, entered(rest[0]) + 4 * entered(rest[1]), bin32(up)), hash3(up, right, 0),
+                        hash3(look(rest[1])[1], up, 0), hash3(previous[1], previous[2], bin32(gap)))
             length = 1 + code["length"].number(contexts, (left == up) + 2 * (left > 0) + 4 * (up > 0))
             end, size = start + length, bin32(length)
-            left, up, _ = (self.look(ray[0] if ray else None) for ray in beside(start + length // 2))
-            contexts = (hash3(left[1], up[1], 0), hash3(left[1], left[3], size), hash3(up[1], up[3], size),
-                        hash3(previous[1], previous[3], size), hash3(previous[2], older[2], size), hash3(left[2], up[2], size))
-            mixer = 2 * (left[1] == up[1]) + (previous[1] == left[1])
-            o = code["opacity"].tree(contexts, bits(len(self.opacities)), mixer)
-            contexts = (hash3(previous[0], size, 0), hash3(left[0], o + 1, size), hash3(up[0], o + 1, 0),
-                        hash3(previous[0], left[0], 0), hash3(o + 1, size, 0), hash3(left[0], up[0], 0))
-            mixer = 4 * (left[2] == up[2]) + 2 * (left[1] == o + 1) + (up[1] == o + 1)
-            c = code["colour"].tree(contexts, bits(len(self.colours)), mixer)
-            before, older = gap, previous
-            found.append((start, end, c, o))
+            left, up = (look(beyond(ray, start + length // 2)) for ray in around[:2])
+            contexts = (hash3(left[1], left[2], size), hash3(up[1], up[2], size), hash3(previous[1], previous[2], size),
+                        hash3(previous[1], older[1], size))
+            mixer = 4 * min(size, 15) + 2 * (left[1] == up[1]) + (previous[1] == left[1])
+            found.append([start, end, code["opacity"].tree(contexts, self.bits, mixer), 0])
+            before, older, previous = gap, previous, look(found[-1:])
+
+
+class Colours:
+    def __init__(self, data, colours, segments):
+        self.code, self.bits = Symbols(Coder(data), clamp(bits(segments) - 3, 5, 15)), bits(colours)
+
+    def ray(self, ray, around):
+        previous = NONE
+        for s in ray:
+            o, size = s[2] + 1, bin32(s[1] - s[0])
+            left, up = (look(beyond(beside, s[0] + (s[1] - s[0]) // 2)) for beside in around)
+            contexts = (hash3(previous[0], size, 0), hash3(left[0], o, size), hash3(up[0], o, 0), hash3(o, size, 0))
+            s[3] = self.code.tree(contexts, self.bits, 4 * (left[0] == up[0]) + 2 * (left[1] == o) + (up[1] == o))
+            previous = look([s])
 
 
 def mixed(h, data):
     n, r, at = h["segments"], h["params"]["resolution"], 8 + struct.calcsize(FIELDS)
     count = max(1, min(n // 131072, r // 16))
-    lengths = struct.unpack_from(f"<{count + 1}Q", data, at)
-    at += 8 * (count + 1)
+    lengths = struct.unpack_from(f"<{2 * count + 1}Q", data, at)
+    at += 8 * len(lengths)
     parts = []
     for length in lengths:
         parts.append(data[at:at + length])
         at += length
-    assert at == len(data) - 4, "bytes between the last band and the checksum"
+    assert at == len(data) - 4, "bytes between the last part and the checksum"
     colours, opacities = palette(parts[0])
     for k in range(count):
-        rays, above, y0, y1 = Rays(parts[k + 1], colours, opacities, n // count), [[]] * (r + 1), k * r // count, (k + 1) * r // count
-        for y in range(y0, y1):
+        shapes, paint = Shapes(parts[2 * k + 1], len(opacities), n // count), Colours(parts[2 * k + 2], len(colours), n // count)
+        above = [[]] * (r + 1)
+        for y in range(k * r // count, (k + 1) * r // count):
             row = []
             for x in range(r):
-                row.append(rays.ray([row[-1] if row else [], above[x], above[x + 1]]))
-                for start, end, c, o in row[-1]:
+                left = row[-1] if row else []
+                row.append(shapes.ray([left, above[x], above[x + 1]]))
+                paint.ray(row[-1], [left, above[x]])
+                for start, end, o, c in row[-1]:
                     yield [y * r + x, start, end, *colours[c], opacities[o]]
             above = row + [[]]
 

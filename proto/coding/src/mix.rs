@@ -1,5 +1,4 @@
-//! One decision out of several opinions: the probabilities of several models are averaged in the logistic domain with
-//! weights learnt on the way.
+//! Probabilities that learn, and the logistic domain, in which several of them are averaged to one.
 //!
 //! M. Mahoney, "Adaptive Weighing of Context Models for Lossless Data Compression", Florida Tech CS-2005-16, section 3.
 //! All arithmetic after the tables is on integers; the tables come from products and quotients of `f64` in a fixed
@@ -11,8 +10,6 @@ use std::sync::LazyLock;
 const UNIT: i32 = 256;
 /// Largest |ln(p / (1 - p))| in units.
 const LIMIT: i32 = 2047;
-/// A weight of one.
-pub const ONE: i32 = 1 << 16;
 
 /// The logistic function and its inverse as tables.
 #[derive(Debug)]
@@ -36,13 +33,15 @@ impl Tables {
         Self { squash, stretch }
     }
 
-    #[inline]
-    fn stretch(&self, chance: u32) -> i32 {
-        i32::from(self.stretch[(chance >> 20) as usize])
+    /// ln(p / (1 - p)) of a probability in 1/4096.
+    #[inline(always)]
+    pub fn stretch(&self, probability: u32) -> i16 {
+        self.stretch[(probability & 4095) as usize]
     }
 
-    #[inline]
-    fn squash(&self, x: i32) -> u32 {
+    /// The probability in 1/65536, 32..=65504, whose ln(p / (1 - p)) is `x`.
+    #[inline(always)]
+    pub fn squash(&self, x: i32) -> u32 {
         u32::from(self.squash[(x.clamp(-LIMIT, LIMIT) + LIMIT) as usize])
     }
 }
@@ -60,27 +59,6 @@ fn logistic(x: i32, powers: &[f64]) -> u16 {
     let power = powers[x.unsigned_abs() as usize];
     let share = if x < 0 { 1.0 / (1.0 + power) } else { power / (1.0 + power) };
     (share * 65536.0).clamp(32.0, 65504.0) as u16
-}
-
-/// How the opinions of a decision are mixed, of which there are `N`.
-#[derive(Debug)]
-pub struct Mixing<const N: usize> {
-    /// Decisions after which the rate of each opinion stays.
-    pub settled: [u8; N],
-    /// Largest weight: the sum of all opinions with it is below 2^31.
-    pub most: i32,
-    /// Shift of what a mixer learns from one decision.
-    pub rate: u32,
-}
-
-/// The weights of one kind of decision.
-#[derive(Debug, Clone)]
-pub struct Mixer<const N: usize>([i32; N]);
-
-impl<const N: usize> Default for Mixer<N> {
-    fn default() -> Self {
-        Self([ONE * 7 / 4 / N as i32; N])
-    }
 }
 
 /// The probability of one kind of decision, learnt from its past: the mean at first, later with a fixed rate. The
@@ -116,9 +94,15 @@ impl Chance {
         (self.0 >> 16).clamp(32, 65504)
     }
 
-    /// Moves the probability towards what was seen.
+    /// Probability of a set bit in 1/4096.
     #[inline(always)]
-    fn learn(&mut self, bit: bool, settled: u8) {
+    pub fn coarse(self) -> u32 {
+        self.0 >> 20
+    }
+
+    /// Moves the probability towards what was seen, at a rate that stays after so many decisions.
+    #[inline(always)]
+    pub fn learn(&mut self, bit: bool, settled: u8) {
         let count = (self.0 & 255) as u8;
         let goal = if bit { (1 << 22) - 1 } else { 0 };
         let change = ((goal - (self.0 >> 10) as i32) >> 3).wrapping_mul(i32::from(RATES[usize::from(count)]));
@@ -132,32 +116,5 @@ impl Chance {
 pub fn single<C: Coder>(coder: &mut C, model: &mut Chance, bit: bool) -> bool {
     let bit = coder.at(model.probability(), bit);
     model.learn(bit, SETTLED);
-    bit
-}
-
-/// A decision by several models, weighed by `mixer`.
-#[inline(always)]
-pub fn mixed<C: Coder, const N: usize>(
-    coder: &mut C,
-    tables: &Tables,
-    mixing: &Mixing<N>,
-    mixer: &mut Mixer<N>,
-    models: [&mut Chance; N],
-    bit: bool,
-) -> bool {
-    let mut opinions = [0; N];
-    let mut sum = 0;
-    for i in 0..N {
-        opinions[i] = tables.stretch(models[i].0);
-        sum += opinions[i] * mixer.0[i];
-    }
-    let probability = tables.squash(sum >> 16);
-    let bit = coder.at(probability, bit);
-    let error = if bit { 65536 - probability as i32 } else { -(probability as i32) };
-    for (weight, opinion) in mixer.0.iter_mut().zip(opinions) {
-        let change = (opinion * (error >> 4) + (1 << (mixing.rate - 1))) >> mixing.rate;
-        *weight = (*weight + change).clamp(-mixing.most, mixing.most);
-    }
-    models.into_iter().zip(mixing.settled).for_each(|(model, settled)| model.learn(bit, settled));
     bit
 }

@@ -234,15 +234,15 @@ fn golden_bytes_of_version_1() {
     assert_eq!(bytes, with_crc(bytes.clone()));
 }
 
-/// Version 2 is frozen, too; `read_vdi.py` reads these bytes as the lists below.
+/// Version 3 is frozen, too; `read_vdi.py` reads these bytes as the lists below.
 #[test]
-fn golden_bytes_of_version_2() {
+fn golden_bytes_of_version_3() {
     let piece = |start, end, optical_depth| Supersegment { start, end, color: [1.0, 0.2, 0.0], optical_depth };
     let list = |k: u32| (0..k % 4).map(|n| piece(20 * n + k, 20 * n + 3 * k + 1, 0.1 * (n + k) as f32)).collect();
     let original = vdi(3, (0..9).map(|k| list(k / 2)).collect());
     let bytes = encode(&original, &EncodeOptions { codec: Codec::Mixed, layout: Layout::Columns }).unwrap();
     let hex = bytes[TABLE_AT..bytes.len() - 4].iter().map(|b| format!("{b:02x}")).collect::<String>();
-    let golden = "0f000000000000001300000000000000d138b8f00b8f85ebd496201746ee7f97980eb2beb09b091afb0eaf3926d977a07eac";
+    let golden = "0f0000000000000011000000000000000200000000000000d138b8f00b8f85ebd496201746ee7f979822ba120bd2053ac30d6a4387b63b9ebafe";
     assert_eq!(hex, golden);
     assert_eq!(decode(&bytes, &DecodeLimits::default()).unwrap(), quantize(&original));
 }
@@ -256,8 +256,8 @@ fn every_kind_of_failure_is_told_apart() {
     for options in ALL_OPTIONS {
         let good = encode(&assorted(4, 5), &options).unwrap();
         let mut newer = good.clone();
-        newer[4] = 3;
-        assert!(matches!(refuse(&newer), CodecError::NewerVersion { found: 3, newest: 2 }));
+        newer[4] = 4;
+        assert!(matches!(refuse(&newer), CodecError::NewerVersion { found: 4, newest: 3 }));
         assert!(matches!(peek(&newer), Err(CodecError::NewerVersion { .. })));
         assert!(matches!(refuse(&good[..good.len() - 1]), CodecError::Damaged(_)));
         assert!(matches!(refuse(&[good.clone(), vec![0]].concat()), CodecError::Damaged(_)));

@@ -4,19 +4,23 @@
 //! Colours come from a curve, the transfer function, so few differ; they and the opacities are coded as places in sorted lists
 //! of all that occur. What bzip2 cannot see, because it looks along the bytes only, is that neighbouring rays meet the same
 //! things: this takes about two thirds of its bytes.
-mod model;
+mod beside;
+mod colours;
+mod opinions;
 mod palette;
+mod shapes;
 mod symbols;
 #[cfg(test)]
 mod tests;
 
 use crate::Error;
-use crate::coder::{Coder, Decoder, Encoder};
-use model::{Entry, Model};
+use crate::coder::{Decoder, Encoder};
+use beside::Row;
 use palette::Palette;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::sync::mpsc::channel;
 
 /// A supersegment as it is coded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,20 +57,24 @@ pub fn encode(resolution: usize, offsets: &[u32], segment: impl Fn(usize) -> Seg
     let segments = offsets[resolution * resolution] as usize;
     let palette = Palette::of((0..segments).map(|k| segment(k).code));
     let bands = bands(resolution, segments);
-    let band = |rows: &Range<usize>| {
-        let offsets = &offsets[rows.start * resolution..=rows.end * resolution];
-        let (first, end) = (offsets[0], offsets[offsets.len() - 1]);
-        let entries: Vec<Entry> = (first..end).map(|k| palette.entry(&segment(k as usize))).collect();
-        let wanted = |ray: usize| &entries[(offsets[ray] - first) as usize..(offsets[ray + 1] - first) as usize];
-        let (mut encoder, mut model) = (Encoder::default(), Model::new(&palette, segments / bands.len()));
-        let coded = code(&mut encoder, &mut model, [resolution, rows.len()], || true, wanted);
-        coded.expect("supersegments come in order of depth");
-        encoder.finish()
-    };
+    let [colours, opacities] = palette.counts();
+    let parts = bands.par_iter().flat_map(|rows| {
+        let row = |y: usize| {
+            let mut row = Row::new();
+            for ray in offsets[y * resolution..=(y + 1) * resolution].windows(2) {
+                row.entries.extend((ray[0]..ray[1]).map(|k| palette.entry(&segment(k as usize))));
+                row.ends.push(row.entries.len() as u32);
+            }
+            row
+        };
+        let (segments, rows) = (segments / bands.len(), rows.clone().map(row).collect::<Vec<_>>());
+        let shapes = || shapes::write(&rows, resolution, segments, opacities);
+        let colours = || colours::write(&rows, segments, colours);
+        <[Vec<u8>; 2]>::from(rayon::join(shapes, colours))
+    });
     let mut list = Encoder::default();
     palette.code(&mut list);
-    let mut parts = vec![list.finish()];
-    parts.par_extend(bands.par_iter().map(band));
+    let parts: Vec<Vec<u8>> = rayon::iter::once(list.finish()).chain(parts).collect();
     let lengths = parts.iter().flat_map(|p| (p.len() as u64).to_le_bytes());
     lengths.chain(parts.iter().flatten().copied()).collect()
 }
@@ -83,8 +91,9 @@ pub fn decode<T: Send>(
 ) -> Result<(Vec<u32>, Vec<T>), Error> {
     let rays = resolution.checked_mul(resolution).ok_or(Error::Sizes)?;
     let bands = bands(resolution, segments);
-    let (lengths, mut rest) = bytes.split_at_checked(8 * (bands.len() + 1)).ok_or(Error::Short)?;
-    let mut parts = Vec::with_capacity(bands.len() + 1);
+    let count = 2 * bands.len() + 1;
+    let (lengths, mut rest) = bytes.split_at_checked(8 * count).ok_or(Error::Short)?;
+    let mut parts = Vec::with_capacity(count);
     for length in lengths.as_chunks::<8>().0 {
         let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| Error::Short)?;
         let (part, after) = rest.split_at_checked(length).ok_or(Error::Short)?;
@@ -95,16 +104,29 @@ pub fn decode<T: Send>(
         return Err(Error::Short);
     }
     let palette = Palette::read(&mut Decoder::new(parts[0]), segments)?;
+    let [colours, opacities] = palette.counts();
     // Of all bands together, so that none takes memory for more than there may be.
     let left = AtomicUsize::new(segments);
     let room = || left.fetch_update(Relaxed, Relaxed, |n| n.checked_sub(1)).is_ok();
-    let band = |(rows, part): (&Range<usize>, &&[u8])| {
-        let (mut decoder, mut model) = (Decoder::new(part), Model::new(&palette, segments / bands.len()));
-        let (ends, entries) = code(&mut decoder, &mut model, [resolution, rows.len()], room, |_| &[])?;
-        let made = entries.iter().map(|entry| palette.segment(entry).map(&make)).collect::<Result<Vec<T>, Error>>()?;
-        Ok((ends, made))
+    let band = |(rows, parts): (&Range<usize>, &[&[u8]])| {
+        let segments = segments / bands.len();
+        // Colours follow as soon as a row's shapes are known, on another core if there is one.
+        let (known, next) = channel();
+        let shapes = || shapes::read(parts[0], [resolution, rows.len()], segments, opacities, room, known);
+        let (mut ends, mut made) = (vec![0], Vec::new());
+        let done = |row: &Row| {
+            let first = made.len() as u32;
+            ends.extend(row.ends[1..].iter().map(|end| first + end));
+            for entry in &row.entries {
+                made.push(make(palette.segment(entry)?));
+            }
+            Ok(())
+        };
+        let (shapes, colours) = rayon::join(shapes, || colours::read(parts[1], next, segments, colours, done));
+        shapes.and(colours).map(|()| (ends, made))
     };
-    let decoded: Vec<(Vec<u32>, Vec<T>)> = bands.par_iter().zip(&parts[1..]).map(band).collect::<Result<_, Error>>()?;
+    let decoded: Vec<(Vec<u32>, Vec<T>)> =
+        bands.par_iter().zip(parts[1..].par_chunks(2)).map(band).collect::<Result<_, Error>>()?;
     if left.into_inner() > 0 {
         return Err(Error::Value);
     }
@@ -116,28 +138,4 @@ pub fn decode<T: Send>(
         if all.is_empty() { all = made } else { all.extend(made) }
     }
     Ok((offsets, all))
-}
-
-/// Codes `rows` rows of `resolution` rays, each of which is as `wanted`, or reads them, while there is `room` for a
-/// supersegment: where each ray ends, after a 0, and the supersegments.
-fn code<'a, C: Coder>(
-    coder: &mut C,
-    model: &mut Model,
-    [resolution, rows]: [usize; 2],
-    room: impl Fn() -> bool,
-    wanted: impl Fn(usize) -> &'a [Entry],
-) -> Result<(Vec<u32>, Vec<Entry>), Error> {
-    let (mut ends, mut entries, mut ray) = (vec![0], Vec::new(), Vec::new());
-    for k in 0..resolution * rows {
-        let x = k % resolution;
-        let at = |k: usize| &entries[ends[k] as usize..ends[k + 1] as usize];
-        let left = if x > 0 { at(k - 1) } else { &[] };
-        let up = if k >= resolution { at(k - resolution) } else { &[] };
-        let right = if k >= resolution && x + 1 < resolution { at(k - resolution + 1) } else { &[] };
-        ray.clear();
-        model.ray(coder, wanted(k), [left, up, right], &room, &mut ray)?;
-        entries.extend_from_slice(&ray);
-        ends.push(entries.len() as u32);
-    }
-    Ok((ends, entries))
 }

@@ -1,6 +1,6 @@
 //! All colours and opacities that occur, sorted: a supersegment names their places.
 use super::Segment;
-use super::model::Entry;
+use super::beside::Entry;
 use super::symbols::{fold, unfold};
 use crate::Error;
 use crate::coder::{Coder, Decoder};

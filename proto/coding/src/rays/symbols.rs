@@ -1,23 +1,19 @@
-//! Numbers by decisions, each the mixed opinion of six models that know different things of what is around.
+//! Numbers by decisions, each the mixed opinion of four models that know different things of what is around.
+use super::opinions::{Chance, Mixer, OPINIONS, decide};
 use crate::coder::Coder;
-use crate::mix::{Chance, Mixer, Mixing, ONE, Tables, mixed};
-
-/// Opinions a decision.
-pub const OPINIONS: usize = 6;
-/// How they are mixed.
-const MIXING: Mixing<OPINIONS> = Mixing { settled: [40; OPINIONS], most: 2 * ONE, rate: 11 };
+use crate::mix::Tables;
 
 /// What each opinion goes by: see [`hash`].
 pub type Contexts = [u32; OPINIONS];
 
-/// Chances that lie together: the nodes of four levels of a binary tree.
-const LINE: usize = 16;
-/// Mixers of a number: of the decisions on its length, and of its first digits.
-const NUMBER: usize = 64;
+/// Chances that lie together, in a cache line: the nodes of five levels of a binary tree.
+const LINE: usize = 32;
+/// Mixers of a kind.
+const MIXERS: usize = 64;
 /// The longest number in binary, digits after the first.
 const LONGEST: u32 = 25;
-/// The most levels of a tree.
-const TREE: usize = 24;
+/// Digits of a number that are learnt.
+const LEARNT: u32 = 3;
 
 /// Learns the decisions of one kind of number.
 pub struct Symbols {
@@ -26,7 +22,22 @@ pub struct Symbols {
     chances: [Vec<[Chance; LINE]>; OPINIONS],
     /// Lines of an opinion are two to this power.
     bits: u32,
-    mixers: Vec<Mixer<OPINIONS>>,
+    mixers: Vec<[Mixer; MIXERS]>,
+}
+
+/// Decisions whose chances lie together.
+struct Group<'a> {
+    tables: &'static Tables,
+    lines: [&'a mut [Chance; LINE]; OPINIONS],
+    mixers: &'a mut [Mixer; MIXERS],
+}
+
+impl Group<'_> {
+    #[inline(always)]
+    fn decide<C: Coder>(&mut self, coder: &mut C, node: u32, mixer: u32, bit: bool) -> bool {
+        let chances = self.lines.each_mut().map(|line| &mut line[node as usize % LINE]);
+        decide(coder, self.tables, &mut self.mixers[mixer as usize % MIXERS], chances, bit)
+    }
 }
 
 /// Three numbers as one.
@@ -49,63 +60,43 @@ pub fn unfold(n: u32) -> i32 {
 }
 
 impl Symbols {
-    /// For trees, with so many `kinds` of mixers, in two to the power of `bits` chances an opinion.
-    pub fn of_trees(bits: u32, kinds: usize) -> Self {
-        Self::new(bits, kinds * TREE)
-    }
-
-    /// The same for numbers without end.
-    pub fn of_numbers(bits: u32, kinds: usize) -> Self {
-        Self::new(bits, kinds * NUMBER)
-    }
-
-    fn new(bits: u32, mixers: usize) -> Self {
-        let bits = bits - LINE.ilog2();
+    /// With two to the power of `bits` lines an opinion, and so many `kinds` of mixers.
+    pub fn new(bits: u32, kinds: usize) -> Self {
         let chances = std::array::from_fn(|_| vec![[Chance::default(); LINE]; 1 << bits]);
-        Self { tables: Tables::get(), chances, bits, mixers: vec![Mixer::default(); mixers] }
+        let mixers = vec![std::array::from_fn(|_| Mixer::default()); kinds];
+        Self { tables: Tables::get(), chances, bits, mixers }
     }
 
-    /// Where the chances of a `group` of decisions lie, by opinion.
+    /// The decisions of a `group` in these contexts.
     #[inline(always)]
-    fn lines(&self, contexts: &Contexts, group: u32) -> [usize; OPINIONS] {
-        let mixed = |context: u32| (context ^ group.wrapping_mul(0x9E37_79B1)).wrapping_mul(0x85EB_CA6B);
-        contexts.map(|context| (mixed(context) >> (32 - self.bits)) as usize)
-    }
-
-    #[inline(always)]
-    fn decide<C: Coder>(
-        &mut self,
-        coder: &mut C,
-        lines: &[usize; OPINIONS],
-        node: u32,
-        mixer: usize,
-        bit: bool,
-    ) -> bool {
-        let node = node as usize % LINE;
-        let [a, b, c, d, e, f] = &mut self.chances;
-        let [i, j, k, l, m, n] = *lines;
-        let models =
-            [&mut a[i][node], &mut b[j][node], &mut c[k][node], &mut d[l][node], &mut e[m][node], &mut f[n][node]];
-        mixed(coder, self.tables, &MIXING, &mut self.mixers[mixer], models, bit)
+    fn group(&mut self, contexts: &Contexts, group: u32, kind: usize) -> Group<'_> {
+        let place = |context: u32| (context ^ group.wrapping_mul(0x9E37_79B1)).wrapping_mul(0x85EB_CA6B);
+        let bits = self.bits;
+        let mut chances = self.chances.iter_mut().zip(contexts);
+        let mut line = |_| {
+            let (lines, &context) = chances.next().expect("as many as opinions");
+            &mut lines[(place(context) >> (32 - bits)) as usize]
+        };
+        Group { tables: self.tables, lines: std::array::from_fn(&mut line), mixers: &mut self.mixers[kind] }
     }
 
     /// A single decision.
     pub fn bit<C: Coder>(&mut self, coder: &mut C, contexts: &Contexts, kind: usize, bit: bool) -> bool {
-        let lines = self.lines(contexts, 0);
-        self.decide(coder, &lines, 0, kind * TREE, bit)
+        self.group(contexts, 0, kind).decide(coder, 0, 0, bit)
     }
 
     /// A number of so many `bits`, at most 24, the highest first.
     pub fn tree<C: Coder>(&mut self, coder: &mut C, contexts: &Contexts, bits: u32, kind: usize, number: u32) -> u32 {
-        let mut lines = self.lines(contexts, 0);
-        let (mut node, mut within) = (1, 1);
-        for level in (0..bits).rev() {
-            let bit = self.decide(coder, &lines, within, kind * TREE + level as usize, number >> level & 1 == 1);
-            node = node << 1 | u32::from(bit);
-            within = within << 1 | u32::from(bit);
-            if within >= LINE as u32 {
-                within = 1;
-                lines = self.lines(contexts, node);
+        let (mut node, mut left) = (1, bits);
+        while left > 0 {
+            let group = if left == bits { 0 } else { node };
+            let mut group = self.group(contexts, group, kind);
+            let mut within = 1;
+            while left > 0 && within < LINE as u32 {
+                left -= 1;
+                let bit = group.decide(coder, within, left, number >> left & 1 == 1);
+                within = within << 1 | u32::from(bit);
+                node = node << 1 | u32::from(bit);
             }
         }
         node ^ 1 << bits
@@ -115,20 +106,24 @@ impl Symbols {
     pub fn number<C: Coder>(&mut self, coder: &mut C, contexts: &Contexts, kind: usize, number: u32) -> u32 {
         let wanted = number.wrapping_add(1);
         let length = 31 - wanted.max(1).leading_zeros();
-        let first = kind * NUMBER;
-        let lines = self.lines(contexts, 0);
+        let mut group = self.group(contexts, 0, kind);
         let mut n = 0;
-        while n < LONGEST && self.decide(coder, &lines, (n + 1).min(15), first + n.min(15) as usize, length > n) {
+        while n < LONGEST && group.decide(coder, (n + 1).min(15), n.min(15), length > n) {
             n += 1;
         }
         if n == 0 {
             return 0;
         }
-        let lines = self.lines(contexts, n);
-        let (mut found, learnt) = (1, n.min(3));
+        // The digits of numbers with up to three are beside their lengths.
+        let first = [0, 16, 17, 20].get(n as usize).copied();
+        if first.is_none() {
+            group = self.group(contexts, n, kind);
+        }
+        let (first, learnt) = (first.unwrap_or(0), n.min(LEARNT));
+        let mut found = 1;
         for digit in 0..learnt {
-            let mixer = first + 16 + (n.min(15) * 3 + digit) as usize;
-            let bit = self.decide(coder, &lines, found, mixer, wanted >> (n - 1 - digit) & 1 == 1);
+            let mixer = 16 + n.min(15) * LEARNT + digit;
+            let bit = group.decide(coder, first + found, mixer, wanted >> (n - 1 - digit) & 1 == 1);
             found = found << 1 | u32::from(bit);
         }
         let rest = n - learnt;

@@ -101,10 +101,10 @@ fn bands_that_hold_too_much_together_are_refused() {
     let rays = random(402, 6, 40, 3);
     let (first, most) = (encode(402, &rays.0, |k| rays.1[k]), rays.1.len());
     let lengths: Vec<usize> =
-        first[..32].chunks_exact(8).map(|b| u64::from_le_bytes(b.try_into().unwrap()) as usize).collect();
-    // The first band in place of each: as many supersegments in all, or one too many.
-    let part = |k: usize| &first[32 + lengths[..k].iter().sum::<usize>()..][..lengths[k]];
-    let parts = [part(0), part(1), part(1), part(1)];
+        first[..7 * 8].chunks_exact(8).map(|b| u64::from_le_bytes(b.try_into().unwrap()) as usize).collect();
+    // The two parts of the first band in place of those of each: as many supersegments in all, or one too many.
+    let part = |k: usize| &first[7 * 8 + lengths[..k].iter().sum::<usize>()..][..lengths[k]];
+    let parts = [part(0), part(1), part(2), part(1), part(2), part(1), part(2)];
     let mut bytes: Vec<u8> = parts.iter().flat_map(|p| (p.len() as u64).to_le_bytes()).collect();
     bytes.extend(parts.concat());
     let rows = bands(402, most)[0].len();

@@ -11,6 +11,7 @@ mod encode;
 mod fit;
 mod flags;
 mod grid;
+mod opinions;
 mod predict;
 mod quantise;
 mod symbols;

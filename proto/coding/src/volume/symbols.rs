@@ -1,9 +1,10 @@
 //! How residuals and flags become decisions, and what the probability of each is learnt from.
 use super::grid::{BLOCK, Class};
+use super::opinions::{Mixer, OPINIONS, mixed};
 use super::predict::{SCALE, WEIGHTS, cubic};
 use super::walk::{Field, Part};
 use crate::coder::Coder;
-use crate::mix::{Chance, Mixer, Mixing, ONE, Tables, mixed, single};
+use crate::mix::{Chance, Tables, single};
 use std::ops::Range;
 
 /// A residual that is not a number of steps: the value follows as it is.
@@ -12,10 +13,6 @@ pub const RAW: i32 = 1 << TOP;
 const TOP: u32 = 20;
 /// A mark of this magnitude stands for it and all beyond.
 pub const LARGE: u8 = 127;
-/// Opinions a decision.
-const OPINIONS: usize = 5;
-/// How they are mixed.
-const MIXING: Mixing<OPINIONS> = Mixing { settled: [60, 90, 40, 90, 60], most: 3 * ONE, rate: 12 };
 /// Contexts of the five opinions.
 const A: usize = 9 * 8 * 8;
 const B: usize = 3 * 16 * 16;
@@ -37,7 +34,7 @@ pub struct Models {
     c: Box<[Stages; C]>,
     d: Box<[Stages; D]>,
     e: Box<[Stages; E]>,
-    mixers: Box<[[Mixer<OPINIONS>; STAGES]; 9 * 2]>,
+    mixers: Box<[[Mixer; STAGES]; 9 * 2]>,
     signs: Vec<Chance>,
     exponents: [[Chance; TOP as usize + 1]; 4],
     leading: [Chance; TOP as usize + 1],
@@ -94,7 +91,7 @@ impl Models {
             let mixer = &mut self.mixers[context.mixer][stage];
             let beyond = magnitude > stage as u32;
             let models = [&mut a[stage], &mut b[stage], &mut c[stage], &mut d[stage], &mut e[stage]];
-            if !mixed(coder, self.tables, &MIXING, mixer, models, beyond) {
+            if !mixed(coder, self.tables, mixer, models, beyond) {
                 return stage as u32;
             }
         }

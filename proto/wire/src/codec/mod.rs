@@ -30,7 +30,7 @@ use lamina_model::{Invalid, Supersegment, Vdi, VdiHeader};
 /// First bytes of every file.
 const MAGIC: [u8; 4] = *b"LVDI";
 /// The newest version read.
-const NEWEST: u16 = 2;
+const NEWEST: u16 = 3;
 /// Magic, version, and the header's length.
 const PREAMBLE_BYTES: usize = 8;
 /// The checksum that ends a file.
@@ -43,7 +43,7 @@ pub enum Codec {
     Bzip2,
     /// Many times faster and larger. Level 3.
     Zstd,
-    /// Smallest: each ray in the context of those beside it (`lamina_coding::rays`), not as bytes. In two to three times the time of bzip2.
+    /// Smallest: each ray in the context of those beside it (`lamina_coding::rays`), not as bytes.
     #[default]
     Mixed,
 }
@@ -61,7 +61,7 @@ impl Codec {
     fn version(self) -> u16 {
         match self {
             Self::Bzip2 | Self::Zstd => 1,
-            Self::Mixed => 2,
+            Self::Mixed => 3,
         }
     }
 
@@ -178,6 +178,9 @@ pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<Vdi, CodecError> {
     let (contents, rest) = read_contents(checked_body(bytes, PREAMBLE_BYTES + CRC_BYTES)?)?;
     check_size(&contents, limits)?;
     let codec = contents.header.codec;
+    if version == 2 {
+        return Err(error::invalid("it is of version 2, a draft that no release wrote; make it again"));
+    }
     if codec.version() != version {
         return Err(error::invalid(format!("version {version} has no codec {}", codec.id())));
     }
