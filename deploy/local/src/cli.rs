@@ -267,8 +267,8 @@ pub struct Generate {
     /// Byte layout: columns, or the paper's plain records
     #[arg(long, default_value = "columns")]
     pub layout: LayoutName,
-    /// What makes a VDI small: mixed (contexts of neighbouring rays), bzip2 in half the time or less, or zstd in a tenth [default:
-    /// mixed; bzip2 for the plain layout]
+    /// What makes a VDI small: mixed (contexts of neighbouring rays), bzip2, or zstd in a sixth of the time [default: mixed; bzip2
+    /// for the plain layout]
     #[arg(long, value_name = "NAME", hide_possible_values = true)]
     pub codec: Option<CodecName>,
     /// Where to write it
