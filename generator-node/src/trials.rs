@@ -129,7 +129,7 @@ impl Trials {
         }
         let (held, options) = (self.held.clone(), self.shared.options);
         let _permit = permit(&self.shared).await?;
-        let (bytes, cost) = blocking(move || held.measure(&params, &options)).await?;
+        let (bytes, cost) = blocking(move || held.try_out(&params, &options)).await?;
         let bytes = Bytes::from(bytes);
         self.encoded.truncate(ENCODED - 1);
         self.encoded.push_front((params, bytes.clone(), cost));

@@ -234,7 +234,13 @@ fn wrong_arguments_and_files_are_refused_with_the_remedy() {
     refused(&["render", &file("cut.vdi", &damaged[..middle]), "--out", &png], &["cut.vdi"]);
     refused(&["render", &file("flip.vdi", &damaged), "--out", &png], &["flip.vdi", "checksum"]);
     refused(&["render", &file("not.vdi", b"hello"), "--out", &png], &["not.vdi"]);
+    refused(&["render", "/dev/zero", "--out", &png], &["/dev/zero"]);
     refused(&["render", &vdi, "--out", "x.jpg"], &[".png or .pfm"]);
+    refused(&["generate", &series, "--dims", "8x8x8", "--out", &vdi], &["--dims"]);
+    let volume = ["generate", &series, "--representation", "volume", "--out", &vdi];
+    for option in [["--codec", "mixed"], ["--layout", "plain"], ["--segmentation", "greedy"]] {
+        refused(&[&volume[..], &option].concat(), &[option[0], "volume"]);
+    }
     refused(&["render", &vdi, "--size", "0", "--out", &png], &["image size"]);
     refused(&["render", &vdi, "--view", "NaN", "--out", &png], &["camera"]);
     refused(&["generate", &series, "--resolution", "0", "--out", &vdi], &["resolution"]);

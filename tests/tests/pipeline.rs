@@ -163,6 +163,11 @@ fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
     let metrics = get("/metrics");
     assert!(metrics.contains(&format!("\nlamina_vdi_size_bytes {}\n", last.size_bytes)), "{metrics}");
     assert!(metrics.contains(&format!("\nlamina_frames_total {}\n", 2 * rows.len())), "{metrics}");
+    // What is not there is said not to be, to browsers and to callers.
+    let nowhere = ureq::get(format!("{}/nowhere", cluster.url(1)));
+    assert!(matches!(nowhere.call(), Err(ureq::Error::StatusCode(404))));
+    let called = ureq::get(format!("{}/lamina.v9.No/Call", cluster.url(1))).header("content-type", "application/grpc");
+    assert_eq!(called.call().unwrap().headers()["grpc-status"], "12");
 }
 
 /// One push a call, like a simulation that takes its time.

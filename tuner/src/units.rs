@@ -6,7 +6,7 @@ use std::str::FromStr;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bytes(pub u64);
 
-/// A time in milliseconds: `40ms`, `0.5s`, `25`.
+/// A time in milliseconds: `40ms`, `500us`, `0.5s`, `25`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Millis(pub f64);
 
@@ -40,11 +40,12 @@ impl FromStr for Bytes {
 impl FromStr for Millis {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
-        let help = || format!("\"{text}\" is not a time; write 40ms, 0.5s or a number of milliseconds");
+        let help = || format!("\"{text}\" is not a time; write 40ms, 500us, 0.5s or a number of milliseconds");
         let (number, unit) = number_and_unit(text).ok_or_else(help)?;
         match unit {
             "" | "ms" => Ok(Self(number)),
             "s" => Ok(Self(number * 1e3)),
+            "us" => Ok(Self(number * 1e-3)),
             _ => Err(help()),
         }
     }
@@ -72,6 +73,7 @@ mod tests {
         assert_eq!("4096".parse(), Ok(Bytes(4096)));
         assert_eq!("0.5s".parse(), Ok(Millis(500.0)));
         assert_eq!("40ms".parse(), Ok(Millis(40.0)));
+        assert_eq!("500us".parse(), Ok(Millis(0.5)));
         for bad in ["", "kB", "-3kB", "3 parsecs", "0", "1e99GB", "nan"] {
             assert!(bad.parse::<Bytes>().is_err() && bad.parse::<Millis>().is_err(), "{bad}");
         }

@@ -2,6 +2,7 @@
 
 use lamina_device::Choice;
 use lamina_model::Invalid;
+use lamina_wire::node::check_address;
 use serde::{Deserialize, Serialize};
 use std::{net::SocketAddr, path::PathBuf};
 
@@ -49,11 +50,9 @@ impl Config {
     /// # Errors
     /// Names the first key whose value cannot be used.
     pub fn check(self) -> Result<Self, Invalid> {
-        if !self.generator.starts_with("http://") {
-            return Err(Invalid::new("generator", format!("\"{}\"; write http://HOST:PORT", self.generator)));
-        }
-        if let Some(address) = self.quality_address.as_ref().filter(|a| !a.is_empty() && !a.starts_with("http://")) {
-            return Err(Invalid::new("quality_address", format!("\"{address}\"; write http://HOST:PORT")));
+        check_address("generator", &self.generator)?;
+        if let Some(address) = self.quality_address.as_deref().filter(|a| !a.is_empty()) {
+            check_address("quality_address", address)?;
         }
         Ok(self)
     }

@@ -61,7 +61,7 @@ pub async fn run(config: Config, store: Arc<Store>, listener: TcpListener, shutd
         Config { quality_address: Some(config.quality_address.unwrap_or(format!("http://{address}"))), ..config };
     let subscription = tokio::spawn(subscribe::run(config, store, meter, connected));
     let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
-    let serve = axum::serve(listener, web.merge(grpc)).with_graceful_shutdown(async {
+    let serve = axum::serve(listener, web.merge(grpc).fallback(web::nowhere)).with_graceful_shutdown(async {
         let _ = stopped.await;
     });
     let mut server = tokio::spawn(serve.into_future());

@@ -282,7 +282,7 @@ pub enum LayoutName {
     Plain,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
+#[derive(Clone, Copy, ValueEnum, PartialEq)]
 pub enum CodecName {
     Mixed,
     Bzip2,

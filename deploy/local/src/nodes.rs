@@ -141,6 +141,11 @@ impl Nodes {
         Ok(Some(status.context("asking the tuner")?.into_inner()))
     }
 
+    /// All trials of the tuner so far.
+    pub fn trials(&self) -> anyhow::Result<Vec<v1::TrialRecord>> {
+        Ok(self.tuner_status(true)?.map(|status| status.trials).unwrap_or_default())
+    }
+
     /// Waits until `step` is recorded and the tuner has dealt with it.
     pub fn settle(&self, step: u64, stop: &impl Fn() -> bool) -> anyhow::Result<Option<StepRow>> {
         let mut since = Instant::now();

@@ -1,4 +1,4 @@
-//! The folder of a watched run: `steps.csv`, `trials.csv`, pictures, `report.html`.
+//! The folder of a watched run: `steps.csv` and `trials.csv`, step by step; pictures; at the end `report.html`.
 
 use crate::report::{self, Limit, PicturePair, Report, TrialRow};
 use crate::source::Source;
@@ -58,12 +58,12 @@ impl Outputs {
         })
     }
 
-    /// Appends steps to `steps.csv`.
-    pub fn add(&mut self, rows: &[StepRow]) -> anyhow::Result<()> {
+    /// Appends steps to `steps.csv`, and writes `trials.csv` with all trials so far.
+    pub fn add(&mut self, rows: &[StepRow], trials: &[v1::TrialRecord]) -> anyhow::Result<()> {
         for row in rows {
             writeln!(self.csv, "{}", row.to_csv()).with_context(|| format!("{}: steps.csv", self.dir.display()))?;
         }
-        Ok(())
+        self.write("trials.csv", trials_csv(trials.iter().map(trial_row)).as_bytes())
     }
 
     /// Keeps pictures of a few steps, spread over the run: the viewer's beside the ray-cast volume's.
@@ -95,26 +95,9 @@ impl Outputs {
         Ok(())
     }
 
-    /// Writes `trials.csv` and `report.html`, and says what there is.
-    pub fn finish(self, rows: Vec<StepRow>, trials: &[v1::TrialRecord]) -> anyhow::Result<()> {
-        let trials: Vec<TrialRow> = trials.iter().map(trial_row).collect();
-        let mut text =
-            String::from("step,resolution,gamma,size_bytes,generation_ms,encode_ms,psnr_db,chosen,representation\n");
-        for t in &trials {
-            text += &format!(
-                "{},{},{},{},{:.3},{:.3},{},{},{}\n",
-                t.step,
-                t.resolution,
-                t.gamma,
-                t.size_bytes,
-                t.generation_ms,
-                t.encode_ms,
-                if t.psnr_db.is_nan() { String::new() } else { format!("{:.3}", t.psnr_db) },
-                t.chosen,
-                t.representation
-            );
-        }
-        self.write("trials.csv", text.as_bytes())?;
+    /// Writes `report.html`, and says what there is.
+    pub fn finish(mut self, rows: Vec<StepRow>, trials: &[v1::TrialRecord]) -> anyhow::Result<()> {
+        self.add(&[], trials)?;
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let broken = rows.iter().filter(|r| !r.limit_kept).count();
         let last = rows.last();
@@ -128,7 +111,7 @@ impl Outputs {
                 time_ms: last.and_then(|r| r.time_limit_ms),
             },
             steps: rows.iter().map(report_row).collect(),
-            trials,
+            trials: trials.iter().map(trial_row).collect(),
             pictures: self.pictures.clone(),
         };
         self.write("report.html", report::render(&report).as_bytes())?;
@@ -136,10 +119,33 @@ impl Outputs {
         Ok(())
     }
 
+    /// Writes a file whole: what was there stays until then.
     fn write(&self, name: &str, bytes: &[u8]) -> anyhow::Result<()> {
-        let path = self.dir.join(name);
-        fs::write(&path, bytes).with_context(|| format!("{}: cannot be written", path.display()))
+        let (path, part) = (self.dir.join(name), self.dir.join(format!("{name}.part")));
+        fs::write(&part, bytes)
+            .and_then(|()| fs::rename(&part, &path))
+            .with_context(|| format!("{}: cannot be written", path.display()))
     }
+}
+
+fn trials_csv(trials: impl Iterator<Item = TrialRow>) -> String {
+    let mut text =
+        String::from("step,resolution,gamma,size_bytes,generation_ms,encode_ms,psnr_db,chosen,representation\n");
+    for t in trials {
+        text += &format!(
+            "{},{},{},{},{:.3},{:.3},{},{},{}\n",
+            t.step,
+            t.resolution,
+            t.gamma,
+            t.size_bytes,
+            t.generation_ms,
+            t.encode_ms,
+            if t.psnr_db.is_nan() { String::new() } else { format!("{:.3}", t.psnr_db) },
+            t.chosen,
+            t.representation
+        );
+    }
+    text
 }
 
 fn report_row(row: &StepRow) -> report::StepRow {

@@ -6,10 +6,12 @@ use crate::scene_file::scene_for;
 use crate::source::{read_options, with_colors};
 use anyhow::{Context, ensure};
 use lamina_cast::{Backend, Field};
-use lamina_model::{GenerationParams, Representation, Scene, Volume, psnr};
+use lamina_model::{GenerationParams, Representation, Scene, Segmentation, Volume, psnr};
 use lamina_read::Series;
 use lamina_viz_node::kernel::{Detail, Prepared};
-use lamina_wire::codec::{self, Codec, DecodeLimits, EncodeOptions, Layout};
+use lamina_wire::codec::{self, Codec, CodecError, DecodeLimits, EncodeOptions, Layout};
+use std::fs::File;
+use std::io::Read;
 use std::time::Instant;
 
 /// The volume and scene that an input names.
@@ -66,6 +68,11 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
         (Some(cli::CodecName::Mixed), _) | (None, Layout::Columns) => Codec::Mixed,
     };
     let options = EncodeOptions { codec, layout }.check()?;
+    let usual = (None, Layout::Columns, Segmentation::default());
+    ensure!(
+        arguments.representation == Representation::Vdi || (arguments.codec, layout, arguments.segmentation) == usual,
+        "--codec, --layout and --segmentation are for VDIs; leave them out with --representation volume"
+    );
     let (volume, scene) = open(&arguments.input)?;
     let params = GenerationParams::new(arguments.resolution, arguments.gamma)?
         .with_opacity_cutoff(arguments.opacity_cutoff)?
@@ -91,8 +98,15 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
 pub fn render(arguments: &cli::Render) -> anyhow::Result<()> {
     picture_file::check(&arguments.view.out)?;
     let name = arguments.input.display();
-    let bytes = std::fs::read(&arguments.input).with_context(|| format!("{name}: cannot be read"))?;
-    let shown = Prepared::new(codec::decode_any(&bytes, &DecodeLimits::default()).with_context(|| name.to_string())?);
+    let (unreadable, limits) = (|| format!("{name}: cannot be read"), DecodeLimits::default());
+    let (mut file, mut bytes) = (File::open(&arguments.input).with_context(unreadable)?, Vec::new());
+    // Something else may be large.
+    file.by_ref().take(4).read_to_end(&mut bytes).with_context(unreadable)?;
+    if let Err(error @ CodecError::NotAVdi) = codec::decode_any(&bytes, &limits) {
+        return Err(error).with_context(|| name.to_string());
+    }
+    file.read_to_end(&mut bytes).with_context(unreadable)?;
+    let shown = Prepared::new(codec::decode_any(&bytes, &limits).with_context(|| name.to_string())?);
     let (camera, size) = (shown.camera().rotated_about_y(arguments.view.view)?, arguments.view.size);
     let backend = lamina_viz_node::kernel::Backend::open(arguments.backend)?;
     let start = Instant::now();

@@ -200,8 +200,7 @@ fn watch(
     bar.finish_and_clear();
     client.close();
     if let Some(outputs) = outputs {
-        let trials = nodes.tuner_status(true)?.map(|s| s.trials).unwrap_or_default();
-        outputs.finish(nodes.store.rows(), &trials)?;
+        outputs.finish(nodes.store.rows(), &nodes.trials()?)?;
     }
     nodes.stop();
     Ok(())
@@ -218,8 +217,8 @@ fn show_new(
     for row in &rows {
         bar.suspend(|| say!("{}", line(row)));
     }
-    if let Some(outputs) = outputs {
-        outputs.add(&rows)?;
+    if let Some(outputs) = outputs.filter(|_| !rows.is_empty()) {
+        outputs.add(&rows, &nodes.trials()?)?;
     }
     Ok(rows.last().map(|r| r.step).or(shown))
 }

@@ -14,7 +14,7 @@ pub(crate) const UNNAMED_FIELD: &str = "scalar";
 /// What a user may say about a file that the file does not, or not unambiguously.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Options {
-    /// The shape of raw files; files that describe themselves do not look at it.
+    /// The shape of raw files; none for files that describe themselves.
     pub raw: RawSpec,
     /// The array to read where a file has several. Raw and NRRD files have a single, nameless one: it takes this name.
     pub field: Option<String>,
@@ -52,6 +52,13 @@ impl Series {
         let single = |source| vec![Step { time: 0.0, source }];
         let wanted = options.field.as_deref();
         let given = || wanted.unwrap_or(UNNAMED_FIELD).to_owned();
+        if ["pvd", "vti", "nrrd", "nhdr"].contains(&&*ending) && options.raw != RawSpec::default() {
+            return Err(ReadError::unsupported(
+                path,
+                "a shape from outside",
+                "it tells its own: leave out --dims and --dtype",
+            ));
+        }
         let (field, steps) = match ending.as_str() {
             "pvd" => open_collection(path, wanted)?,
             "vti" => (vti::field_name(path, wanted)?, single(Source::Vti(path.into()))),

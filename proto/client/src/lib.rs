@@ -27,6 +27,7 @@ pub use lamina_wire::v1::FullPolicy;
 
 use driver::Driver;
 use lamina_model::{Grid, Invalid, Scene, VoxelType};
+use lamina_wire::node::check_address;
 use session::Session;
 use std::time::{Duration, Instant};
 use tonic::{Code, Status, transport::Endpoint};
@@ -149,12 +150,9 @@ impl Client {
     /// # Errors
     /// If the options cannot be right, or the node refuses them.
     pub fn connect(options: RunOptions) -> Result<Self, ClientError> {
-        let bad_address =
-            |e| Invalid::new("generator", format!("\"{}\": {e}; write http://HOST:PORT", options.generator));
+        check_address("generator", &options.generator)?;
+        let bad_address = |e: tonic::transport::Error| Invalid::new("generator", e.to_string());
         let endpoint = Endpoint::from_shared(options.generator.clone()).map_err(bad_address)?;
-        if endpoint.uri().scheme_str() != Some("http") || endpoint.uri().port().is_none() {
-            return Err(Invalid::new("generator", format!("\"{}\"; write http://HOST:PORT", options.generator)).into());
-        }
         let driver = Driver::start().map_err(ClientError::Runtime)?;
         let endpoint = endpoint.connect_timeout(options.deadline.min(Duration::from_secs(2))).tcp_nodelay(true);
         let mut client = Self {

@@ -1,8 +1,10 @@
 //! What every daemon does around its services: read its configuration, log, listen, stop cleanly.
 
+use lamina_model::Invalid;
 use serde::de::DeserializeOwned;
 use std::{future::Future, net::SocketAddr, path::Path, pin::Pin, time::Duration};
 use tokio::net::TcpListener;
+use tonic::codegen::http::Uri;
 use tonic::transport::server::Router;
 use tonic::transport::{Channel, Endpoint};
 
@@ -79,6 +81,21 @@ pub async fn listen(address: SocketAddr) -> Result<TcpListener, NodeError> {
     TcpListener::bind(address).await.map_err(|reason| NodeError::Listen { address, reason })
 }
 
+/// Passes an address of a node, `http://HOST:PORT`, that `field` gives.
+///
+/// # Errors
+/// If it is none.
+pub fn check_address(field: &'static str, address: &str) -> Result<(), Invalid> {
+    let uri = address.parse::<Uri>();
+    let whole = |uri: &Uri| {
+        uri.scheme_str() == Some("http") && uri.host().is_some_and(|h| !h.is_empty()) && uri.port_u16().is_some()
+    };
+    if uri.as_ref().is_ok_and(whole) {
+        return Ok(());
+    }
+    Err(Invalid::new(field, format!("\"{address}\"; write http://HOST:PORT")))
+}
+
 /// A connection to the node at `address`, tried for at most two seconds. A peer that vanishes without a word is noticed
 /// within twenty.
 ///
@@ -151,4 +168,29 @@ pub async fn stop_signal() {
     }
     #[cfg(not(unix))]
     drop(interrupt.await);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::check_address;
+
+    #[test]
+    fn addresses_have_a_host_and_a_port() {
+        for good in ["http://127.0.0.1:7101", "http://node-17.cluster:80", "http://[::1]:7101"] {
+            assert!(check_address("generator", good).is_ok(), "{good}");
+        }
+        for bad in [
+            "",
+            "http://",
+            "http://:7101",
+            "http://host",
+            "https://host:7101",
+            "host:7101",
+            "http://host:x",
+            "http://a b:1",
+        ] {
+            let refused = check_address("generator", bad).unwrap_err().to_string();
+            assert!(refused.contains("generator") && refused.contains("http://HOST:PORT"), "{bad}: {refused}");
+        }
+    }
 }

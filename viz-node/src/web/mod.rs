@@ -6,8 +6,9 @@ use crate::kernel::{Backend, Detail};
 use crate::measure::Meter;
 use crate::store::{Event, Run, StepRow, Store};
 use crate::view::{Orbit, Painter, ViewError};
+use axum::body::Body;
 use axum::extract::{Query, State};
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::sse::{self, Sse};
 use axum::response::{IntoResponse, Response};
 use axum::{Json, Router, routing::get};
@@ -56,6 +57,15 @@ impl Web {
             .route("/metrics", get(metrics::metrics))
             .with_state(self)
     }
+}
+
+/// Answers what no route does, in the caller's way.
+pub async fn nowhere(headers: HeaderMap) -> Response {
+    let kind = headers.get(header::CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
+    if kind.is_some_and(|kind| kind.starts_with("application/grpc")) {
+        return tonic::Status::unimplemented("no such service").into_http::<Body>();
+    }
+    (StatusCode::NOT_FOUND, "nothing here; the page is at /").into_response()
 }
 
 #[derive(Serialize)]
