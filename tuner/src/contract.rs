@@ -90,6 +90,12 @@ impl Contract {
         }
     }
 
+    /// What trials have to keep where live steps take so many times as long.
+    #[must_use]
+    pub fn paced(&self, pace: f64) -> Self {
+        Self { time_ms: self.time_ms.map(|ms| ms / pace), ..self.clone() }
+    }
+
     /// The time that the limit is about.
     pub fn time_of(&self, generation: Duration, encode: Duration) -> f64 {
         let time = if self.with_encoding { generation + encode } else { generation };

@@ -43,16 +43,7 @@ enum Call {
     /// It is like a step studied before: that one's parameters.
     Switch(v1::SetParametersRequest),
     /// It is like none, or the contract was broken.
-    Study(Why),
-}
-
-/// What calls for a study.
-#[derive(Clone, Copy, PartialEq)]
-enum Why {
-    /// Size or time, or that nothing is known.
-    Cost,
-    /// Quality alone: steps of its size do not tell what this one calls for.
-    Quality,
+    Study,
 }
 
 /// Tunes for ever.
@@ -99,14 +90,14 @@ impl Daemon {
                 (Call::Nothing, Some(quality)) if self.may_ask_quality(&report) => {
                     let measured = quality.of(&report).await;
                     let calls = measured.is_some_and(|m| self.quality_calls(&report, &m));
-                    if calls { Call::Study(Why::Quality) } else { Call::Nothing }
+                    if calls { Call::Study } else { Call::Nothing }
                 }
                 (call, _) => call,
             };
             let outcome = match call {
                 Call::Nothing => Ok(()),
                 Call::Switch(setting) => self.switch(&control, setting).await,
-                Call::Study(why) => self.study(&control, &report, why).await,
+                Call::Study => self.study(&control, &report).await,
             };
             self.status.failed(outcome.as_ref().err());
             if let Err(error) = outcome {
@@ -141,19 +132,20 @@ impl Daemon {
             self.run = Run::new(report.run_id.clone());
             self.holds_from = 0;
         }
-        let Some(studied) = self.run.studied_step else { return Call::Study(Why::Cost) };
+        let Some(studied) = self.run.studied_step else { return Call::Study };
         if report.step < self.holds_from {
             return Call::Nothing;
         }
-        let study = if self.run.may_study(self.config.budget) { Call::Study(Why::Cost) } else { Call::Nothing };
+        let study = if self.run.may_study(self.config.budget) { Call::Study } else { Call::Nothing };
         if self.config.retune_every > 0 && report.step >= studied + self.config.retune_every {
             return study;
         }
+        self.run.timed(report, &self.config.contract);
         let kept = self.config.contract.excess(&cost(report), f64::NAN) <= 0.0;
         // Parameters other than those pushed mean that the generator-node had to fall back to keep the size limit.
         let fell_back = self.setting.as_ref().is_some_and(|s| s.params != report.params);
         match self.run.like(report) {
-            Some(step) if step.cut && matches!(study, Call::Study(_)) => study,
+            Some(step) if step.cut && matches!(study, Call::Study) => study,
             Some(step) => match setting(&step.study, step.chosen, &self.config.contract) {
                 known if self.setting.as_ref().is_none_or(|s| s.params != known.params) => Call::Switch(known),
                 _ if kept && !fell_back => Call::Nothing,
@@ -184,14 +176,9 @@ impl Daemon {
         Ok(())
     }
 
-    async fn study(
-        &mut self,
-        control: &ControlClient<Channel>,
-        report: &v1::StepReport,
-        why: Why,
-    ) -> Result<(), TrialError> {
+    async fn study(&mut self, control: &ControlClient<Channel>, report: &v1::StepReport) -> Result<(), TrialError> {
         let (begun, first) = (Instant::now(), self.run.studied_step.is_none());
-        let outcome = self.measure(control, report, why).await;
+        let outcome = self.measure(control, report).await;
         self.run.took(begun.elapsed(), first, *outcome.as_ref().unwrap_or(&End::Failed));
         let (studies, run) = ((self.run.first + self.run.later).as_secs_f64(), self.run.since.elapsed().as_secs_f64());
         tracing::info!(kept = self.run.characteristic.len(), "studies took {studies:.1} s of {run:.1} s");
@@ -234,13 +221,10 @@ impl Daemon {
         Ok((self.run.candidates.clone(), old))
     }
 
-    async fn measure(
-        &mut self,
-        control: &ControlClient<Channel>,
-        report: &v1::StepReport,
-        why: Why,
-    ) -> Result<End, TrialError> {
-        let (contract, until) = (self.config.contract.clone(), self.run.until(self.config.budget));
+    async fn measure(&mut self, control: &ControlClient<Channel>, report: &v1::StepReport) -> Result<End, TrialError> {
+        let (limits, until) = (self.config.contract.clone(), self.run.until(self.config.budget));
+        let pace = self.run.pace.of();
+        let contract = limits.paced(pace);
         let given = until.map_or(Duration::ZERO, |until| until - Instant::now());
         let mut remote = Remote::open(control, &self.config.generator).await?;
         let (all, old) = self.candidates(&mut remote, until).await?;
@@ -284,12 +268,13 @@ impl Daemon {
         if study.best.is_none() {
             tracing::warn!(
                 step = study.step,
-                "nothing {} the contract; nearest: {}",
+                "nothing {} the contract; nearest: {}{}",
                 if cut { "tried in the time there was keeps" } else { "keeps" },
-                contract.describe(&row.measured)
+                limits.describe(&row.measured),
+                if pace > 1.0 { format!("; live steps take {pace:.1} times as long") } else { String::new() }
             );
         }
-        let setting = setting(&study, chosen, &contract);
+        let setting = setting(&study, chosen, &limits);
         let from = push(control, setting.clone()).await?;
         tracing::info!(
             step = study.step,
@@ -307,7 +292,8 @@ impl Daemon {
         self.run.studied_step = Some(studied);
         let before = self.setting.replace(setting).and_then(|s| read(s.params));
         self.holds_from = from;
-        if let (Why::Quality, Some(_), Some(params), Some(before)) = (why, study.best, read(report.params), before) {
+        // What was chosen on steps like this one did not serve.
+        if let (Some(_), Some(params), Some(before)) = (study.best, read(report.params), before) {
             self.run.characteristic.forget(&params, cost(report).size_bytes, &before);
         }
         self.status.measured(study.step, &study.rows, Some(chosen));

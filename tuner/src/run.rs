@@ -1,9 +1,11 @@
 //! What is known of the run watched, and what time there is for studies.
 
+use crate::Contract;
 use crate::characteristic::{Characteristic, Kept};
 use crate::trial::Cost;
 use lamina_model::GenerationParams;
 use lamina_wire::v1;
+use std::collections::VecDeque;
 use std::time::Duration;
 use tokio::time::Instant;
 
@@ -20,6 +22,33 @@ pub struct Run {
     /// What studies choose from, and how long finding it took.
     pub candidates: Vec<GenerationParams>,
     pub finding: Duration,
+    pub pace: Pace,
+}
+
+/// How many times as long as trials live steps take: beside them the simulation and the viewers compute, and a step's data are
+/// new to the processor's caches.
+#[derive(Default)]
+pub struct Pace(VecDeque<f64>);
+
+impl Pace {
+    /// Steps looked back at.
+    const STEPS: usize = 5;
+
+    /// A step took `live` where a trial of the same parameters on a step like it took `trial`, milliseconds.
+    pub fn add(&mut self, live: f64, trial: f64) {
+        let ratio = live / trial;
+        if ratio.is_finite() {
+            self.0.truncate(Self::STEPS - 1);
+            self.0.push_front(ratio);
+        }
+    }
+
+    /// The middle of the last ones, at least 1.
+    pub fn of(&self) -> f64 {
+        let mut ratios: Vec<f64> = self.0.iter().copied().collect();
+        ratios.sort_by(f64::total_cmp);
+        ratios.get(ratios.len() / 2).map_or(1.0, |&middle| middle.max(1.0))
+    }
 }
 
 impl Run {
@@ -35,6 +64,7 @@ impl Run {
             next: none,
             candidates: Vec::new(),
             finding: none,
+            pace: Pace::default(),
         }
     }
 
@@ -57,6 +87,18 @@ impl Run {
     /// The step studied that a reported one is like.
     pub fn like(&self, report: &v1::StepReport) -> Option<&Kept> {
         self.characteristic.like(&read(report.params)?, cost(report).size_bytes)
+    }
+
+    /// Takes in how long a reported step took, if its parameters were tried on a step like it.
+    pub fn timed(&mut self, report: &v1::StepReport, contract: &Contract) {
+        let ms = |cost: Cost| contract.time_of(cost.generation_time, cost.encode_time);
+        let tried = self.like(report).and_then(|step| {
+            let params = read(report.params)?;
+            step.study.rows.iter().find(|row| row.params == params).map(|row| row.measured.cost)
+        });
+        if let Some(trial) = tried {
+            self.pace.add(ms(cost(report)), ms(trial));
+        }
     }
 
     /// A study ended. A quarter of its time, some first trials, is worth beginning another for; where one was cut short, twice
@@ -92,6 +134,22 @@ pub fn read(params: Option<v1::GenerationParams>) -> Option<GenerationParams> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_pace_is_the_middle_of_the_last_live_steps_and_no_less_than_that_of_trials() {
+        let mut pace = Pace::default();
+        assert_eq!(pace.of(), 1.0);
+        pace.add(3.0, 6.0);
+        assert_eq!(pace.of(), 1.0, "faster than its trial");
+        pace.add(5.0, 0.0);
+        pace.add(12.0, 6.0);
+        pace.add(90.0, 6.0);
+        assert_eq!(pace.of(), 2.0, "one that something else disturbed counts no more than the others");
+        for _ in 0..5 {
+            pace.add(9.0, 6.0);
+        }
+        assert_eq!((pace.of(), pace.0.len()), (1.5, 5));
+    }
 
     #[test]
     fn studies_after_the_first_stay_within_their_budget() {
