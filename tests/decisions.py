@@ -1,5 +1,5 @@
-"""Decisions of a range coder, from the sections "Range coder" of proto/VOLUME-FORMAT.md and "Codec 2" of proto/VDI-FORMAT.md: what
-both readers share."""
+"""A range coder's numbers, chances and bits by a single chance, from the section "Range coder" of proto/VOLUME-FORMAT.md: what both
+readers share."""
 from bisect import bisect_left
 
 RATE = [16384 // (2 * n + 3) for n in range(128)]
@@ -58,20 +58,6 @@ class Coder:
         chance = chances.setdefault(index, [1 << 21, 0])
         found = self.bit(clamp(chance[0] >> 6, 32, 65504))
         learn(chance, found, 24)
-        return found
-
-    # `kind` has the opinions' limits, the greatest weight, and the shift of what a mixer learns.
-    def mixed(self, kind, tables, mixers, indices, mixer):
-        limits, most, shift = kind
-        chances = [table.setdefault(i, [1 << 21, 0]) for table, i in zip(tables, indices)]
-        weights = mixers.setdefault(mixer, [65536 * 7 // 4 // len(limits)] * len(limits))
-        stretched = [STRETCH[c[0] >> 10] for c in chances]
-        p = SQUASH[clamp(sum(w * s for w, s in zip(weights, stretched)) >> 16, -2047, 2047) + 2047]
-        found = self.bit(p)
-        e = (65536 if found else 0) - p >> 4
-        for i, limit in enumerate(limits):
-            weights[i] = clamp(weights[i] + (stretched[i] * e + (1 << shift - 1) >> shift), -most, most)
-            learn(chances[i], found, limit)
         return found
 
 

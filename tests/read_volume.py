@@ -3,11 +3,11 @@ bound, then a value a line, x fastest.
 Usage: read_volume.py FILE"""
 import struct, sys, zlib
 from ctypes import c_float
-from decisions import Coder, clamp
+from decisions import SQUASH, STRETCH, Coder, clamp, learn
 
 CLASSES = [(0,), (1,), (2,), (0, 1), (0, 2), (1, 2), (0, 1, 2)]
 WEIGHTS = {1: (-8, 0), 2: (-4, -4, 0, 0), 3: (-3, -3, -3, 0, 0, 0, 0)}
-MIXING = (60, 90, 40, 90, 60), 196608, 12
+LIMITS = 60, 90, 40, 90, 60
 
 
 def f32(x):
@@ -124,6 +124,19 @@ class Band:
             expected = f32(expected + f32(w * difference))
         return self.within(expected), t[0], slope, bend, near
 
+    # A bit by five chances.
+    def mixed(self, indices, mixer):
+        chances = [table.setdefault(i, [1 << 21, 0]) for table, i in zip(self.tables, indices)]
+        weights = self.mixers.setdefault(mixer, [65536 * 7 // 20] * 5)
+        stretched = [STRETCH[c[0] >> 10] for c in chances]
+        p = SQUASH[clamp(sum(w * s for w, s in zip(weights, stretched)) >> 16, -2047, 2047) + 2047]
+        found = self.coder.bit(p)
+        e = (65536 if found else 0) - p >> 4
+        for i, limit in enumerate(LIMITS):
+            weights[i] = clamp(weights[i] + (stretched[i] * e + 2048 >> 12), -196608, 196608)
+            learn(chances[i], found, limit)
+        return found
+
     # The number of steps, or a float: the value itself.
     def residual(self, i, at, h, number, t0, slope, bend, places):
         coder, marks, d = self.coder, self.marks, [2 * h * s for s in self.strides]
@@ -143,7 +156,7 @@ class Band:
             (16 * order + b) * 8 + total,
             ((9 * (3 * order + x) + 3 * y + z) * 4 + min(near, 3)) * 2 + min(beside, 1))
         q = 0
-        while q < 3 and coder.mixed(MIXING, self.tables, self.mixers, [(c, q) for c in contexts], (q, 2 * k + min(total, 1))):
+        while q < 3 and self.mixed([(c, q) for c in contexts], (q, 2 * k + min(total, 1))):
             q += 1
         if q == 0:
             return 0

@@ -37,9 +37,18 @@ impl Prepared {
         encode(&intermediate, generation_time, options)
     }
 
-    /// The same as a trial, whose time decides what many steps are generated with: quick generations are timed three times.
-    pub fn try_out(&self, params: &GenerationParams, options: &EncodeOptions) -> Result<(Vec<u8>, v1::Cost), Invalid> {
-        let (intermediate, generation_time) = self.timed(params)?;
+    /// The same as a trial, whose time decides what many steps are generated with: a quick generation is timed three times,
+    /// unless what it takes is `known`. (The coding of a volume, which is a part of it, is timed once.)
+    pub fn try_out(
+        &self,
+        params: &GenerationParams,
+        options: &EncodeOptions,
+        known: Option<Duration>,
+    ) -> Result<(Vec<u8>, v1::Cost), Invalid> {
+        let (intermediate, generation_time) = match known {
+            Some(time) => (self.backend.represent(&self.field, params, self.segmentation)?.0, time),
+            None => self.timed(params)?,
+        };
         encode(&intermediate, generation_time, options)
     }
 
@@ -106,8 +115,8 @@ impl Prepared {
 /// What takes less is timed again.
 const QUICK: Duration = Duration::from_millis(20);
 
-/// The time to go by where the `first` measurement said so: if that was quick, the middle of it and two more. A machine does
-/// other things, too: what takes milliseconds takes a multiple now and then.
+/// `first`, or if it was quick the middle of it and two more: a machine does other things, too, and what takes milliseconds
+/// takes a multiple now and then.
 fn middle(first: Duration, mut again: impl FnMut() -> Result<Duration, Invalid>) -> Result<Duration, Invalid> {
     if first >= QUICK {
         return Ok(first);

@@ -13,6 +13,8 @@ use tonic::{Status, Streaming};
 
 /// Encoded VDIs kept, so that one whose cost was asked for can be sent without being generated again.
 const ENCODED: usize = 4;
+/// Times kept for the same reason.
+const TIMED: usize = 32;
 /// After so long live steps come first again.
 const TURN: Duration = Duration::from_millis(50);
 /// The most gammas of one request.
@@ -25,6 +27,8 @@ pub struct Trials {
     /// Viewers that have the step's reference samples.
     informed: HashSet<String>,
     encoded: VecDeque<(GenerationParams, Bytes, v1::Cost)>,
+    /// What was timed alone.
+    timed: Vec<(GenerationParams, v1::Cost)>,
 }
 
 /// Why a request got no numbers.
@@ -50,7 +54,7 @@ impl From<Status> for Failure {
 impl Trials {
     /// Trials on the step `held`.
     pub fn new(shared: Arc<Shared>, held: Arc<Prepared>) -> Self {
-        Self { shared, held, informed: HashSet::new(), encoded: VecDeque::new() }
+        Self { shared, held, informed: HashSet::new(), encoded: VecDeque::new(), timed: Vec::new() }
     }
 
     /// Answers request after request; the tuner's hanging up ends it.
@@ -98,7 +102,10 @@ impl Trials {
         if request.time_alone {
             let held = self.held.clone();
             let _permit = permit(&self.shared).await?;
-            reply.cost = Some(blocking(move || held.time(&params)).await?);
+            let cost = blocking(move || held.time(&params)).await?;
+            self.timed.truncate(TIMED - 1);
+            self.timed.insert(0, (params, cost));
+            reply.cost = Some(cost);
             return Ok(());
         }
         let (bytes, cost) = self.encoded(params).await?;
@@ -128,8 +135,9 @@ impl Trials {
             return Ok((bytes.clone(), *cost));
         }
         let (held, options) = (self.held.clone(), self.shared.options);
+        let known = self.timed.iter().find(|(timed, _)| *timed == params).map(|(_, cost)| cost.generation_time());
         let _permit = permit(&self.shared).await?;
-        let (bytes, cost) = blocking(move || held.try_out(&params, &options)).await?;
+        let (bytes, cost) = blocking(move || held.try_out(&params, &options, known)).await?;
         let bytes = Bytes::from(bytes);
         self.encoded.truncate(ENCODED - 1);
         self.encoded.push_front((params, bytes.clone(), cost));

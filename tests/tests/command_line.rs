@@ -7,7 +7,8 @@ use lamina_model::{Grid, Representation, Volume, Voxels};
 use lamina_tests::processes::{binary, recorded_series, run};
 use lamina_viz_node::store::StepRow;
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 fn lamina(arguments: &[&str]) -> String {
     let output = run("lamina", arguments);
@@ -82,6 +83,28 @@ fn a_headless_live_run_leaves_what_it_promises() {
     let again = ["live", "--steps", "1", "--headless", "--out", &text(&out)];
     refused(&again, &[&text(&out), "--out"]);
     assert_eq!(std::fs::read_to_string(out.join("steps.csv")).unwrap(), csv, "what was recorded is untouched");
+}
+
+/// Killed in mid-run: what was recorded by then is there.
+#[test]
+fn a_run_that_is_killed_leaves_its_steps_and_trials() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("run");
+    let arguments = ["live", "--steps", "10000", "--headless", "--cells", "24", "--out", &text(&out)];
+    let mut run = Command::new(binary("lamina")).args(arguments).stdout(Stdio::null()).spawn().unwrap();
+    let read = |name: &str| std::fs::read_to_string(out.join(name)).unwrap_or_default();
+    let deadline = Instant::now() + Duration::from_secs(120);
+    while read("trials.csv").is_empty() || read("steps.csv").lines().count() < 3 {
+        assert!(Instant::now() < deadline && run.try_wait().unwrap().is_none());
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    run.kill().unwrap();
+    run.wait().unwrap();
+    let (steps, trials) = (read("steps.csv"), read("trials.csv"));
+    assert!(steps.ends_with('\n') && steps.lines().nth(1).unwrap().starts_with("0,"), "{steps}");
+    let columns = trials.lines().next().unwrap().split(',').count();
+    assert!(trials.lines().count() > 2 && trials.lines().all(|l| l.split(',').count() == columns), "{trials}");
+    assert!(trials.lines().any(|l| l.contains(",true,")), "{trials}");
 }
 
 #[test]

@@ -18,9 +18,10 @@ fn read_vdi(bytes: &[u8]) -> Output {
     reader.expect("python3 must be installed: it reads VDI files independently of the codec")
 }
 
-/// Twelve by twelve rays: empty ones, opaque and invisible pieces, pieces of every length, gaps, and one of 2^22 steps.
+/// Forty by forty rays: empty ones, opaque and invisible pieces, pieces of every length, gaps, and one of 2^22 steps. So many
+/// that sizes in the format which go by their number are not the least.
 fn assorted() -> Vdi {
-    let resolution = 12;
+    let resolution = 40;
     let header = VdiHeader {
         camera: Camera::new(DVec3::new(1.5, -2.0, 9.0), DVec3::new(0.25, 0.0, 0.0), DVec3::Y, 35.0).unwrap(),
         bounds: Aabb::new(DVec3::new(-2.0, -1.0, -3.0), DVec3::splat(2.0)).unwrap(),
@@ -84,7 +85,7 @@ fn the_independent_reader_finds_every_header_field_and_supersegment() {
         assert_eq!(found["camera"]["fov_y_deg"], json!(35.0));
         assert_eq!(found["box"], json!({ "min": [-2.0, -1.0, -3.0], "max": [2.0, 2.0, 2.0] }));
         assert_eq!(found["step_length"], json!(0.0078125));
-        let params = json!({ "resolution": 12, "gamma": 0.125, "opacity_cutoff": 0.75, "step_voxels": 0.5 });
+        let params = json!({ "resolution": 40, "gamma": 0.125, "opacity_cutoff": 0.75, "step_voxels": 0.5 });
         assert_eq!(found["params"], params);
         assert_eq!(found["transfer_id"], json!(u64::MAX - 7));
         assert_eq!(found["background"], json!([0.0, 0.5, 1.0]));

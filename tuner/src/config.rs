@@ -3,7 +3,7 @@
 use crate::Contract;
 use crate::search::Grid;
 use lamina_model::{GenerationParams, Invalid, Representation};
-use lamina_wire::node::check_address;
+use lamina_wire::node::host_and_port;
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
 
@@ -55,7 +55,7 @@ impl Config {
     /// # Errors
     /// Names the first key whose value cannot be used.
     pub fn base(&self) -> Result<GenerationParams, Invalid> {
-        check_address("generator", &self.generator)?;
+        host_and_port("generator", &self.generator)?;
         if !(0.0..=1.0).contains(&self.budget) {
             return Err(Invalid::new(
                 "budget",

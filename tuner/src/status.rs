@@ -62,6 +62,7 @@ impl Status {
             chosen: Some(n) == chosen,
         };
         let mut state = self.state();
+        state.studies += 1;
         state.trials.extend(rows.iter().enumerate().map(record));
         let excess = state.trials.len().saturating_sub(MOST_TRIALS);
         state.trials.drain(..excess);

@@ -2,7 +2,7 @@
 
 use lamina_device::Choice;
 use lamina_model::Invalid;
-use lamina_wire::node::check_address;
+use lamina_wire::node::host_and_port;
 use serde::{Deserialize, Serialize};
 use std::{net::SocketAddr, path::PathBuf};
 
@@ -50,9 +50,9 @@ impl Config {
     /// # Errors
     /// Names the first key whose value cannot be used.
     pub fn check(self) -> Result<Self, Invalid> {
-        check_address("generator", &self.generator)?;
+        host_and_port("generator", &self.generator)?;
         if let Some(address) = self.quality_address.as_deref().filter(|a| !a.is_empty()) {
-            check_address("quality_address", address)?;
+            host_and_port("quality_address", address)?;
         }
         Ok(self)
     }

@@ -146,6 +146,11 @@ impl Nodes {
         Ok(self.tuner_status(true)?.map(|status| status.trials).unwrap_or_default())
     }
 
+    /// How many studies the tuner has made.
+    pub fn studies(&self) -> anyhow::Result<u64> {
+        Ok(self.tuner_status(false)?.map_or(0, |status| status.studies))
+    }
+
     /// Waits until `step` is recorded and the tuner has dealt with it.
     pub fn settle(&self, step: u64, stop: &impl Fn() -> bool) -> anyhow::Result<Option<StepRow>> {
         let mut since = Instant::now();

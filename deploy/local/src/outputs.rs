@@ -1,5 +1,6 @@
 //! The folder of a watched run: `steps.csv` and `trials.csv`, step by step; pictures; at the end `report.html`.
 
+use crate::nodes::Nodes;
 use crate::report::{self, Limit, PicturePair, Report, TrialRow};
 use crate::source::Source;
 use anyhow::{Context, ensure};
@@ -27,6 +28,8 @@ pub struct Outputs {
     dir: PathBuf,
     csv: File,
     steps: Option<u64>,
+    /// Studies whose trials are written.
+    studies: u64,
     pictures: Vec<PicturePair>,
     title: String,
     source: String,
@@ -48,6 +51,7 @@ impl Outputs {
             dir: dir.to_owned(),
             csv,
             steps,
+            studies: 0,
             pictures: Vec::new(),
             title: format!("{}: {}", source.name(), source.field()),
             source: format!(
@@ -58,12 +62,22 @@ impl Outputs {
         })
     }
 
-    /// Appends steps to `steps.csv`, and writes `trials.csv` with all trials so far.
-    pub fn add(&mut self, rows: &[StepRow], trials: &[v1::TrialRecord]) -> anyhow::Result<()> {
+    /// Appends steps to `steps.csv`.
+    pub fn add(&mut self, rows: &[StepRow]) -> anyhow::Result<()> {
         for row in rows {
             writeln!(self.csv, "{}", row.to_csv()).with_context(|| format!("{}: steps.csv", self.dir.display()))?;
         }
-        self.write("trials.csv", trials_csv(trials.iter().map(trial_row)).as_bytes())
+        Ok(())
+    }
+
+    /// Writes `trials.csv` if there are more than the last time.
+    pub fn update_trials(&mut self, nodes: &Nodes) -> anyhow::Result<()> {
+        let studies = nodes.studies()?;
+        if studies > self.studies {
+            self.write("trials.csv", trials_csv(nodes.trials()?.iter().map(trial_row)).as_bytes())?;
+            self.studies = studies;
+        }
+        Ok(())
     }
 
     /// Keeps pictures of a few steps, spread over the run: the viewer's beside the ray-cast volume's.
@@ -95,9 +109,9 @@ impl Outputs {
         Ok(())
     }
 
-    /// Writes `report.html`, and says what there is.
-    pub fn finish(mut self, rows: Vec<StepRow>, trials: &[v1::TrialRecord]) -> anyhow::Result<()> {
-        self.add(&[], trials)?;
+    /// Writes `trials.csv` and `report.html`, and says what there is.
+    pub fn finish(self, rows: Vec<StepRow>, trials: &[v1::TrialRecord]) -> anyhow::Result<()> {
+        self.write("trials.csv", trials_csv(trials.iter().map(trial_row)).as_bytes())?;
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let broken = rows.iter().filter(|r| !r.limit_kept).count();
         let last = rows.last();

@@ -218,7 +218,11 @@ fn show_new(
         bar.suspend(|| say!("{}", line(row)));
     }
     if let Some(outputs) = outputs.filter(|_| !rows.is_empty()) {
-        outputs.add(&rows, &nodes.trials()?)?;
+        outputs.add(&rows)?;
+        // The end will tell again what is missing now.
+        if let Err(error) = outputs.update_trials(nodes) {
+            tracing::warn!("trials.csv is not up to date: {error:#}");
+        }
     }
     Ok(rows.last().map(|r| r.step).or(shown))
 }

@@ -27,7 +27,7 @@ pub use lamina_wire::v1::FullPolicy;
 
 use driver::Driver;
 use lamina_model::{Grid, Invalid, Scene, VoxelType};
-use lamina_wire::node::check_address;
+use lamina_wire::node::host_and_port;
 use session::Session;
 use std::time::{Duration, Instant};
 use tonic::{Code, Status, transport::Endpoint};
@@ -150,7 +150,7 @@ impl Client {
     /// # Errors
     /// If the options cannot be right, or the node refuses them.
     pub fn connect(options: RunOptions) -> Result<Self, ClientError> {
-        check_address("generator", &options.generator)?;
+        host_and_port("generator", &options.generator)?;
         let bad_address = |e: tonic::transport::Error| Invalid::new("generator", e.to_string());
         let endpoint = Endpoint::from_shared(options.generator.clone()).map_err(bad_address)?;
         let driver = Driver::start().map_err(ClientError::Runtime)?;

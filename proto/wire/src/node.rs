@@ -4,7 +4,7 @@ use lamina_model::Invalid;
 use serde::de::DeserializeOwned;
 use std::{future::Future, net::SocketAddr, path::Path, pin::Pin, time::Duration};
 use tokio::net::TcpListener;
-use tonic::codegen::http::Uri;
+use tonic::codegen::http::uri::Authority;
 use tonic::transport::server::Router;
 use tonic::transport::{Channel, Endpoint};
 
@@ -81,19 +81,22 @@ pub async fn listen(address: SocketAddr) -> Result<TcpListener, NodeError> {
     TcpListener::bind(address).await.map_err(|reason| NodeError::Listen { address, reason })
 }
 
-/// Passes an address of a node, `http://HOST:PORT`, that `field` gives.
+/// Host and port of a node's address, `http://HOST:PORT`, that `field` gives.
 ///
 /// # Errors
 /// If it is none.
-pub fn check_address(field: &'static str, address: &str) -> Result<(), Invalid> {
-    let uri = address.parse::<Uri>();
-    let whole = |uri: &Uri| {
-        uri.scheme_str() == Some("http") && uri.host().is_some_and(|h| !h.is_empty()) && uri.port_u16().is_some()
+pub fn host_and_port(field: &'static str, address: &str) -> Result<(String, u16), Invalid> {
+    let refuse = |why| {
+        let example = "write http://HOST:PORT, such as http://10.0.0.7:7102";
+        Invalid::new(field, format!("\"{address}\" {why}; {example}"))
     };
-    if uri.as_ref().is_ok_and(whole) {
-        return Ok(());
+    let authority = address.strip_prefix("http://").ok_or_else(|| refuse("does not begin with http://"))?;
+    let named: Authority = authority.trim_end_matches('/').parse().map_err(|_| refuse("names no host and port"))?;
+    let port = named.port_u16().filter(|&port| port != 0).ok_or_else(|| refuse("has no port"))?;
+    if named.host().is_empty() || named.as_str().contains('@') {
+        return Err(refuse("names no host"));
     }
-    Err(Invalid::new(field, format!("\"{address}\"; write http://HOST:PORT")))
+    Ok((named.host().to_owned(), port))
 }
 
 /// A connection to the node at `address`, tried for at most two seconds. A peer that vanishes without a word is noticed
@@ -172,24 +175,33 @@ pub async fn stop_signal() {
 
 #[cfg(test)]
 mod tests {
-    use super::check_address;
+    use super::host_and_port;
 
     #[test]
     fn addresses_have_a_host_and_a_port() {
-        for good in ["http://127.0.0.1:7101", "http://node-17.cluster:80", "http://[::1]:7101"] {
-            assert!(check_address("generator", good).is_ok(), "{good}");
+        for (good, host, port) in [
+            ("http://127.0.0.1:7101", "127.0.0.1", 7101),
+            ("http://node-17.cluster:80", "node-17.cluster", 80),
+            ("http://[::1]:7101", "[::1]", 7101),
+            ("http://host:7101/", "host", 7101),
+        ] {
+            assert_eq!(host_and_port("generator", good), Ok((host.to_owned(), port)));
         }
         for bad in [
             "",
             "http://",
             "http://:7101",
             "http://host",
+            "http://host:0",
+            "http://host:99999",
+            "http://host:x",
+            "http://host:7101/x?y",
+            "http://me@host:7101",
+            "http://a b:1",
             "https://host:7101",
             "host:7101",
-            "http://host:x",
-            "http://a b:1",
         ] {
-            let refused = check_address("generator", bad).unwrap_err().to_string();
+            let refused = host_and_port("generator", bad).unwrap_err().to_string();
             assert!(refused.contains("generator") && refused.contains("http://HOST:PORT"), "{bad}: {refused}");
         }
     }

@@ -247,6 +247,24 @@ fn golden_bytes_of_version_3() {
     assert_eq!(decode(&bytes, &DecodeLimits::default()).unwrap(), quantize(&original));
 }
 
+/// The same of so many supersegments that all tables have their greatest size, and of several bands: their checksum.
+#[test]
+fn golden_checksum_of_a_large_vdi_of_version_3() {
+    let resolution = 600;
+    let piece = |ray: u32, k: u32| {
+        let (x, y) = (ray % resolution / 7, ray / resolution / 5);
+        let start = 40 * k + (x + y) % 9;
+        let color = [(x % 5) as f32 / 4.0, (y % 3) as f32 / 2.0, 0.5];
+        Supersegment { start, end: start + 1 + (x * y + k) % 30, color, optical_depth: 0.05 * ((x + k) % 11) as f32 }
+    };
+    let list = |ray: u32| (0..(ray / 11 + ray / resolution) % 6).map(|k| piece(ray, k)).collect();
+    let original = vdi(resolution, (0..resolution * resolution).map(list).collect());
+    let bytes = encode(&original, &EncodeOptions::default()).unwrap();
+    assert_eq!(decode(&bytes, &DecodeLimits::default()).unwrap(), quantize(&original));
+    assert!(original.segments().len() > 6 * 131_072);
+    assert_eq!((bytes.len(), crc32fast::hash(&bytes)), (181_411, 558_161_692));
+}
+
 #[test]
 fn every_kind_of_failure_is_told_apart() {
     let refuse = |bytes: &[u8]| decode(bytes, &DecodeLimits::default()).unwrap_err();
@@ -266,9 +284,14 @@ fn every_kind_of_failure_is_told_apart() {
         assert!(matches!(refuse(&with_crc(trailing)), CodecError::Invalid(_)));
         let small = DecodeLimits { max_decoded_bytes: 100 };
         assert!(matches!(decode(&good, &small), Err(CodecError::TooLarge { limit_bytes: 100, .. })));
-        // The other version knows no such codec.
-        let other = 3 - good[4];
-        for (at, value) in [(4, other), (6, 0), (192, 7), (193, 7), (198, 99), (TABLE_AT, 9), (147, 255)] {
+        // The other version knows no such codec; the one between them is none.
+        for (version, why) in [(4 - good[4], "has no codec"), (2, "draft")] {
+            let mut bad = good.clone();
+            bad[4] = version;
+            let error = refuse(&with_crc(bad)).to_string();
+            assert!(error.contains(why), "{options:?}: {error}");
+        }
+        for (at, value) in [(4, 0), (6, 0), (192, 7), (193, 7), (198, 99), (TABLE_AT, 9), (147, 255)] {
             let mut bad = good.clone();
             bad[at] = value;
             assert!(matches!(refuse(&with_crc(bad)), CodecError::Invalid(_)), "{options:?}: byte {at}");

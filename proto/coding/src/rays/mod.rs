@@ -3,7 +3,7 @@
 //!
 //! Colours come from a curve, the transfer function, so few differ; they and the opacities are coded as places in sorted lists
 //! of all that occur. What bzip2 cannot see, because it looks along the bytes only, is that neighbouring rays meet the same
-//! things: this takes about two thirds of its bytes. Shapes (start, end and opacity) do not depend on colours, so both are coded
+//! things: this takes half to two thirds of its bytes. Shapes (start, end and opacity) do not depend on colours, so both are coded
 //! at once.
 mod beside;
 mod colours;
@@ -58,7 +58,7 @@ pub fn encode(resolution: usize, offsets: &[u32], segment: impl Fn(usize) -> Seg
     let segments = offsets[resolution * resolution] as usize;
     let palette = Palette::of((0..segments).map(|k| segment(k).code));
     let bands = bands(resolution, segments);
-    let [colours, opacities] = palette.counts();
+    let (per_band, [colours, opacities]) = (segments / bands.len(), palette.counts());
     let parts = bands.par_iter().flat_map(|rows| {
         let row = |y: usize| {
             let mut row = Row::new();
@@ -68,10 +68,10 @@ pub fn encode(resolution: usize, offsets: &[u32], segment: impl Fn(usize) -> Seg
             }
             row
         };
-        let (segments, rows) = (segments / bands.len(), rows.clone().map(row).collect::<Vec<_>>());
-        let shapes = || shapes::write(&rows, resolution, segments, opacities);
-        let colours = || colours::write(&rows, segments, colours);
-        <[Vec<u8>; 2]>::from(rayon::join(shapes, colours))
+        let rows: Vec<Row> = rows.clone().map(row).collect();
+        let write_shapes = || shapes::write(&rows, resolution, per_band, opacities);
+        let write_colours = || colours::write(&rows, per_band, colours);
+        <[Vec<u8>; 2]>::from(rayon::join(write_shapes, write_colours))
     });
     let mut list = Encoder::default();
     palette.code(&mut list);
@@ -105,15 +105,15 @@ pub fn decode<T: Send>(
         return Err(Error::Short);
     }
     let palette = Palette::read(&mut Decoder::new(parts[0]), segments)?;
-    let [colours, opacities] = palette.counts();
+    let (per_band, [colours, opacities]) = (segments / bands.len(), palette.counts());
     // Of all bands together, so that none takes memory for more than there may be.
     let left = AtomicUsize::new(segments);
     let room = || left.fetch_update(Relaxed, Relaxed, |n| n.checked_sub(1)).is_ok();
     let band = |(rows, parts): (&Range<usize>, &[&[u8]])| {
-        let segments = segments / bands.len();
         // Colours follow as soon as a row's shapes are known, on another core if there is one.
+        // Without a bound: on a single thread all rows wait until the last is known.
         let (known, next) = channel();
-        let shapes = || shapes::read(parts[0], [resolution, rows.len()], segments, opacities, room, known);
+        let read_shapes = || shapes::read(parts[0], [resolution, rows.len()], per_band, opacities, room, known);
         let (mut ends, mut made) = (vec![0], Vec::new());
         let done = |row: &Row| {
             let first = made.len() as u32;
@@ -123,8 +123,9 @@ pub fn decode<T: Send>(
             }
             Ok(())
         };
-        let (shapes, colours) = rayon::join(shapes, || colours::read(parts[1], next, segments, colours, done));
-        shapes.and(colours).map(|()| (ends, made))
+        let read_colours = || colours::read(parts[1], next, per_band, colours, done);
+        let (shapes_read, colours_read) = rayon::join(read_shapes, read_colours);
+        shapes_read.and(colours_read).map(|()| (ends, made))
     };
     let decoded: Vec<(Vec<u32>, Vec<T>)> =
         bands.par_iter().zip(parts[1..].par_chunks(2)).map(band).collect::<Result<_, Error>>()?;

@@ -6,7 +6,7 @@ use crate::mix::Tables;
 /// What each opinion goes by: see [`hash`].
 pub type Contexts = [u32; OPINIONS];
 
-/// Chances that lie together, in a cache line: the nodes of five levels of a binary tree.
+/// Chances that lie together, as many bytes as a cache line: the nodes of five levels of a binary tree.
 const LINE: usize = 32;
 /// Mixers of a kind.
 const MIXERS: usize = 64;
@@ -132,6 +132,9 @@ impl Symbols {
             found = found << high | coder.even(high, wanted >> 16);
         }
         let low = rest - high;
-        (found << low | coder.even(low, wanted)) - 1
+        if low > 0 {
+            found = found << low | coder.even(low, wanted);
+        }
+        found - 1
     }
 }

@@ -142,3 +142,22 @@ fn bytes_that_were_changed_are_refused_or_give_rays_in_order() {
     }
     assert!(whole < 1000, "{whole} of 2000 were taken for whole");
 }
+
+#[test]
+fn reading_ends_whatever_fails_and_on_however_many_threads() {
+    let rays = random(402, 6, 40, 3);
+    let count = rays.1.len();
+    let good = encode(402, &rays.0, |k| rays.1[k]);
+    // The colours of the second band, which are the fifth part, become others: some not in the palette.
+    let length = |k: usize| u64::from_le_bytes(good[8 * k..8 * (k + 1)].try_into().unwrap()) as usize;
+    let mut bad = good.clone();
+    let colours = 7 * 8 + (0..4).map(length).sum::<usize>();
+    bad[colours..colours + length(4)].fill(0);
+    for threads in [1, 2, 9] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        assert!(pool.install(|| decode(&good, 402, count, |s| s)).is_ok_and(|(_, all)| all == rays.1));
+        assert_eq!(pool.install(|| decode(&bad, 402, count, |s| s)), Err(Error::Value));
+        let fails = || pool.install(|| decode(&good, 402, count, |s| assert!(s.start < 30)));
+        assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(fails)).is_err());
+    }
+}
