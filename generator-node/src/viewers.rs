@@ -77,8 +77,10 @@ pub fn reachable(address: &str, peer: Option<IpAddr>) -> Result<String, Invalid>
     if !ip.is_ok_and(|ip| ip.is_unspecified()) {
         return Ok(format!("http://{host}:{port}"));
     }
-    let unknown =
-        || Invalid::new("quality_address", format!("\"{address}\" stands for an address that is not known here"));
+    let unknown = || {
+        let why = "stands for an address that is not known here; write http://HOST:PORT, such as http://10.0.0.7:7102";
+        Invalid::new("quality_address", format!("\"{address}\" {why}"))
+    };
     match peer.ok_or_else(unknown)?.to_canonical() {
         IpAddr::V4(ip) => Ok(format!("http://{ip}:{port}")),
         IpAddr::V6(ip) => Ok(format!("http://[{ip}]:{port}")),
@@ -103,7 +105,20 @@ mod tests {
         ] {
             assert_eq!(reachable(given, peer).unwrap(), expected);
         }
-        assert!(reachable("http://viz:7102/x", Some(v4)).is_err());
-        assert!(reachable("http://0.0.0.0:7102", None).is_err());
+        for (bad, peer) in [
+            ("viz:7102", Some(v4)),
+            ("https://viz:7102", Some(v4)),
+            ("http://viz", Some(v4)),
+            ("http://:7102", Some(v4)),
+            ("http://viz:0", Some(v4)),
+            ("http://viz:99999", Some(v4)),
+            ("http://viz:7102/x", Some(v4)),
+            ("http://me@viz:7102", Some(v4)),
+            ("http://", Some(v4)),
+            ("http://0.0.0.0:7102", None),
+        ] {
+            let error = reachable(bad, peer).unwrap_err().to_string();
+            assert!(error.contains("quality_address") && error.contains("http://HOST:PORT"), "{bad}: {error}");
+        }
     }
 }

@@ -89,8 +89,11 @@ impl Run {
         self.characteristic.like(&read(report.params)?, cost(report).size_bytes)
     }
 
-    /// Takes in how long a reported step took, if its parameters were tried on a step like it.
+    /// Takes in how long a reported step took, if time is limited and its parameters were tried on a step like it.
     pub fn timed(&mut self, report: &v1::StepReport, contract: &Contract) {
+        if contract.time_ms.is_none() {
+            return;
+        }
         let ms = |cost: Cost| contract.time_of(cost.generation_time, cost.encode_time);
         let tried = self.like(report).and_then(|step| {
             let params = read(report.params)?;

@@ -1,4 +1,4 @@
-//! The folder of a watched run: `steps.csv` and `trials.csv`, step by step; pictures; at the end `report.html`.
+//! The folder of a watched run: `steps.csv` step by step and `trials.csv` study by study; pictures; at the end `report.html`.
 
 use crate::nodes::Nodes;
 use crate::report::{self, Limit, PicturePair, Report, TrialRow};
@@ -74,7 +74,7 @@ impl Outputs {
     pub fn update_trials(&mut self, nodes: &Nodes) -> anyhow::Result<()> {
         let studies = nodes.studies()?;
         if studies > self.studies {
-            self.write("trials.csv", trials_csv(nodes.trials()?.iter().map(trial_row)).as_bytes())?;
+            self.write_trials(nodes)?;
             self.studies = studies;
         }
         Ok(())
@@ -110,8 +110,8 @@ impl Outputs {
     }
 
     /// Writes `trials.csv` and `report.html`, and says what there is.
-    pub fn finish(self, rows: Vec<StepRow>, trials: &[v1::TrialRecord]) -> anyhow::Result<()> {
-        self.write("trials.csv", trials_csv(trials.iter().map(trial_row)).as_bytes())?;
+    pub fn finish(self, rows: Vec<StepRow>, nodes: &Nodes) -> anyhow::Result<()> {
+        let trials = self.write_trials(nodes)?;
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let broken = rows.iter().filter(|r| !r.limit_kept).count();
         let last = rows.last();
@@ -125,12 +125,19 @@ impl Outputs {
                 time_ms: last.and_then(|r| r.time_limit_ms),
             },
             steps: rows.iter().map(report_row).collect(),
-            trials: trials.iter().map(trial_row).collect(),
+            trials,
             pictures: self.pictures.clone(),
         };
         self.write("report.html", report::render(&report).as_bytes())?;
         say!("{} steps, {broken} broke the contract; see {}", rows.len(), self.dir.join("report.html").display());
         Ok(())
+    }
+
+    /// Writes `trials.csv` with all trials so far, and gives its rows.
+    fn write_trials(&self, nodes: &Nodes) -> anyhow::Result<Vec<TrialRow>> {
+        let trials: Vec<TrialRow> = nodes.trials()?.iter().map(trial_row).collect();
+        self.write("trials.csv", trials_csv(&trials).as_bytes())?;
+        Ok(trials)
     }
 
     /// Writes a file whole: what was there stays until then.
@@ -142,7 +149,7 @@ impl Outputs {
     }
 }
 
-fn trials_csv(trials: impl Iterator<Item = TrialRow>) -> String {
+fn trials_csv(trials: &[TrialRow]) -> String {
     let mut text =
         String::from("step,resolution,gamma,size_bytes,generation_ms,encode_ms,psnr_db,chosen,representation\n");
     for t in trials {

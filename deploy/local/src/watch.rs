@@ -200,7 +200,7 @@ fn watch(
     bar.finish_and_clear();
     client.close();
     if let Some(outputs) = outputs {
-        outputs.finish(nodes.store.rows(), &nodes.trials()?)?;
+        outputs.finish(nodes.store.rows(), &nodes)?;
     }
     nodes.stop();
     Ok(())

@@ -52,13 +52,6 @@ impl Series {
         let single = |source| vec![Step { time: 0.0, source }];
         let wanted = options.field.as_deref();
         let given = || wanted.unwrap_or(UNNAMED_FIELD).to_owned();
-        if ["pvd", "vti", "nrrd", "nhdr"].contains(&&*ending) && options.raw != RawSpec::default() {
-            return Err(ReadError::unsupported(
-                path,
-                "a shape from outside",
-                "it tells its own: leave out --dims and --dtype",
-            ));
-        }
         let (field, steps) = match ending.as_str() {
             "pvd" => open_collection(path, wanted)?,
             "vti" => (vti::field_name(path, wanted)?, single(Source::Vti(path.into()))),
@@ -66,6 +59,11 @@ impl Series {
             "raw" | "raw.gz" => (given(), single(Source::Raw(RawFile::open(path, &options.raw)?))),
             _ => return Err(ReadError::Extension { path: path.into() }),
         };
+        let raw = steps.iter().all(|step| matches!(step.source, Source::Raw(_)));
+        if !raw && options.raw != RawSpec::default() {
+            let remedy = "it tells its own: leave out --dims and --dtype";
+            return Err(ReadError::unsupported(path, "a shape from outside", remedy));
+        }
         Ok(Self { path: path.into(), name: stem, field, steps })
     }
 

@@ -91,7 +91,8 @@ pub fn host_and_port(field: &'static str, address: &str) -> Result<(String, u16)
         Invalid::new(field, format!("\"{address}\" {why}; {example}"))
     };
     let authority = address.strip_prefix("http://").ok_or_else(|| refuse("does not begin with http://"))?;
-    let named: Authority = authority.trim_end_matches('/').parse().map_err(|_| refuse("names no host and port"))?;
+    let named: Authority =
+        authority.strip_suffix('/').unwrap_or(authority).parse().map_err(|_| refuse("names no host and port"))?;
     let port = named.port_u16().filter(|&port| port != 0).ok_or_else(|| refuse("has no port"))?;
     if named.host().is_empty() || named.as_str().contains('@') {
         return Err(refuse("names no host"));
@@ -195,6 +196,7 @@ mod tests {
             "http://host:0",
             "http://host:99999",
             "http://host:x",
+            "http://host:7101//",
             "http://host:7101/x?y",
             "http://me@host:7101",
             "http://a b:1",

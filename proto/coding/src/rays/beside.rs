@@ -25,8 +25,8 @@ impl Row {
     }
 
     /// Adds a ray.
-    pub fn push(&mut self, ray: &[Entry]) {
-        self.entries.extend_from_slice(ray);
+    pub fn push(&mut self, ray: impl IntoIterator<Item = Entry>) {
+        self.entries.extend(ray);
         self.ends.push(self.entries.len() as u32);
     }
 

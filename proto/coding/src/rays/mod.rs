@@ -63,8 +63,7 @@ pub fn encode(resolution: usize, offsets: &[u32], segment: impl Fn(usize) -> Seg
         let row = |y: usize| {
             let mut row = Row::new();
             for ray in offsets[y * resolution..=(y + 1) * resolution].windows(2) {
-                row.entries.extend((ray[0]..ray[1]).map(|k| palette.entry(&segment(k as usize))));
-                row.ends.push(row.entries.len() as u32);
+                row.push((ray[0]..ray[1]).map(|k| palette.entry(&segment(k as usize))));
             }
             row
         };

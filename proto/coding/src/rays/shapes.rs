@@ -101,7 +101,7 @@ impl Shapes {
             let wanted = wanted.map_or(&[][..], |row| row.ray(x));
             ray.clear();
             self.ray(coder, wanted, [left, above.ray(x), above.ray(x + 1)], &room, &mut ray)?;
-            row.push(&ray);
+            row.push(ray.iter().copied());
         }
         Ok(row)
     }
