@@ -1,168 +1,16 @@
 //! The cycle: every complete step becomes a VDI, in order, one at a time.
 
+use crate::attempts::generate_within;
 use crate::ingest::{CompleteStep, Ingest};
-use crate::publish::{Item, Publisher};
+use crate::prepared::{Prepared, Purpose};
+use crate::publish::Publisher;
 use crate::schedule::{Schedule, Setting};
-use lamina_cast::{Backend, Field, most_points};
-use lamina_model::{
-    GenerationParams, Intermediate, Invalid, ReferenceSamples, Representation, SamplePlan, Scene, Segmentation,
-    suggest::suggest,
-};
-use lamina_wire::codec::{self, EncodeOptions};
-use lamina_wire::reference;
-use lamina_wire::v1::{self, delivery::Part};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
-use std::time::{Duration, Instant};
+use lamina_cast::{Backend, Field};
+use lamina_model::{GenerationParams, Invalid, SamplePlan, Scene, Segmentation, suggest::suggest};
+use lamina_wire::codec::EncodeOptions;
+use lamina_wire::v1;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{Semaphore, broadcast};
-use tonic::codegen::Bytes;
-
-/// A step ready to be looked at: kept for trials until a newer one comes.
-pub struct Prepared {
-    /// What is being simulated.
-    pub run: Arc<v1::Run>,
-    /// The step.
-    pub step: u64,
-    /// Simulation time.
-    pub time: f64,
-    backend: Backend,
-    segmentation: Segmentation,
-    field: Field,
-    reference: OnceLock<Result<ReferenceSamples, Invalid>>,
-}
-
-impl Prepared {
-    /// What stands for the step, encoded, and what it cost.
-    pub fn measure(&self, params: &GenerationParams, options: &EncodeOptions) -> Result<(Vec<u8>, v1::Cost), Invalid> {
-        let (intermediate, generation_time) = self.backend.represent(&self.field, params, self.segmentation)?;
-        encode(&intermediate, generation_time, options)
-    }
-
-    /// The same as a trial, whose time decides what many steps are generated with: a quick generation is timed three times,
-    /// unless what it takes is `known`. (The coding of a volume, which is a part of it, is timed once.)
-    pub fn try_out(
-        &self,
-        params: &GenerationParams,
-        options: &EncodeOptions,
-        known: Option<Duration>,
-    ) -> Result<(Vec<u8>, v1::Cost), Invalid> {
-        let (intermediate, generation_time) = match known {
-            Some(time) => (self.backend.represent(&self.field, params, self.segmentation)?.0, time),
-            None => self.timed(params)?,
-        };
-        encode(&intermediate, generation_time, options)
-    }
-
-    /// What generation alone takes as a trial.
-    pub fn time(&self, params: &GenerationParams) -> Result<v1::Cost, Invalid> {
-        let (_, generation_time) = self.timed(params)?;
-        Ok(v1::Cost { generation_ns: generation_time.as_nanos() as u64, ..Default::default() })
-    }
-
-    fn timed(&self, params: &GenerationParams) -> Result<(Intermediate, Duration), Invalid> {
-        let represent = || self.backend.represent(&self.field, params, self.segmentation);
-        let (intermediate, first) = represent()?;
-        let time = middle(first, || represent().map(|(_, time)| time))?;
-        Ok((intermediate, time))
-    }
-
-    /// What stands for the step with each of `gammas`, and the time that making them all took.
-    pub fn represent_all(
-        &self,
-        params: &GenerationParams,
-        gammas: &[f64],
-    ) -> Result<(Vec<Intermediate>, Duration), Invalid> {
-        let start = Instant::now();
-        let all = self.backend.represent_all(&self.field, params, gammas, self.segmentation)?;
-        Ok((all, start.elapsed()))
-    }
-
-    /// The most sample points on a side of a reduced volume of the step; 0 if none can stand for it.
-    pub fn longest_side(&self) -> u32 {
-        most_points(&self.field)
-    }
-
-    /// The step's reference samples, cast once.
-    pub fn reference(&self, plan: &SamplePlan) -> Result<Item, Invalid> {
-        let cast = || self.backend.reference_samples(&self.field, plan, self.step);
-        let samples = self.reference.get_or_init(cast).as_ref().map_err(Clone::clone)?;
-        let (announcement, payload) = reference::encode(&self.run.run_id, samples);
-        Ok(Item::new(&self.run, Part::Reference(announcement), payload))
-    }
-
-    /// Announces what stands for this step.
-    pub fn frame(&self, params: &GenerationParams, cost: v1::Cost, bytes: impl Into<Bytes>, purpose: Purpose) -> Item {
-        let bytes = bytes.into();
-        let (trial_id, dropped_steps, setting) = match purpose {
-            Purpose::Trial(id) => (id, 0, None),
-            Purpose::Live { dropped_steps, setting } => (0, dropped_steps, Some(setting)),
-        };
-        let frame = v1::Frame {
-            run_id: self.run.run_id.clone(),
-            step: self.step,
-            time: self.time,
-            params: Some(params.into()),
-            cost: Some(cost),
-            trial_id,
-            dropped_steps,
-            bytes: bytes.len() as u64,
-            empty_voxels: self.field.empty_voxels(),
-            limits: setting.map(|s| s.limits),
-        };
-        Item::new(&self.run, Part::Frame(frame), bytes)
-    }
-}
-
-/// What takes less is timed again.
-const QUICK: Duration = Duration::from_millis(20);
-
-/// `first`, or if it was quick the middle of it and two more: a machine does other things, too, and what takes milliseconds
-/// takes a multiple now and then.
-fn middle(first: Duration, mut again: impl FnMut() -> Result<Duration, Invalid>) -> Result<Duration, Invalid> {
-    if first >= QUICK {
-        return Ok(first);
-    }
-    let mut times = [first, again()?, again()?];
-    times.sort();
-    Ok(times[1])
-}
-
-/// The bytes of what stands for a step, and what they cost.
-pub fn encode(
-    intermediate: &Intermediate,
-    generation_time: Duration,
-    options: &EncodeOptions,
-) -> Result<(Vec<u8>, v1::Cost), Invalid> {
-    let (bytes, [generation_time, encode_time]) = codec::encode_timed(intermediate, generation_time, options)?;
-    let cost = v1::Cost {
-        size_bytes: bytes.len() as u64,
-        generation_ns: generation_time.as_nanos() as u64,
-        encode_ns: encode_time.as_nanos() as u64,
-        supersegments: intermediate.elements(),
-    };
-    Ok((bytes, cost))
-}
-
-/// VDIs as the node starts with, then ever coarser ones.
-fn last_resort(start: &GenerationParams) -> impl Iterator<Item = GenerationParams> {
-    let start = start.with_representation(Representation::Vdi);
-    (0..12).filter_map(move |k| {
-        let resolution = (f64::from(start.resolution()) * 0.8_f64.powi(k)).round().max(1.0) as u32;
-        start.with_resolution(resolution).ok()?.with_gamma(start.gamma() * 1.25_f64.powi(k)).ok()
-    })
-}
-
-/// What it was made for.
-pub enum Purpose<'a> {
-    /// The tuner's question.
-    Trial(u64),
-    /// To be looked at.
-    Live {
-        /// Steps of the run dropped so far.
-        dropped_steps: u64,
-        /// The setting in force.
-        setting: &'a Setting,
-    },
-}
 
 /// What the cycle shares with the control service.
 pub struct Shared {
@@ -274,7 +122,7 @@ impl Cycle {
             state.newest = Some(prepared.clone());
             state.schedule.begin(number)
         };
-        let (params, bytes, cost) = self.generate_within(&prepared, &setting)?;
+        let (params, bytes, cost) = generate_within(&prepared, &setting, &self.shared.params, &self.shared.options)?;
         let (mut items, mut has_reference) = (Vec::new(), false);
         if self.reference_every > 0 && number.is_multiple_of(self.reference_every) {
             match prepared.reference(&self.shared.plan) {
@@ -335,90 +183,6 @@ impl Cycle {
             tracing::warn!(step = number, voxels = field.empty_voxels(), "NaN or infinite voxels, drawn as empty");
         }
         let (backend, segmentation) = (self.shared.backend.clone(), self.shared.segmentation);
-        Ok(Prepared { run, step: number, time, backend, segmentation, field, reference: OnceLock::new() })
-    }
-
-    /// The step with the setting's parameters, or with the first fallback that keeps the size limit. Where none of them can be
-    /// used, as volumes cannot where voxels are missing, or there are no fallbacks yet, a VDI as the node starts with, or the
-    /// first that keeps the limit of ever coarser ones.
-    fn generate_within(&self, prepared: &Prepared, setting: &Setting) -> Result<Generated, Invalid> {
-        let limit = setting.limits.size_bytes;
-        let mut attempts =
-            Attempts { prepared, options: &self.shared.options, limit, spent_ns: [0; 2], best: Err(None) };
-        attempts.until_one_fits(std::iter::once(setting.params).chain(setting.fallbacks.iter().copied()));
-        // Before the first study there are no fallbacks; those of a study go as far down as it has found worth sending.
-        if attempts.best.is_err() || (setting.fallbacks.is_empty() && !attempts.fits()) {
-            attempts.until_one_fits(last_resort(&self.shared.params).filter(|p| *p != setting.params));
-        }
-        // The step's cost is that of all attempts.
-        let [generation_ns, encode_ns] = attempts.spent_ns;
-        let none = || Invalid::new("params", "none to generate with");
-        let (params, bytes, cost) = attempts.best.map_err(|why| why.unwrap_or_else(none))?;
-        Ok((params, bytes, v1::Cost { generation_ns, encode_ns, ..cost }))
-    }
-}
-
-/// What stands for a step: how it was made, its bytes, what they cost.
-type Generated = (GenerationParams, Vec<u8>, v1::Cost);
-
-/// Attempts at one step.
-struct Attempts<'a> {
-    prepared: &'a Prepared,
-    options: &'a EncodeOptions,
-    limit: Option<u64>,
-    /// Generating and encoding.
-    spent_ns: [u64; 2],
-    /// The smallest so far; why there is none.
-    best: Result<Generated, Option<Invalid>>,
-}
-
-impl Attempts<'_> {
-    /// True if one of them keeps the limit.
-    fn fits(&self) -> bool {
-        let kept = |cost: &v1::Cost| self.limit.is_none_or(|limit| cost.size_bytes <= limit);
-        self.best.as_ref().is_ok_and(|(_, _, cost)| kept(cost))
-    }
-
-    fn until_one_fits(&mut self, all: impl Iterator<Item = GenerationParams>) {
-        let step = self.prepared.step;
-        for params in all {
-            let (bytes, cost) = match self.prepared.measure(&params, self.options) {
-                Ok(measured) => measured,
-                Err(error) => {
-                    tracing::warn!(step, %error, "trying other parameters");
-                    if let Err(why) = &mut self.best {
-                        *why = Some(error);
-                    }
-                    continue;
-                }
-            };
-            self.spent_ns[0] += cost.generation_ns;
-            self.spent_ns[1] += cost.encode_ns;
-            if !matches!(&self.best, Ok((_, smallest, _)) if smallest.len() <= bytes.len()) {
-                self.best = Ok((params, bytes, cost));
-            }
-            if self.limit.is_none_or(|limit| cost.size_bytes <= limit) {
-                return;
-            }
-            tracing::info!(step, bytes = cost.size_bytes, "above the size limit; trying smaller parameters");
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_quick_generation_is_timed_three_times_and_the_middle_counts() {
-        let ms = Duration::from_millis;
-        let mut more = [ms(3), ms(90)].into_iter();
-        assert_eq!(middle(ms(4), || Ok(more.next().unwrap())), Ok(ms(4)));
-        assert_eq!(more.next(), None);
-        let mut more = [ms(5), ms(4)].into_iter();
-        assert_eq!(middle(ms(19), || Ok(more.next().unwrap())), Ok(ms(5)), "not the one that something else disturbed");
-        assert_eq!(middle(ms(20), || unreachable!("slow enough")), Ok(ms(20)));
-        let broken = || Err(Invalid::new("gamma", "is broken"));
-        assert_eq!(middle(ms(1), broken), broken());
+        Ok(Prepared::new(run, (number, time), (backend, segmentation), field))
     }
 }

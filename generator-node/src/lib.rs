@@ -3,10 +3,12 @@
 //! Ingest -> cycle -> publish, and control takes parameters in. Nothing leaves it but VDIs, reduced
 //! volumes and sampled reference colours.
 
+mod attempts;
 pub mod config;
 mod control;
 mod cycle;
 pub mod ingest;
+mod prepared;
 mod publish;
 mod schedule;
 mod trials;

@@ -1,6 +1,7 @@
 //! One stream of trials: candidate after candidate measured on one step, each VDI to the viewer that is to look at it.
 
-use crate::cycle::{Prepared, Purpose, Shared, encode};
+use crate::cycle::Shared;
+use crate::prepared::{Prepared, Purpose, encode};
 use lamina_model::{GenerationParams, Invalid};
 use lamina_wire::{required, v1};
 use std::collections::{HashSet, VecDeque};

@@ -1,0 +1,179 @@
+//! A step as it is looked at: what stands for it, what that costs, its reference samples.
+
+use crate::publish::Item;
+use crate::schedule::Setting;
+use lamina_cast::{Backend, Field, most_points};
+use lamina_model::{GenerationParams, Intermediate, Invalid, ReferenceSamples, SamplePlan, Segmentation};
+use lamina_wire::codec::{self, EncodeOptions};
+use lamina_wire::reference;
+use lamina_wire::v1::{self, delivery::Part};
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
+use tonic::codegen::Bytes;
+
+/// A step ready to be looked at: kept for trials until a newer one comes.
+pub struct Prepared {
+    /// What is being simulated.
+    pub run: Arc<v1::Run>,
+    /// The step.
+    pub step: u64,
+    /// Simulation time.
+    pub time: f64,
+    backend: Backend,
+    segmentation: Segmentation,
+    field: Field,
+    reference: OnceLock<Result<ReferenceSamples, Invalid>>,
+}
+
+impl Prepared {
+    /// The step of `run` that `field` holds, rays cast by `backend`.
+    pub fn new(
+        run: Arc<v1::Run>,
+        (step, time): (u64, f64),
+        (backend, segmentation): (Backend, Segmentation),
+        field: Field,
+    ) -> Self {
+        Self { run, step, time, backend, segmentation, field, reference: OnceLock::new() }
+    }
+
+    /// What stands for the step, encoded, and what it cost.
+    pub fn measure(&self, params: &GenerationParams, options: &EncodeOptions) -> Result<(Vec<u8>, v1::Cost), Invalid> {
+        let (intermediate, generation_time) = self.backend.represent(&self.field, params, self.segmentation)?;
+        encode(&intermediate, generation_time, options)
+    }
+
+    /// The same as a trial, whose time decides what many steps are generated with: a quick generation is timed three times,
+    /// unless what it takes is `known`. (The coding of a volume, which is a part of it, is timed once.)
+    pub fn try_out(
+        &self,
+        params: &GenerationParams,
+        options: &EncodeOptions,
+        known: Option<Duration>,
+    ) -> Result<(Vec<u8>, v1::Cost), Invalid> {
+        let (intermediate, generation_time) = match known {
+            Some(time) => (self.backend.represent(&self.field, params, self.segmentation)?.0, time),
+            None => self.timed(params)?,
+        };
+        encode(&intermediate, generation_time, options)
+    }
+
+    /// What generation alone takes as a trial.
+    pub fn time(&self, params: &GenerationParams) -> Result<v1::Cost, Invalid> {
+        let (_, generation_time) = self.timed(params)?;
+        Ok(v1::Cost { generation_ns: generation_time.as_nanos() as u64, ..Default::default() })
+    }
+
+    fn timed(&self, params: &GenerationParams) -> Result<(Intermediate, Duration), Invalid> {
+        let represent = || self.backend.represent(&self.field, params, self.segmentation);
+        let (intermediate, first) = represent()?;
+        let time = middle(first, || represent().map(|(_, time)| time))?;
+        Ok((intermediate, time))
+    }
+
+    /// What stands for the step with each of `gammas`, and the time that making them all took.
+    pub fn represent_all(
+        &self,
+        params: &GenerationParams,
+        gammas: &[f64],
+    ) -> Result<(Vec<Intermediate>, Duration), Invalid> {
+        let start = Instant::now();
+        let all = self.backend.represent_all(&self.field, params, gammas, self.segmentation)?;
+        Ok((all, start.elapsed()))
+    }
+
+    /// The most sample points on a side of a reduced volume of the step; 0 if none can stand for it.
+    pub fn longest_side(&self) -> u32 {
+        most_points(&self.field)
+    }
+
+    /// The step's reference samples, cast once.
+    pub fn reference(&self, plan: &SamplePlan) -> Result<Item, Invalid> {
+        let cast = || self.backend.reference_samples(&self.field, plan, self.step);
+        let samples = self.reference.get_or_init(cast).as_ref().map_err(Clone::clone)?;
+        let (announcement, payload) = reference::encode(&self.run.run_id, samples);
+        Ok(Item::new(&self.run, Part::Reference(announcement), payload))
+    }
+
+    /// Announces what stands for this step.
+    pub fn frame(&self, params: &GenerationParams, cost: v1::Cost, bytes: impl Into<Bytes>, purpose: Purpose) -> Item {
+        let bytes = bytes.into();
+        let (trial_id, dropped_steps, setting) = match purpose {
+            Purpose::Trial(id) => (id, 0, None),
+            Purpose::Live { dropped_steps, setting } => (0, dropped_steps, Some(setting)),
+        };
+        let frame = v1::Frame {
+            run_id: self.run.run_id.clone(),
+            step: self.step,
+            time: self.time,
+            params: Some(params.into()),
+            cost: Some(cost),
+            trial_id,
+            dropped_steps,
+            bytes: bytes.len() as u64,
+            empty_voxels: self.field.empty_voxels(),
+            limits: setting.map(|s| s.limits),
+        };
+        Item::new(&self.run, Part::Frame(frame), bytes)
+    }
+}
+
+/// What takes less is timed again.
+const QUICK: Duration = Duration::from_millis(20);
+
+/// `first`, or if it was quick the middle of it and two more: a machine does other things, too, and what takes milliseconds
+/// takes a multiple now and then.
+fn middle(first: Duration, mut again: impl FnMut() -> Result<Duration, Invalid>) -> Result<Duration, Invalid> {
+    if first >= QUICK {
+        return Ok(first);
+    }
+    let mut times = [first, again()?, again()?];
+    times.sort();
+    Ok(times[1])
+}
+
+/// The bytes of what stands for a step, and what they cost.
+pub fn encode(
+    intermediate: &Intermediate,
+    generation_time: Duration,
+    options: &EncodeOptions,
+) -> Result<(Vec<u8>, v1::Cost), Invalid> {
+    let (bytes, [generation_time, encode_time]) = codec::encode_timed(intermediate, generation_time, options)?;
+    let cost = v1::Cost {
+        size_bytes: bytes.len() as u64,
+        generation_ns: generation_time.as_nanos() as u64,
+        encode_ns: encode_time.as_nanos() as u64,
+        supersegments: intermediate.elements(),
+    };
+    Ok((bytes, cost))
+}
+
+/// What it was made for.
+pub enum Purpose<'a> {
+    /// The tuner's question.
+    Trial(u64),
+    /// To be looked at.
+    Live {
+        /// Steps of the run dropped so far.
+        dropped_steps: u64,
+        /// The setting in force.
+        setting: &'a Setting,
+    },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_quick_generation_is_timed_three_times_and_the_middle_counts() {
+        let ms = Duration::from_millis;
+        let mut more = [ms(3), ms(90)].into_iter();
+        assert_eq!(middle(ms(4), || Ok(more.next().unwrap())), Ok(ms(4)));
+        assert_eq!(more.next(), None);
+        let mut more = [ms(5), ms(4)].into_iter();
+        assert_eq!(middle(ms(19), || Ok(more.next().unwrap())), Ok(ms(5)), "not the one that something else disturbed");
+        assert_eq!(middle(ms(20), || unreachable!("slow enough")), Ok(ms(20)));
+        let broken = || Err(Invalid::new("gamma", "is broken"));
+        assert_eq!(middle(ms(1), broken), broken());
+    }
+}
