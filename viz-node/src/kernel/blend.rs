@@ -7,11 +7,11 @@
 //! far sides, so that much of four pictures displaced to the one is added, of four to the other taken away: together nearly cubic
 //! convolution (R. G. Keys, "Cubic Convolution Interpolation for Digital Image Processing", IEEE Trans. ASSP 29, 1981). Rings and
 //! weight are those of least error, by least squares over the displacements of seven data sets' VDIs at three resolutions; each
-//! set's own weights would gain 0.1 dB more.
+//! set's own weights on them would gain 0.04 dB more.
 //!
 //! The first ring stays in the pixel, the others are both in the four pixels beside it, where their difference is none: seen from
-//! the generation camera at the VDI's own resolution nothing changes. Where the volume reaches beyond the VDI's image, half of the
-//! image's outermost pixel fades.
+//! the generation camera at the VDI's own resolution nothing changes. Where the volume reaches beyond the VDI's image, its
+//! outermost pixels fade.
 
 /// How carefully a VDI is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
