@@ -4,9 +4,12 @@
 
 use glam::DVec3;
 use lamina_cast::{Backend, Field};
-use lamina_model::{Camera, GenerationParams, Image, ReferenceSamples, SamplePlan, Scene, Segmentation, Vdi, psnr};
+use lamina_model::effects::Isosurface;
+use lamina_model::{
+    Camera, GenerationParams, Image, ReferenceSamples, SamplePlan, Scene, Segmentation, SquaredError, Vdi, psnr,
+};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
-use lamina_viz_node::kernel::{self as viz, Detail, PreparedVdi, render};
+use lamina_viz_node::kernel::{self as viz, Detail, PreparedVdi, render, scalar};
 
 const SIZE: u32 = 96;
 
@@ -51,15 +54,45 @@ fn small_angles_do_not_collapse() {
     assert!(psnr_db[..5].iter().all(|&db| db > psnr_db[5] - 6.0), "{psnr_db:?}");
 }
 
+/// Four displaced pictures on a rotated grid: linear between rays.
+fn linear_db(vdi: &Vdi, reference: &ReferenceSamples) -> f64 {
+    let plan = &reference.plan;
+    let mut error = SquaredError::default();
+    for (view, camera) in plan.test_cameras(&reference.scene.camera).unwrap().iter().enumerate() {
+        let pixels = plan.pixels(view, 0);
+        let draw = |by| scalar::displaced_pixels(vdi, camera, [SIZE; 2], &pixels, by);
+        let four = [[0.375, 0.125], [-0.125, 0.375], [-0.375, -0.125], [0.125, -0.375]].map(draw);
+        let mean = |n: usize| std::array::from_fn(|c| four.iter().map(|drawn| 0.25 * drawn[n][c]).sum());
+        let mean: Vec<[f32; 3]> = (0..pixels.len()).map(mean).collect();
+        error.add_all(&mean, &reference.colors[view]);
+    }
+    -10.0 * error.mse().log10()
+}
+
 #[test]
-fn neighbouring_rays_blended_are_nearer_to_the_truth_than_the_nearest_one() {
+fn neighbouring_rays_blended_are_nearer_to_the_truth_than_the_nearest_one_and_than_linear_interpolation() {
     let (_, field) = scene_and_field();
+    let plan = SamplePlan { image_size: SIZE, tile: 1, batches: 1, angles_deg: vec![10.0, 30.0, 60.0] };
+    let reference = Backend::cpu().reference_samples(&field, &plan, 0).unwrap();
+    for (r, gain) in [(32, 0.5), (64, 0.5), (128, 0.0), (384, -1e-3)] {
+        let vdi = vdi(&field, r, 0.005);
+        let [nearest, blended] = [Detail::Nearest, Detail::Blended].map(|detail| psnr_db(&vdi, &reference, detail));
+        let linear = linear_db(&vdi, &reference);
+        assert!(blended > nearest + 1.0 && blended > linear + gain, "r {r}: {nearest}, {linear} and {blended} dB");
+    }
+}
+
+#[test]
+fn blending_keeps_an_opaque_surface_within_half_a_decibel_of_linear_interpolation() {
+    let (mut scene, _) = scene_and_field();
+    scene.effects.isosurfaces = vec![Isosurface { value: 0.5, color: [0.9, 0.8, 0.7], opacity: 1.0 }];
+    let field = Field::new(sampled_cube(48, clumps), &scene);
     let plan = SamplePlan { image_size: SIZE, tile: 1, batches: 1, angles_deg: vec![10.0, 30.0, 60.0] };
     let reference = Backend::cpu().reference_samples(&field, &plan, 0).unwrap();
     for r in [32, 64, 128] {
         let vdi = vdi(&field, r, 0.005);
-        let [nearest, blended] = [Detail::Nearest, Detail::Blended].map(|detail| psnr_db(&vdi, &reference, detail));
-        assert!(blended > nearest + 1.0, "r {r}: {nearest} and {blended} dB");
+        let (blended, linear) = (psnr_db(&vdi, &reference, Detail::Blended), linear_db(&vdi, &reference));
+        assert!(blended > linear - 0.5, "r {r}: {linear} and {blended} dB");
     }
 }
 

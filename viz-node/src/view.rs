@@ -67,11 +67,17 @@ impl Painter {
     }
 
     /// Draws `step`, under `points` if there are any: they take the place of its transfer function's, and what that leaves
-    /// transparent stays so.
+    /// transparent stays so. Nothing, if it is no longer `wanted`.
     ///
     /// # Errors
     /// If the step is not held, the orbit is out of bounds, or there are points and they cannot be used.
-    pub fn picture(&self, step: u64, orbit: Orbit, points: Option<Vec<ControlPoint>>) -> Result<Picture, ViewError> {
+    pub fn picture(
+        &self,
+        step: u64,
+        orbit: Orbit,
+        points: Option<Vec<ControlPoint>>,
+        wanted: impl Fn() -> bool,
+    ) -> Result<Option<Picture>, ViewError> {
         if orbit.size > MAX_SIZE {
             return Err(Invalid::new("size", format!("{} exceeds {MAX_SIZE} pixels", orbit.size)).into());
         }
@@ -82,9 +88,9 @@ impl Painter {
             Some(points) => shown = self.recoloured(shown, points)?,
             None => *self.last() = None,
         }
-        let image = self.backend.render(&shown, &camera, orbit.size, orbit.size, orbit.detail)?;
+        let image = self.backend.render_while(&shown, &camera, [orbit.size; 2], orbit.detail, wanted)?;
         let render_time = start.elapsed();
-        Ok(Picture { step, png: png(&image)?, render_time })
+        image.map(|image| Ok(Picture { step, png: png(&image)?, render_time })).transpose()
     }
 
     fn last(&self) -> MutexGuard<'_, Option<Recoloured>> {

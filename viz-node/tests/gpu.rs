@@ -289,6 +289,21 @@ fn what_does_not_fit_says_what_would_help_and_is_drawn_by_the_processor() {
 }
 
 #[test]
+fn blended_pictures_are_the_processors() {
+    let Some(kernels) = open() else { return };
+    let vdi = PreparedVdi::new(random_vdi(outside(), 33, 0.5, 0));
+    let camera = outside().rotated_about_y(30.0).unwrap();
+    let backends = [Backend::on_gpu(kernels), Backend::default()];
+    let [on_gpu, on_cpu] = backends.map(|b| b.render_vdi(&vdi, &camera, 96, 64, Detail::Blended).unwrap());
+    let pairs = on_gpu.pixels().iter().zip(on_cpu.pixels());
+    // On the edge of two lists a place may fall to either, and counts a quarter.
+    let apart = pairs.filter(|(a, b)| difference(a, b) > MAX_CHANNEL).count() as f64 / f64::from(96 * 64);
+    assert!(apart <= 12.0 * MAX_DISPLACED, "{apart} of the pixels differ");
+    let db = lamina_model::psnr(&on_gpu, &on_cpu).unwrap();
+    assert!(db > 55.0, "{db} dB");
+}
+
+#[test]
 fn quality_is_the_processors() {
     let Some(kernels) = open() else { return };
     let vdi = PreparedVdi::new(random_vdi(outside(), 65, 0.5, 0));

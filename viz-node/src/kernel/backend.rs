@@ -62,9 +62,26 @@ impl Backend {
         height: u32,
         detail: Detail,
     ) -> Result<Image, Invalid> {
+        let image = self.render_while(shown, camera, [width, height], detail, || true)?;
+        Ok(image.expect("it is wanted"))
+    }
+
+    /// The same, given up, with nothing drawn, once it is no longer `wanted`.
+    ///
+    /// # Errors
+    /// As [`Self::render`].
+    pub fn render_while(
+        &self,
+        shown: &Prepared,
+        camera: &Camera,
+        size: [u32; 2],
+        detail: Detail,
+        wanted: impl Fn() -> bool,
+    ) -> Result<Option<Image>, Invalid> {
         match shown {
-            Prepared::Vdi(vdi) => self.render_vdi(vdi, camera, width, height, detail),
-            Prepared::Volume(field) => self.volumes().raycast(field, camera, width, height),
+            Prepared::Vdi(vdi) => self.vdi_while(vdi, camera, size, detail, wanted),
+            Prepared::Volume(_) if !wanted() => Ok(None),
+            Prepared::Volume(field) => self.volumes().raycast(field, camera, size[0], size[1]).map(Some),
         }
     }
 
@@ -110,15 +127,31 @@ impl Backend {
         height: u32,
         detail: Detail,
     ) -> Result<Image, Invalid> {
-        Image::check_size(width, height)?;
-        let size = [width, height];
-        let colors = drawn(detail, |by| match &self.vdis {
-            Drawer::Cpu => Ok(vdi.displaced(camera, size, by)),
+        Ok(self.vdi_while(vdi, camera, [width, height], detail, || true)?.expect("it is wanted"))
+    }
+
+    fn vdi_while<V: Deref<Target = Vdi>>(
+        &self,
+        vdi: &PreparedVdi<V>,
+        camera: &Camera,
+        size: [u32; 2],
+        detail: Detail,
+        wanted: impl Fn() -> bool,
+    ) -> Result<Option<Image>, Invalid> {
+        Image::check_size(size[0], size[1])?;
+        let on_cpu = |by| vdi.displaced(camera, size, by);
+        let colors = drawn(detail, vdi.magnification(camera, size[1]), |by| match &self.vdis {
+            _ if !wanted() => Err(None),
+            Drawer::Cpu => Ok(on_cpu(by)),
             Drawer::Gpu(kernels) => {
-                or_cpu(kernels, kernels.displaced(vdi, camera, size, by), || vdi.displaced(camera, size, by))
+                or_cpu(kernels, kernels.displaced(vdi, camera, size, by), || on_cpu(by)).map_err(Some)
             }
-        })?;
-        Image::new(width, height, colors)
+        });
+        match colors {
+            Ok(colors) => Image::new(size[0], size[1], colors).map(Some),
+            Err(None) => Ok(None),
+            Err(Some(error)) => Err(error),
+        }
     }
 
     /// Errors of some batches of the sampled pixels of `vdi`.
@@ -149,7 +182,7 @@ impl Backend {
     ) -> Result<Vec<[f32; 3]>, Invalid> {
         Image::check_size(size[0], size[1])?;
         let on_cpu = |by| vdi.displaced_pixels(camera, size, pixels, by);
-        drawn(detail, |by| match &self.vdis {
+        drawn(detail, vdi.magnification(camera, size[1]), |by| match &self.vdis {
             Drawer::Cpu => Ok(on_cpu(by)),
             Drawer::Gpu(kernels) => {
                 or_cpu(kernels, kernels.displaced_pixels(vdi, camera, size, pixels, by), || on_cpu(by))

@@ -18,6 +18,7 @@ use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::TryRecvError;
 use tokio::sync::Semaphore;
 
 /// What the handlers share.
@@ -45,6 +46,7 @@ impl Web {
         Router::new()
             .route("/", text("text/html; charset=utf-8", include_str!("../page/index.html")))
             .route("/page.js", text("text/javascript; charset=utf-8", include_str!("../page/page.js")))
+            .route("/picture.js", text("text/javascript; charset=utf-8", include_str!("../page/picture.js")))
             .route("/camera.js", text("text/javascript; charset=utf-8", include_str!("../page/camera.js")))
             .route("/plots.js", text("text/javascript; charset=utf-8", include_str!("../page/plots.js")))
             .route("/colours.js", text("text/javascript; charset=utf-8", include_str!("../page/colours.js")))
@@ -65,7 +67,7 @@ pub async fn nowhere(headers: HeaderMap) -> Response {
     if kind.is_some_and(|kind| kind.starts_with("application/grpc")) {
         return tonic::Status::unimplemented("no such service").into_http::<Body>();
     }
-    (StatusCode::NOT_FOUND, "nothing here; the page is at /").into_response()
+    (StatusCode::NOT_FOUND, "nothing here; the page is at /\n").into_response()
 }
 
 #[derive(Serialize)]
@@ -188,13 +190,17 @@ async fn image(State(web): State<Web>, Query(query): Query<ImageQuery>) -> Respo
         Err(e) => return (StatusCode::BAD_REQUEST, format!("points: {e}")).into_response(),
     };
     let Ok(permit) = web.renders.acquire_owned().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
+    // Whoever closes the connection, as a page does when the picture is turned, drops this and wants no more.
+    let (waiting, wanted) = std::sync::mpsc::channel::<Infallible>();
     let work = move || {
-        // Held until the picture is done, even if the one who asked has gone.
         let _permit = permit;
-        web.painter.picture(step, orbit, points)
+        web.painter.picture(step, orbit, points, || wanted.try_recv() == Err(TryRecvError::Empty))
     };
-    match tokio::task::spawn_blocking(work).await {
-        Ok(Ok(p)) => {
+    let done = tokio::task::spawn_blocking(work).await;
+    drop(waiting);
+    match done {
+        Ok(Ok(None)) => StatusCode::SERVICE_UNAVAILABLE.into_response(),
+        Ok(Ok(Some(p))) => {
             let millis = format!("{:.1}", p.render_time.as_secs_f64() * 1e3);
             let headers = [
                 ("content-type", "image/png".to_owned()),

@@ -82,6 +82,15 @@ impl<V: Deref<Target = Vdi>> PreparedVdi<V> {
         &self.vdi
     }
 
+    /// How many pixels of a picture from `camera`, `height` pixels high, one of the VDI's is as wide as, amid the volume.
+    pub(super) fn magnification(&self, camera: &Camera, height: u32) -> f64 {
+        let header = self.vdi.header();
+        let pixel = |camera: &Camera, rows: u32| {
+            camera.position().distance(header.bounds.center()) * camera.tan_half_fov() / f64::from(rows)
+        };
+        pixel(&header.camera, self.vdi.resolution()) / pixel(camera, height)
+    }
+
     /// Bytes held beside the VDI.
     pub fn size_bytes(&self) -> usize {
         self.index.size_bytes()
