@@ -44,7 +44,10 @@ pub async fn run(config: Config, listener: TcpListener, shutdown: Shutdown) -> R
         .add_service(TuningServer::new(status::StatusService(status.clone())));
     tracing::info!(address = %listener.local_addr().map_or_else(|_| config.listen.to_string(), |a| a.to_string()), "tuner listens");
     let tuning = tokio::spawn(daemon::run(config, base, status));
-    let served = serve(router, listener, shutdown).await;
-    tuning.abort();
-    served
+    // At once: a study would take the other nodes' going for a fault.
+    let stopping = async move {
+        shutdown.await;
+        tuning.abort();
+    };
+    serve(router, listener, Box::pin(stopping)).await
 }

@@ -1,4 +1,4 @@
-//! The folder of a watched run: `steps.csv` step by step and `trials.csv` study by study; pictures; at the end `report.html`.
+//! The folder of a watched run: `steps.csv` step by step, `trials.csv` study by study, `report.html` every some seconds; pictures.
 
 use crate::nodes::Nodes;
 use crate::report::{self, Limit, PicturePair, Report, TrialRow};
@@ -15,6 +15,7 @@ use lamina_wire::v1;
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 /// Views of which picture pairs are kept, degrees.
 const ANGLES_DEG: [f64; 3] = [10.0, 30.0, 60.0];
@@ -22,6 +23,8 @@ const ANGLES_DEG: [f64; 3] = [10.0, 30.0, 60.0];
 const PICTURE_SIZE: u32 = 512;
 /// Steps of which pictures are kept.
 const PICTURE_STEPS: u64 = 4;
+/// How old `report.html` may be while steps come: what a run that is killed leaves.
+const REPORT_AGE: Duration = Duration::from_secs(10);
 
 /// An output folder being filled.
 pub struct Outputs {
@@ -31,6 +34,8 @@ pub struct Outputs {
     /// Studies whose trials are written.
     studies: u64,
     pictures: Vec<PicturePair>,
+    /// When the report was written.
+    reported: Instant,
     title: String,
     source: String,
 }
@@ -53,6 +58,7 @@ impl Outputs {
             steps,
             studies: 0,
             pictures: Vec::new(),
+            reported: Instant::now(),
             title: format!("{}: {}", source.name(), source.field()),
             source: format!(
                 "{}{second} of {}, {nx} x {ny} x {nz} {kind} ({size} a step)",
@@ -70,12 +76,16 @@ impl Outputs {
         Ok(())
     }
 
-    /// Writes `trials.csv` if there are more than the last time.
-    pub fn update_trials(&mut self, nodes: &Nodes) -> anyhow::Result<()> {
+    /// Writes `trials.csv` if there are more than the last time, and `report.html` if it is old.
+    pub fn update(&mut self, nodes: &Nodes) -> anyhow::Result<()> {
         let studies = nodes.studies()?;
         if studies > self.studies {
             self.write_trials(nodes)?;
             self.studies = studies;
+        }
+        if self.reported.elapsed() > REPORT_AGE {
+            self.write_report(&nodes.store.rows(), nodes)?;
+            self.reported = Instant::now();
         }
         Ok(())
     }
@@ -110,10 +120,17 @@ impl Outputs {
     }
 
     /// Writes `trials.csv` and `report.html`, and says what there is.
-    pub fn finish(self, rows: Vec<StepRow>, nodes: &Nodes) -> anyhow::Result<()> {
+    pub fn finish(self, nodes: &Nodes) -> anyhow::Result<()> {
+        let rows = nodes.store.rows();
+        self.write_report(&rows, nodes)?;
+        let broken = rows.iter().filter(|r| !r.limit_kept).count();
+        say!("{} steps, {broken} broke the contract; see {}", rows.len(), self.dir.join("report.html").display());
+        Ok(())
+    }
+
+    fn write_report(&self, rows: &[StepRow], nodes: &Nodes) -> anyhow::Result<()> {
         let trials = self.write_trials(nodes)?;
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        let broken = rows.iter().filter(|r| !r.limit_kept).count();
         let last = rows.last();
         let report = Report {
             title: self.title.clone(),
@@ -128,9 +145,7 @@ impl Outputs {
             trials,
             pictures: self.pictures.clone(),
         };
-        self.write("report.html", report::render(&report).as_bytes())?;
-        say!("{} steps, {broken} broke the contract; see {}", rows.len(), self.dir.join("report.html").display());
-        Ok(())
+        self.write("report.html", report::render(&report).as_bytes())
     }
 
     /// Writes `trials.csv` with all trials so far, and gives its rows.

@@ -175,35 +175,41 @@ fn watch(
     }
     let mut client = connect(source, &first.1, &nodes.generator, policy)?;
     let bar = progress(steps, options.headless);
-    let (mut next, mut step, mut shown) = (Some(first), 0, None);
-    while let Some((time, volume)) = next.filter(|_| steps.is_none_or(|n| step < n) && !stopped()) {
-        push(&mut client, step, time, &volume).with_context(|| format!("step {step}"))?;
-        if options.headless {
-            let Some(row) = nodes.settle(step, &stopped)? else { break };
-            if let Some(outputs) = &mut outputs {
-                outputs.pictures(&row, &volume, &scene, &nodes.store)?;
+    let mut shown = None;
+    let follow = || {
+        let (mut next, mut step) = (Some(first), 0);
+        while let Some((time, volume)) = next.filter(|_| steps.is_none_or(|n| step < n) && !stopped()) {
+            push(&mut client, step, time, &volume).with_context(|| format!("step {step}"))?;
+            if options.headless {
+                let Some(row) = nodes.settle(step, &stopped)? else { break };
+                if let Some(outputs) = &mut outputs {
+                    outputs.pictures(&row, &volume, &scene, &nodes.store)?;
+                }
+            }
+            shown = show_new(&nodes, &bar, shown, outputs.as_mut())?;
+            bar.inc(1);
+            step += 1;
+            next = if stopped() { None } else { source.next()? };
+        }
+        if !options.headless && !stopped() {
+            say!("all steps are in; the viewer goes on until Ctrl-C");
+            while !stopped() {
+                shown = show_new(&nodes, &bar, shown, outputs.as_mut())?;
+                std::thread::sleep(Duration::from_millis(100));
             }
         }
-        shown = show_new(&nodes, &bar, shown, outputs.as_mut())?;
-        bar.inc(1);
-        step += 1;
-        next = if stopped() { None } else { source.next()? };
-    }
-    if !options.headless && !stopped() {
-        say!("all steps are in; the viewer goes on until Ctrl-C");
-        while !stopped() {
-            shown = show_new(&nodes, &bar, shown, outputs.as_mut())?;
-            std::thread::sleep(Duration::from_millis(100));
-        }
-    }
+        Ok(())
+    };
+    // A step that fails takes none of those before it along.
+    let followed = follow();
     show_new(&nodes, &bar, shown, outputs.as_mut())?;
     bar.finish_and_clear();
     client.close();
     if let Some(outputs) = outputs {
-        outputs.finish(nodes.store.rows(), &nodes)?;
+        outputs.finish(&nodes)?;
     }
     nodes.stop();
-    Ok(())
+    followed
 }
 
 /// Prints and writes the steps recorded since `shown`; gives the newest.
@@ -217,11 +223,11 @@ fn show_new(
     for row in &rows {
         bar.suspend(|| say!("{}", line(row)));
     }
-    if let Some(outputs) = outputs.filter(|_| !rows.is_empty()) {
+    if let Some(outputs) = outputs {
         outputs.add(&rows)?;
         // The end will tell again what is missing now.
-        if let Err(error) = outputs.update_trials(nodes) {
-            tracing::warn!("trials.csv is not up to date: {error:#}");
+        if let Err(error) = outputs.update(nodes) {
+            tracing::warn!("trials.csv and report.html are not up to date: {error:#}");
         }
     }
     Ok(rows.last().map(|r| r.step).or(shown))

@@ -32,6 +32,12 @@ impl Curve {
         Self { coding: coding.into(), samples }
     }
 
+    /// Takes in one more.
+    pub fn add(&mut self, sample: Sample) {
+        let place = self.samples.partition_point(|s| s.bytes <= sample.bytes);
+        self.samples.insert(place, sample);
+    }
+
     /// The samples that no other of at most as many bytes is as good as, by rising bytes and decibels.
     pub fn front(&self) -> Vec<&Sample> {
         let mut best = f64::NEG_INFINITY;

@@ -19,6 +19,7 @@ use lamina_tuner::units::show_bytes;
 use lamina_viz_node::kernel::{self as viz, Detail, Prepared};
 use lamina_wire::codec::{self, Codec, DecodeLimits, EncodeOptions, Layout};
 use std::fmt::Write;
+use std::path::Path;
 use std::time::Instant;
 
 /// Rays a side and interrupt parameters of VDIs.
@@ -98,40 +99,66 @@ impl Bench {
         })
     }
 
-    fn vdis(&self, base: &GenerationParams) -> anyhow::Result<Vec<Curve>> {
-        let mut samples: Vec<Vec<Sample>> = VDI_CODINGS.map(|_| Vec::new()).into();
+    /// Adds curves of VDIs to `results`, which are saved as they grow.
+    fn vdis(&self, base: &GenerationParams, results: &mut Results) -> anyhow::Result<()> {
+        let first = results.curves.len();
+        results.curves.extend(VDI_CODINGS.map(|(name, ..)| Curve::new(name, Vec::new())));
         for r in RAYS {
             for gamma in GAMMAS {
                 let params = base.with_resolution(r)?.with_gamma(gamma)?;
                 for segmentation in [Segmentation::Greedy, Segmentation::Fitted] {
                     let (vdi, time) = self.backend.represent(&self.field, &params, segmentation)?;
                     let mut seen = None;
-                    let codings = VDI_CODINGS.iter().zip(&mut samples);
-                    for ((.., options, detail), samples) in codings.filter(|((_, s, ..), _)| *s == segmentation) {
-                        samples.push(self.sample(&vdi, time.as_secs_f64() * 1e3, options, *detail, &mut seen)?);
+                    let codings = VDI_CODINGS.iter().zip(&mut results.curves[first..]);
+                    for ((.., options, detail), curve) in codings.filter(|((_, s, ..), _)| *s == segmentation) {
+                        curve.add(self.sample(&vdi, time.as_secs_f64() * 1e3, options, *detail, &mut seen)?);
                     }
                 }
             }
+            results.save()?;
         }
-        Ok(VDI_CODINGS.iter().zip(samples).map(|((name, ..), s)| Curve::new(*name, s)).collect())
+        Ok(())
     }
 
-    /// Those of all sample points, to be compared with codecs of volumes, and those of fewer too.
-    fn volumes(&self, base: &GenerationParams) -> anyhow::Result<[Curve; 2]> {
+    /// Adds curves of volumes: those of all sample points, to be compared with codecs of volumes, and those of fewer too.
+    fn volumes(&self, base: &GenerationParams, results: &mut Results) -> anyhow::Result<()> {
+        let first = results.curves.len();
+        results.curves.extend([WHOLE, "volume"].map(|name| Curve::new(name, Vec::new())));
         let side = f64::from(self.field.grid().longest_side());
         let base = base.with_representation(Representation::Volume);
-        let mut samples = Vec::new();
         for share in SHARES {
             let params = base.with_resolution((side * share).round().max(2.0) as u32)?;
             let start = Instant::now();
             let volumes = self.backend.represent_all(&self.field, &params, &BOUNDS, Segmentation::Fitted)?;
             let reduction_ms = start.elapsed().as_secs_f64() * 1e3;
             for volume in volumes {
-                samples.push(self.sample(&volume, reduction_ms, &MIXED, Detail::Blended, &mut None)?);
+                let sample = self.sample(&volume, reduction_ms, &MIXED, Detail::Blended, &mut None)?;
+                if share == 1.0 {
+                    results.curves[first].add(sample.clone());
+                }
+                results.curves[first + 1].add(sample);
             }
+            results.save()?;
         }
-        let whole = samples[..BOUNDS.len()].to_vec();
-        Ok([Curve::new(WHOLE, whole), Curve::new("volume", samples)])
+        Ok(())
+    }
+}
+
+/// All curves so far, and the folder they are saved in.
+struct Results<'a> {
+    curves: Vec<Curve>,
+    out: &'a Path,
+}
+
+impl Results<'_> {
+    /// Writes the curves so far: whoever stops the command keeps them.
+    fn save(&self) -> anyhow::Result<()> {
+        let curves = &self.curves;
+        for (name, text) in [("rd.csv", samples_csv(curves)), ("bd.csv", bd_csv(curves)), ("rd.svg", drawing(curves))] {
+            let path = self.out.join(name);
+            std::fs::write(&path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
+        }
+        Ok(())
     }
 }
 
@@ -154,21 +181,19 @@ pub fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
     bar.set_style(style);
     let bench = Bench { field, backend, viewer, reference, bar };
     let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
-    let mut curves = bench.vdis(&base)?;
+    let mut results = Results { curves: Vec::new(), out: &arguments.out };
+    bench.vdis(&base, &mut results)?;
     if most_points(&bench.field) > 0 {
-        curves.extend(bench.volumes(&base)?);
+        bench.volumes(&base, &mut results)?;
     } else {
-        say!("{}", lamina_model::ReducedVolume::WHY_NONE);
+        bench.bar.suspend(|| say!("{}", lamina_model::ReducedVolume::WHY_NONE));
     }
     if let Some(table) = &arguments.beside {
-        curves.extend(beside::curves(table, &bench)?);
+        results.curves.extend(beside::curves(table, &bench)?);
     }
     bench.bar.finish_and_clear();
-    for (name, text) in [("rd.csv", samples_csv(&curves)), ("bd.csv", bd_csv(&curves)), ("rd.svg", drawing(&curves))] {
-        let path = arguments.out.join(name);
-        std::fs::write(&path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
-    }
-    say!("{}", table(&curves).trim_end());
+    results.save()?;
+    say!("{}", table(&results.curves).trim_end());
     Ok(())
 }
 
