@@ -1,0 +1,132 @@
+//! Priority queue of heavy work, with aging: what has waited long goes before what is more urgent and came later.
+
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// What heavy work is for, the most urgent first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Priority {
+    /// A picture somebody waits for.
+    Picture,
+    /// A trial of a run's first study.
+    FirstTrial,
+    /// A live step.
+    LiveStep,
+    /// A trial of a later study.
+    Trial,
+    /// The quality of a live step.
+    Quality,
+}
+
+impl Priority {
+    /// All of them, the most urgent first.
+    pub const ALL: [Self; 5] = [Self::Picture, Self::FirstTrial, Self::LiveStep, Self::Trial, Self::Quality];
+
+    /// Its name in metrics and tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Picture => "picture",
+            Self::FirstTrial => "first_trial",
+            Self::LiveStep => "live_step",
+            Self::Trial => "trial",
+            Self::Quality => "quality",
+        }
+    }
+
+    /// Of a study's trial.
+    pub fn of_trial(first_study: bool) -> Self {
+        if first_study { Self::FirstTrial } else { Self::Trial }
+    }
+}
+
+/// Waiting for so long makes up for one level of priority: a live step comes between the trials of a long first study.
+const AGING: Duration = Duration::from_secs(1);
+
+/// Those who wait, and the one whose turn it is.
+#[derive(Debug, Default)]
+pub struct Queue {
+    next_ticket: u64,
+    waiting: Vec<Waiting>,
+    /// Somebody works.
+    busy: bool,
+}
+
+#[derive(Debug)]
+struct Waiting {
+    ticket: u64,
+    priority: Priority,
+    since: Instant,
+}
+
+impl Queue {
+    /// Joins; gives a ticket.
+    pub fn join(&mut self, priority: Priority, now: Instant) -> u64 {
+        self.next_ticket += 1;
+        self.waiting.push(Waiting { ticket: self.next_ticket, priority, since: now });
+        self.next_ticket
+    }
+
+    /// Gives the place up.
+    pub fn leave(&mut self, ticket: u64) {
+        self.waiting.retain(|w| w.ticket != ticket);
+    }
+
+    /// True if nobody works and nobody else comes before `ticket`.
+    pub fn is_next(&self, ticket: u64, now: Instant) -> bool {
+        !self.busy && self.first(now) == Some(ticket)
+    }
+
+    /// True if nobody works or waits.
+    pub fn is_idle(&self) -> bool {
+        !self.busy && self.waiting.is_empty()
+    }
+
+    /// How many wait.
+    pub fn len(&self) -> usize {
+        self.waiting.len()
+    }
+
+    /// Lets `ticket` work.
+    pub fn begin(&mut self, ticket: u64) {
+        self.leave(ticket);
+        self.busy = true;
+    }
+
+    /// The one that worked has ended.
+    pub fn end(&mut self) {
+        self.busy = false;
+    }
+
+    fn first(&self, now: Instant) -> Option<u64> {
+        let urgency = |w: &Waiting| {
+            let aged = now.saturating_duration_since(w.since).as_secs_f64() / AGING.as_secs_f64();
+            (w.priority as i64 - aged as i64, w.ticket)
+        };
+        self.waiting.iter().min_by_key(|w| urgency(w)).map(|w| w.ticket)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_most_urgent_comes_first_and_who_waits_long_becomes_urgent() {
+        let (mut queue, start) = (Queue::default(), Instant::now());
+        let quality = queue.join(Priority::Quality, start);
+        let step = queue.join(Priority::LiveStep, start);
+        let trial = queue.join(Priority::FirstTrial, start);
+        assert!(queue.is_next(trial, start) && !queue.is_next(step, start));
+        queue.begin(trial);
+        assert!(!queue.is_next(step, start), "one at a time");
+        queue.end();
+        // The study's next trial comes 1.1 s later: the step is as urgent by then, and came first.
+        let later = start + Duration::from_millis(1100);
+        let next = queue.join(Priority::FirstTrial, later);
+        assert!(queue.is_next(step, later));
+        queue.leave(step);
+        assert!(queue.is_next(next, later));
+        queue.leave(next);
+        assert!(queue.is_next(quality, later) && queue.len() == 1 && !queue.is_idle());
+    }
+}
