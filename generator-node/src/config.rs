@@ -1,5 +1,6 @@
 //! The generator-node's configuration file.
 
+use lamina_compute::CpuLimit;
 use lamina_device::Choice;
 use lamina_model::{GenerationParams, Invalid, SamplePlan, Scene, Segmentation};
 use lamina_wire::codec::{Codec, EncodeOptions, Layout};
@@ -24,8 +25,12 @@ pub struct Config {
     pub reference_every: u64,
     /// Which pixels of which views are reference samples.
     pub samples: SamplePlan,
-    /// Parameters until the tuner sends some.
-    pub params: GenerationParams,
+    /// Batches of them that live steps are compared at, other ones from step to step; 0: all. Trials have all.
+    pub live_batches: u32,
+    /// Processor time of the node's own: cores (0.5) or percent of the machine's ("25%").
+    pub cpu_share: CpuLimit,
+    /// Parameters until the tuner sends some; if absent, a small reduced volume, or a VDI where none can stand for a step.
+    pub params: Option<GenerationParams>,
     /// What casts the rays: `auto`, `cpu` or `gpu`.
     pub backend: Choice,
     /// How samples become the supersegments of VDIs: `fitted`, or `greedy` as in the paper.
@@ -70,7 +75,9 @@ impl Default for Config {
             idle_secs: 30.0,
             reference_every: 1,
             samples: SamplePlan::default(),
-            params: GenerationParams::default(),
+            live_batches: 2,
+            cpu_share: CpuLimit::default(),
+            params: None,
             backend: Choice::Auto,
             segmentation: Segmentation::Fitted,
             codec: CodecName::Mixed,

@@ -1,6 +1,6 @@
 //! The control service: parameters and trials in, numbers out.
 
-use crate::cycle::Shared;
+use crate::node_state::NodeState;
 use crate::schedule::Setting;
 use crate::trials::Trials;
 use futures::{Stream, StreamExt, stream};
@@ -14,8 +14,8 @@ use tokio::sync::mpsc;
 use tokio_stream::wrappers::{ReceiverStream, WatchStream};
 use tonic::{Request, Response, Status, Streaming};
 
-/// The gRPC face of [`Shared`].
-pub struct ControlService(pub Arc<Shared>);
+/// The gRPC face of [`NodeState`].
+pub struct ControlService(pub Arc<NodeState>);
 
 type Answers<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
@@ -77,8 +77,9 @@ impl control_server::Control for ControlService {
 
 fn setting_from(request: &v1::SetParametersRequest) -> Result<Setting, lamina_model::Invalid> {
     Ok(Setting {
-        params: required(request.params, "params")?.try_into()?,
+        params: Some(required(request.params, "params")?.try_into()?),
         limits: request.limits.unwrap_or_default(),
         fallbacks: request.fallbacks.iter().map(|p| GenerationParams::try_from(*p)).collect::<Result<_, _>>()?,
+        tuning: request.tuning_state(),
     })
 }

@@ -1,48 +1,62 @@
 //! The generator-node: stands beside a simulation, takes its time steps in and gives Volumetric Depth Images out.
 //!
-//! Ingest -> cycle -> publish, and control takes parameters in. Nothing leaves it but VDIs, reduced
+//! Ingest -> pipeline -> publish, and control takes parameters in. Nothing leaves it but VDIs, reduced
 //! volumes and sampled reference colours.
 
-mod attempts;
 pub mod config;
 mod control;
-mod cycle;
 pub mod ingest;
-mod prepared;
+mod node_state;
+mod overhead;
+mod pipeline;
 mod publish;
+mod rate_control;
 mod schedule;
+mod step;
+mod subscribers;
 mod trials;
-mod viewers;
 
 pub use config::Config;
 
 use lamina_cast::Backend;
+use lamina_compute::CpuShare;
 use lamina_wire::node::{NodeError, Shutdown, serve};
 use lamina_wire::{MAX_MESSAGE_BYTES, v1};
 use std::{sync::Arc, time::Duration};
 use tokio::net::TcpListener;
 
-/// Runs the node on `listener` until `shutdown` completes, its rays cast by `backend`.
+/// Runs the node on `listener` until `shutdown` completes, its rays cast by `backend` within `share` of the processor.
 ///
 /// # Errors
 /// If the transport fails.
-pub async fn run(config: Config, backend: Backend, listener: TcpListener, shutdown: Shutdown) -> Result<(), NodeError> {
+pub async fn run(
+    config: Config,
+    backend: Backend,
+    share: CpuShare,
+    listener: TcpListener,
+    shutdown: Shutdown,
+) -> Result<(), NodeError> {
+    let overhead = overhead::Overhead::new(share.clone());
     let ingest = Arc::new(ingest::Ingest::new(
         config.memory_bytes,
         config.waiting_steps as usize,
         Duration::from_secs_f64(config.idle_secs),
         config.scene.clone(),
+        overhead.clone(),
     ));
     let publisher = Arc::new(publish::Publisher::new(config.history_bytes));
-    let shared = Arc::new(cycle::Shared::new(
-        config.params,
-        config.encode_options(),
+    let node = Arc::new(node_state::NodeState::new(node_state::Parts {
+        params: config.params,
+        options: config.encode_options(),
         backend,
-        config.segmentation,
-        config.samples.clone(),
-        publisher.clone(),
-    ));
-    let cycle = tokio::spawn(cycle::run(ingest.clone(), shared.clone(), config.reference_every));
+        segmentation: config.segmentation,
+        plan: config.samples.clone(),
+        share,
+        overhead,
+        publisher: publisher.clone(),
+    }));
+    let pipeline =
+        tokio::spawn(pipeline::run(ingest.clone(), node.clone(), config.reference_every, config.live_batches));
 
     type Ingest = v1::ingest_server::IngestServer<ingest::IngestService>;
     type Frames = v1::frames_server::FramesServer<publish::FramesService>;
@@ -58,9 +72,9 @@ pub async fn run(config: Config, backend: Backend, listener: TcpListener, shutdo
         .add_service(health_service)
         .add_service(Ingest::new(ingest::IngestService(ingest)).max_decoding_message_size(MAX_MESSAGE_BYTES))
         .add_service(Frames::new(publish::FramesService(publisher)))
-        .add_service(Control::new(control::ControlService(shared)));
+        .add_service(Control::new(control::ControlService(node)));
     tracing::info!(address = %listener.local_addr().map_or_else(|_| config.listen.to_string(), |a| a.to_string()), "generator-node listens");
     let served = serve(router, listener, shutdown).await;
-    cycle.abort();
+    pipeline.abort();
     served
 }

@@ -2,6 +2,7 @@
 
 use clap::Parser;
 use lamina_cast::Backend;
+use lamina_compute::CpuShare;
 use lamina_device::Choice;
 use lamina_generator_node::{Config, run};
 use lamina_wire::node::{exit_code, listen, load_config, log_to_stderr, stop_signal};
@@ -34,5 +35,6 @@ async fn start() -> anyhow::Result<()> {
     let config = Config { listen: arguments.listen.unwrap_or(config.listen), ..config }.check()?;
     let backend = Backend::open(arguments.backend.unwrap_or(config.backend))?;
     let listener = listen(config.listen).await?;
-    Ok(run(config, backend, listener, Box::pin(stop_signal())).await?)
+    let share = CpuShare::new(config.cpu_share)?;
+    Ok(run(config, backend, share, listener, Box::pin(stop_signal())).await?)
 }

@@ -2,7 +2,7 @@
 //!
 //! Nothing here waits for a subscriber: one that falls behind what is held skips to the oldest held.
 
-use crate::viewers::{Viewers, reachable, trim};
+use crate::subscribers::{Subscribers, reachable, trim};
 use futures::{Stream, StreamExt, stream};
 use lamina_wire::chunks::deliver;
 use lamina_wire::invalid;
@@ -16,13 +16,13 @@ use tonic::{Request, Response, Status};
 
 /// Something to deliver: an announcement and its payload, of one run.
 #[derive(Clone)]
-pub struct Item {
+pub struct Delivery {
     run: Arc<v1::Run>,
     announcement: Part,
     payload: Bytes,
 }
 
-impl Item {
+impl Delivery {
     /// Reference samples or a frame of `run`.
     pub fn new(run: &Arc<v1::Run>, announcement: Part, payload: impl Into<Bytes>) -> Self {
         Self { run: run.clone(), announcement, payload: payload.into() }
@@ -33,7 +33,7 @@ impl Item {
         self.payload.len() as u64
     }
 
-    /// True for a VDI, false for what it is compared with.
+    /// True for a frame, false for what it is compared with.
     pub fn is_frame(&self) -> bool {
         matches!(self.announcement, Part::Frame(_))
     }
@@ -50,134 +50,142 @@ impl Item {
 }
 
 #[derive(Default)]
-struct Held {
+struct History {
     next: u64,
-    live: VecDeque<(u64, Item)>,
-    viewers: Viewers,
+    live: VecDeque<(u64, Delivery)>,
+    subscribers: Subscribers,
 }
 
-impl Held {
+impl History {
     /// Where run `run_id` begins, for one that has recorded part of it; the oldest held for all others.
     fn first_of(&self, run_id: &str) -> u64 {
-        self.live.iter().find(|(_, item)| item.run.run_id == run_id).map_or(0, |(seq, _)| *seq)
+        self.live.iter().find(|(_, delivery)| delivery.run.run_id == run_id).map_or(0, |(number, _)| *number)
     }
 
-    /// What comes next for `viewer` from `cursor` on: a live item, or a trial (true) taken out of what waits for it.
-    fn take_from(&mut self, cursor: u64, viewer: Option<&str>) -> Option<(u64, Item, bool)> {
-        let live = self.live.get(self.live.partition_point(|(seq, _)| *seq < cursor));
-        let before = |seq: u64| live.is_none_or(|(live, _)| seq < *live);
-        let waiting = viewer.and_then(|v| self.viewers.waiting(v));
-        match waiting.and_then(|w| w.pop_front_if(|(seq, _)| before(*seq))) {
-            Some((seq, item)) => Some((seq, item, true)),
-            None => live.cloned().map(|(seq, item)| (seq, item, false)),
-        }
-    }
-
-    fn number(&mut self) -> u64 {
-        self.next += 1;
-        self.next - 1
+    /// The first delivery from number `cursor` on.
+    fn from(&self, cursor: u64) -> Option<(u64, Delivery)> {
+        self.live.get(self.live.partition_point(|(number, _)| *number < cursor)).cloned()
     }
 }
 
 /// The history and its subscribers.
 pub struct Publisher {
     history_bytes: u64,
-    held: Mutex<Held>,
+    history: Mutex<History>,
     newest: watch::Sender<u64>,
+    /// Counts trials sent.
+    trials: watch::Sender<u64>,
 }
 
 /// A viewer's place among those present; it leaves when this is dropped.
-struct Seat {
+struct SubscriptionGuard {
     publisher: Arc<Publisher>,
     viewer: String,
 }
 
-impl Drop for Seat {
+impl Drop for SubscriptionGuard {
     fn drop(&mut self) {
         tracing::info!(viewer = self.viewer, "viz-node left");
-        self.publisher.held().viewers.leave(&self.viewer);
+        self.publisher.history().subscribers.leave(&self.viewer);
     }
 }
 
 impl Publisher {
     /// Holds up to `history_bytes` of live frames.
     pub fn new(history_bytes: u64) -> Self {
-        Self { history_bytes, held: Mutex::default(), newest: watch::Sender::new(0) }
+        let (newest, trials) = (watch::Sender::new(0), watch::Sender::new(0));
+        Self { history_bytes, history: Mutex::default(), newest, trials }
     }
 
-    fn held(&self) -> MutexGuard<'_, Held> {
-        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    fn history(&self) -> MutexGuard<'_, History> {
+        self.history.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The subscribers that measure trials, now and at every change.
     pub fn viewers(&self) -> watch::Receiver<v1::ViewerList> {
-        self.held().viewers.list()
+        self.history().subscribers.list()
     }
 
-    /// Adds a step's items to the history.
-    pub fn publish(&self, items: Vec<Item>) {
-        let mut held = self.held();
-        for item in items {
-            let seq = held.number();
-            held.live.push_back((seq, item));
+    /// Adds a step's deliveries to the history.
+    pub fn publish(&self, deliveries: Vec<Delivery>) {
+        let mut history = self.history();
+        for delivery in deliveries {
+            let number = history.next;
+            history.next += 1;
+            history.live.push_back((number, delivery));
         }
-        let mut bytes: u64 = held.live.iter().map(|(_, i)| i.bytes()).sum();
-        while bytes > self.history_bytes && held.live.len() > 1 {
-            bytes -= held.live.pop_front().map_or(0, |(_, i)| i.bytes());
+        let mut bytes: u64 = history.live.iter().map(|(_, d)| d.bytes()).sum();
+        while bytes > self.history_bytes && history.live.len() > 1 {
+            bytes -= history.live.pop_front().map_or(0, |(_, d)| d.bytes());
         }
-        self.announce(held);
-    }
-
-    /// Sends a trial's items to `viewer`; false if it is not there.
-    pub fn publish_trial(&self, viewer: &str, items: Vec<Item>) -> bool {
-        let mut held = self.held();
-        for item in items {
-            let seq = held.number();
-            let Some(waiting) = held.viewers.waiting(viewer) else { return false };
-            waiting.push_back((seq, item));
-            trim(waiting);
-        }
-        self.announce(held);
-        true
-    }
-
-    fn announce(&self, held: MutexGuard<'_, Held>) {
-        let next = held.next;
-        drop(held);
+        let next = history.next;
+        drop(history);
         self.newest.send_replace(next);
     }
 
-    fn seat(self: &Arc<Self>, address: String) -> Seat {
-        let viewer = self.held().viewers.join(address);
-        Seat { publisher: self.clone(), viewer }
+    /// Sends a trial's deliveries to `viewer`; false if it is not there.
+    pub fn publish_trial(&self, viewer: &str, deliveries: Vec<Delivery>) -> bool {
+        {
+            let mut history = self.history();
+            let Some(waiting) = history.subscribers.waiting(viewer) else { return false };
+            waiting.extend(deliveries);
+            trim(waiting);
+        }
+        self.trials.send_modify(|sent| *sent += 1);
+        true
     }
 
-    /// All items from `request` on, then live ones for ever, and the trials for `seat`.
-    fn follow(self: Arc<Self>, request: v1::SubscribeRequest, seat: Option<Seat>) -> impl Stream<Item = Item> + Send {
-        let first = self.held().first_of(&request.run_id);
-        let follower = (self.newest.subscribe(), first, self, seat);
-        let all = stream::unfold(follower, |(mut newest, mut cursor, publisher, seat)| async move {
+    fn join(self: &Arc<Self>, address: String) -> SubscriptionGuard {
+        let viewer = self.history().subscribers.join(address);
+        SubscriptionGuard { publisher: self.clone(), viewer }
+    }
+
+    /// All live deliveries from `request` on, for ever.
+    fn follow(self: Arc<Self>, request: v1::SubscribeRequest) -> impl Stream<Item = Delivery> + Send {
+        let first = self.history().first_of(&request.run_id);
+        let follower = (self.newest.subscribe(), first, self);
+        let all = stream::unfold(follower, |(mut newest, cursor, publisher)| async move {
             loop {
-                let next = {
-                    let mut held = publisher.held();
-                    let found = held.take_from(cursor, seat.as_ref().map(|s| s.viewer.as_str()));
-                    if let Some((seq, item, trial)) = found {
-                        drop(held);
-                        return Some(((item, trial), (newest, seq + 1, publisher, seat)));
-                    }
-                    held.next
-                };
-                // What is numbered below is for others.
-                cursor = next;
-                newest.wait_for(|&newest| newest > next).await.ok()?;
+                let found = publisher.history().from(cursor);
+                if let Some((number, delivery)) = found {
+                    return Some((delivery, (newest, number + 1, publisher)));
+                }
+                newest.wait_for(|&newest| newest > cursor).await.ok()?;
             }
         });
-        all.filter_map(move |(item, trial)| {
-            // A trial is about a step that may long be recorded.
-            let recorded = !trial && request.after_step.is_some_and(|step| item.is_recorded(&request.run_id, step));
-            std::future::ready((!recorded).then_some(item))
+        all.filter_map(move |delivery| {
+            let recorded = request.after_step.is_some_and(|step| delivery.is_recorded(&request.run_id, step));
+            std::future::ready((!recorded).then_some(delivery))
         })
     }
+
+    /// The trials for the holder of `guard`, for ever.
+    fn follow_trials(self: Arc<Self>, guard: SubscriptionGuard) -> impl Stream<Item = Delivery> + Send {
+        stream::unfold((self.trials.subscribe(), self, guard), |(mut trials, publisher, guard)| async move {
+            loop {
+                trials.mark_unchanged();
+                let next = publisher.history().subscribers.waiting(&guard.viewer)?.pop_front();
+                if let Some(delivery) = next {
+                    return Some((delivery, (trials, publisher, guard)));
+                }
+                trials.changed().await.ok()?;
+            }
+        })
+    }
+}
+
+type Deliveries = Pin<Box<dyn Stream<Item = Result<v1::Delivery, Status>> + Send>>;
+
+/// As messages, each run announced before its first delivery.
+fn messages(deliveries: impl Stream<Item = Delivery> + Send + 'static) -> Deliveries {
+    let mut announced: Option<Arc<v1::Run>> = None;
+    let messages = deliveries.flat_map(move |delivery| {
+        let new_run = announced.as_ref().is_none_or(|run| run.run_id != delivery.run.run_id);
+        announced = Some(delivery.run.clone());
+        let run = new_run.then(|| v1::Delivery { part: Some(Part::Run((*delivery.run).clone())) });
+        stream::iter(run.into_iter().chain(deliver(delivery.announcement, &delivery.payload)).map(Ok))
+    });
+    messages.boxed()
 }
 
 /// The gRPC face of [`Publisher`].
@@ -185,31 +193,27 @@ pub struct FramesService(pub Arc<Publisher>);
 
 #[tonic::async_trait]
 impl frames_server::Frames for FramesService {
-    type SubscribeStream = Pin<Box<dyn Stream<Item = Result<v1::Delivery, Status>> + Send>>;
+    type SubscribeStream = Deliveries;
 
     async fn subscribe(
         &self,
         request: Request<v1::SubscribeRequest>,
     ) -> Result<Response<Self::SubscribeStream>, Status> {
+        tracing::info!("viz-node subscribed");
+        Ok(Response::new(messages(self.0.clone().follow(request.into_inner()))))
+    }
+
+    type SubscribeTrialsStream = Deliveries;
+
+    async fn subscribe_trials(
+        &self,
+        request: Request<v1::SubscribeTrialsRequest>,
+    ) -> Result<Response<Self::SubscribeTrialsStream>, Status> {
         let peer = request.remote_addr().map(|a| a.ip());
-        let request = request.into_inner();
-        let seat = match request.quality_address.as_str() {
-            "" => None,
-            address => Some(self.0.seat(reachable(address, peer).map_err(|e| invalid(&e))?)),
-        };
-        tracing::info!(
-            viewer = seat.as_ref().map(|s| s.viewer.as_str()),
-            request.quality_address,
-            "viz-node subscribed"
-        );
-        let mut announced: Option<Arc<v1::Run>> = None;
-        let deliveries = self.0.clone().follow(request, seat).flat_map(move |item| {
-            let new_run = announced.as_ref().is_none_or(|run| run.run_id != item.run.run_id);
-            announced = Some(item.run.clone());
-            let run = new_run.then(|| v1::Delivery { part: Some(Part::Run((*item.run).clone())) });
-            stream::iter(run.into_iter().chain(deliver(item.announcement, &item.payload)).map(Ok))
-        });
-        Ok(Response::new(deliveries.boxed()))
+        let address = reachable(&request.into_inner().quality_address, peer).map_err(|e| invalid(&e))?;
+        let guard = self.0.join(address.clone());
+        tracing::info!(viewer = guard.viewer, address, "viz-node measures trials");
+        Ok(Response::new(messages(self.0.clone().follow_trials(guard))))
     }
 }
 
@@ -217,77 +221,60 @@ impl frames_server::Frames for FramesService {
 mod tests {
     use super::*;
 
-    fn item(run_id: &str, step: u64, bytes: usize, trial_id: u64) -> Item {
+    fn delivery(run_id: &str, step: u64, bytes: usize, trial_id: u64) -> Delivery {
         let run = Arc::new(v1::Run { run_id: run_id.into(), ..Default::default() });
-        Item::new(
-            &run,
-            Part::Frame(v1::Frame { step, trial_id, bytes: bytes as u64, ..Default::default() }),
-            vec![0; bytes],
-        )
+        let frame = v1::Frame { step, trial_id, bytes: bytes as u64, ..Default::default() };
+        Delivery::new(&run, Part::Frame(frame), vec![0; bytes])
     }
 
-    async fn steps(
-        publisher: &Arc<Publisher>,
-        request: v1::SubscribeRequest,
-        seat: Option<Seat>,
-        n: usize,
-    ) -> Vec<(u64, u64)> {
-        let number = |item: Item| match item.announcement {
+    /// Step and trial number of `n` deliveries; reference samples are trial 0.
+    async fn numbers(deliveries: impl Stream<Item = Delivery>, n: usize) -> Vec<(u64, u64)> {
+        let number = |delivery: Delivery| match delivery.announcement {
             Part::Frame(f) => (f.step, f.trial_id),
             Part::Reference(r) => (r.step, 0),
             _ => unreachable!(),
         };
-        publisher.clone().follow(request, seat).take(n).map(number).collect().await
+        deliveries.take(n).map(number).collect().await
     }
 
     #[tokio::test]
     async fn late_subscribers_get_what_is_held_and_returning_ones_what_they_lack() {
         let publisher = Arc::new(Publisher::new(25));
         for step in 0..4 {
-            publisher.publish(vec![item("a", step, 10, 0)]);
+            publisher.publish(vec![delivery("a", step, 10, 0)]);
         }
-        let all = v1::SubscribeRequest::default();
-        assert_eq!(steps(&publisher, all.clone(), None, 2).await, [(2, 0), (3, 0)], "the oldest two went");
-        let request = |run_id: &str, step| v1::SubscribeRequest {
-            run_id: run_id.into(),
-            after_step: Some(step),
-            ..Default::default()
-        };
-        assert_eq!(steps(&publisher, request("a", 2), None, 1).await, [(3, 0)]);
-        assert_eq!(steps(&publisher, request("b", 9), None, 2).await, [(2, 0), (3, 0)]);
+        let steps = |request, n| numbers(publisher.clone().follow(request), n);
+        assert_eq!(steps(v1::SubscribeRequest::default(), 2).await, [(2, 0), (3, 0)], "the oldest two went");
+        let after = |run_id: &str, step| v1::SubscribeRequest { run_id: run_id.into(), after_step: Some(step) };
+        assert_eq!(steps(after("a", 2), 1).await, [(3, 0)]);
+        assert_eq!(steps(after("b", 9), 2).await, [(2, 0), (3, 0)]);
     }
 
     #[tokio::test]
-    async fn a_trial_goes_to_the_viewer_named_and_to_nobody_else() {
+    async fn a_trial_goes_to_the_viewer_named_and_waits_behind_no_frame() {
         let publisher = Arc::new(Publisher::new(25));
-        publisher.publish(vec![item("a", 3, 1, 0)]);
-        let [one, two] = ["http://one:1", "http://two:2"].map(|a| publisher.seat(a.into()));
+        let [one, two] = ["http://one:1", "http://two:2"].map(|a| publisher.join(a.into()));
         let names = [one.viewer.clone(), two.viewer.clone()];
         let addresses = |list: &v1::ViewerList| list.viewers.iter().map(|v| v.address.clone()).collect::<Vec<_>>();
         let mut list = publisher.viewers();
         assert_eq!(addresses(&list.borrow_and_update()), ["http://one:1", "http://two:2"]);
-        let all = v1::SubscribeRequest::default();
-        let live = tokio::spawn({
-            let publisher = publisher.clone();
-            async move { steps(&publisher, all, Some(one), 4).await }
-        });
+        let of_one = tokio::spawn(numbers(publisher.clone().follow_trials(one), 2));
         tokio::task::yield_now().await;
-        assert!(publisher.publish_trial(&names[0], vec![item("a", 3, 1, 8)]));
-        assert!(publisher.publish_trial(&names[1], vec![item("a", 3, 1, 9)]));
+        // Frames that nobody takes.
+        publisher.publish((0..9).map(|step| delivery("a", step, 1, 0)).collect());
+        assert!(publisher.publish_trial(&names[0], vec![delivery("a", 3, 1, 8)]));
+        assert!(publisher.publish_trial(&names[1], vec![delivery("a", 3, 1, 9)]));
         tokio::task::yield_now().await;
-        publisher.publish(vec![item("a", 4, 1, 0)]);
-        assert!(publisher.publish_trial(&names[0], vec![item("a", 3, 1, 10)]));
-        assert_eq!(live.await.unwrap(), [(3, 0), (3, 8), (4, 0), (3, 10)]);
+        assert!(publisher.publish_trial(&names[0], vec![delivery("a", 3, 1, 10)]));
+        assert_eq!(of_one.await.unwrap(), [(3, 8), (3, 10)]);
         // The first one's stream has ended, and with it its place.
         list.changed().await.unwrap();
         assert_eq!(addresses(&list.borrow_and_update()), ["http://two:2"]);
-        assert!(!publisher.publish_trial(&names[0], vec![item("a", 4, 1, 11)]));
-        // One that has recorded the step needs what its trials are compared with all the same.
+        assert!(!publisher.publish_trial(&names[0], vec![delivery("a", 4, 1, 11)]));
         let reference = Part::Reference(v1::Reference { step: 3, ..Default::default() });
-        let reference = Item { announcement: reference, ..item("a", 3, 0, 0) };
-        publisher.publish_trial(&names[1], vec![reference, item("a", 3, 1, 12)]);
-        let recorded = v1::SubscribeRequest { run_id: "a".into(), after_step: Some(4), ..Default::default() };
-        assert_eq!(steps(&publisher, recorded, Some(two), 3).await, [(3, 9), (3, 0), (3, 12)]);
+        let reference = Delivery { announcement: reference, ..delivery("a", 3, 0, 0) };
+        publisher.publish_trial(&names[1], vec![reference, delivery("a", 3, 1, 12)]);
+        assert_eq!(numbers(publisher.clone().follow_trials(two), 3).await, [(3, 9), (3, 0), (3, 12)]);
         assert!(addresses(&list.borrow_and_update()).is_empty());
     }
 }

@@ -6,12 +6,14 @@ use lamina_wire::v1;
 /// Parameters and what to do when a step's VDI exceeds the size limit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Setting {
-    /// Used first.
-    pub params: GenerationParams,
+    /// Used first; `None`: what the node starts with by itself.
+    pub params: Option<GenerationParams>,
     /// What every step has to keep. Only the size is looked at here: time cannot be taken back, and quality is not known.
     pub limits: v1::Limits,
     /// Tried in turn while the VDI is larger.
     pub fallbacks: Vec<GenerationParams>,
+    /// What the parameters come from.
+    pub tuning: v1::TuningState,
 }
 
 /// Settings by the first step they hold for.
@@ -22,8 +24,9 @@ pub struct Schedule {
 
 impl Schedule {
     /// `params` for every step until told otherwise.
-    pub fn new(params: GenerationParams) -> Self {
-        let setting = Setting { params, limits: v1::Limits::default(), fallbacks: Vec::new() };
+    pub fn new(params: Option<GenerationParams>) -> Self {
+        let setting =
+            Setting { params, limits: v1::Limits::default(), fallbacks: Vec::new(), tuning: v1::TuningState::None };
         Self { settings: vec![(0, setting)], next_step: 0 }
     }
 
@@ -63,9 +66,10 @@ mod tests {
 
     fn setting(resolution: u32) -> Setting {
         Setting {
-            params: GenerationParams::new(resolution, 0.1).unwrap(),
+            params: Some(GenerationParams::new(resolution, 0.1).unwrap()),
             limits: v1::Limits::default(),
             fallbacks: vec![],
+            tuning: v1::TuningState::None,
         }
     }
 

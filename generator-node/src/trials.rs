@@ -1,30 +1,30 @@
 //! One stream of trials: candidate after candidate measured on one step, each VDI to the viewer that is to look at it.
 
-use crate::cycle::Shared;
-use crate::prepared::{Prepared, Purpose, encode};
+use crate::node_state::NodeState;
+use crate::step::{Purpose, Step, encode};
+use lamina_compute::{Activity, Laps, Permit, Priority};
 use lamina_model::{GenerationParams, Invalid};
 use lamina_wire::{required, v1};
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use tokio::sync::{SemaphorePermit, mpsc};
-use tokio::task::spawn_blocking;
+use tokio::sync::mpsc;
 use tonic::codegen::Bytes;
 use tonic::{Status, Streaming};
 
-/// Encoded VDIs kept, so that one whose cost was asked for can be sent without being generated again.
+/// Encoded steps kept, so that one whose cost was asked for can be sent without being generated again.
 const ENCODED: usize = 4;
 /// Times kept for the same reason.
 const TIMED: usize = 32;
-/// After so long live steps come first again.
+/// After so long others have their turn.
 const TURN: Duration = Duration::from_millis(50);
 /// The most gammas of one request.
 const MOST_GAMMAS: usize = 1024;
 
 /// What a stream of trials remembers.
 pub struct Trials {
-    shared: Arc<Shared>,
-    held: Arc<Prepared>,
+    node: Arc<NodeState>,
+    held: Arc<Step>,
     /// Viewers that have the step's reference samples.
     informed: HashSet<String>,
     encoded: VecDeque<(GenerationParams, Bytes, v1::Cost)>,
@@ -54,8 +54,8 @@ impl From<Status> for Failure {
 
 impl Trials {
     /// Trials on the step `held`.
-    pub fn new(shared: Arc<Shared>, held: Arc<Prepared>) -> Self {
-        Self { shared, held, informed: HashSet::new(), encoded: VecDeque::new(), timed: Vec::new() }
+    pub fn new(node: Arc<NodeState>, held: Arc<Step>) -> Self {
+        Self { node, held, informed: HashSet::new(), encoded: VecDeque::new(), timed: Vec::new() }
     }
 
     /// Answers request after request; the tuner's hanging up ends it.
@@ -70,7 +70,7 @@ impl Trials {
         let greeting = v1::TrialReply {
             run_id: self.held.run.run_id.clone(),
             step: self.held.step,
-            batches: self.shared.plan.batches,
+            batches: self.node.plan.batches,
             longest_side: self.held.longest_side(),
             ..Default::default()
         };
@@ -82,7 +82,8 @@ impl Trials {
                 return Err(Status::invalid_argument("trial_id: 0 means a live step; choose another number"));
             }
             let mut reply = v1::TrialReply { trial_id: request.trial_id, ..greeting.clone() };
-            match self.answer(&request, &mut reply).await {
+            let at_work = v1::TrialReply { trial_id: request.trial_id, at_work: true, ..Default::default() };
+            match with_heartbeat(self.answer(&request, &mut reply), at_work, answers).await {
                 Ok(()) => {}
                 Err(Failure::Refused(invalid)) => reply.refusal = invalid.to_string(),
                 Err(Failure::Broken(status)) => return Err(status),
@@ -94,35 +95,34 @@ impl Trials {
         Ok(())
     }
 
+    /// Fills in `reply`.
     async fn answer(&mut self, request: &v1::TrialRequest, reply: &mut v1::TrialReply) -> Result<(), Failure> {
         let params: GenerationParams = required(request.params, "params")?.try_into()?;
+        let priority = Priority::of_trial(request.first_study);
         if !request.gammas.is_empty() {
-            reply.costs = self.costs(params, &request.gammas).await?;
+            reply.costs = self.costs(params, &request.gammas, priority).await?;
             return Ok(());
         }
         if request.time_alone {
             let held = self.held.clone();
-            let _permit = permit(&self.shared).await?;
-            let cost = blocking(move || held.time(&params)).await?;
+            let cost = self.run(priority, move |_| held.time(&params)).await?;
             self.timed.truncate(TIMED - 1);
             self.timed.insert(0, (params, cost));
             reply.cost = Some(cost);
             return Ok(());
         }
-        let (bytes, cost) = self.encoded(params).await?;
+        let (bytes, cost) = self.encoded(params, priority).await?;
         reply.cost = Some(cost);
         if !request.viewer.is_empty() {
             let frame = self.held.frame(&params, cost, bytes, Purpose::Trial(request.trial_id));
             let reference = match self.informed.contains(&request.viewer) {
                 true => None,
                 false => {
-                    let (held, plan) = (self.held.clone(), self.shared.plan.clone());
-                    // Cast now if the step came without.
-                    let _permit = permit(&self.shared).await?;
-                    Some(blocking(move || held.reference(&plan)).await?)
+                    let (held, plan) = (self.held.clone(), self.node.plan.clone());
+                    Some(self.run(priority, move |_| held.reference(&plan)).await?)
                 }
             };
-            if self.shared.publisher.publish_trial(&request.viewer, reference.into_iter().chain([frame]).collect()) {
+            if self.node.publisher.publish_trial(&request.viewer, reference.into_iter().chain([frame]).collect()) {
                 self.informed.insert(request.viewer.clone());
                 reply.viewer.clone_from(&request.viewer);
             }
@@ -131,14 +131,13 @@ impl Trials {
     }
 
     /// The VDI and what it cost, generated now unless it was lately.
-    async fn encoded(&mut self, params: GenerationParams) -> Result<(Bytes, v1::Cost), Failure> {
+    async fn encoded(&mut self, params: GenerationParams, priority: Priority) -> Result<(Bytes, v1::Cost), Failure> {
         if let Some((_, bytes, cost)) = self.encoded.iter().find(|(known, ..)| *known == params) {
             return Ok((bytes.clone(), *cost));
         }
-        let (held, options) = (self.held.clone(), self.shared.options);
+        let (held, options) = (self.held.clone(), self.node.options);
         let known = self.timed.iter().find(|(timed, _)| *timed == params).map(|(_, cost)| cost.generation_time());
-        let _permit = permit(&self.shared).await?;
-        let (bytes, cost) = blocking(move || held.try_out(&params, &options, known)).await?;
+        let (bytes, cost) = self.run(priority, move |laps| held.measure_trial(&params, &options, known, laps)).await?;
         let bytes = Bytes::from(bytes);
         self.encoded.truncate(ENCODED - 1);
         self.encoded.push_front((params, bytes.clone(), cost));
@@ -146,7 +145,12 @@ impl Trials {
     }
 
     /// What the VDI for each of `gammas` costs; none of them stays.
-    async fn costs(&self, params: GenerationParams, gammas: &[f64]) -> Result<Vec<v1::Cost>, Failure> {
+    async fn costs(
+        &self,
+        params: GenerationParams,
+        gammas: &[f64],
+        priority: Priority,
+    ) -> Result<Vec<v1::Cost>, Failure> {
         if gammas.len() > MOST_GAMMAS {
             let many = gammas.len();
             return Err(Invalid::new("gammas", format!("{many} in one request; ask for at most {MOST_GAMMAS}")).into());
@@ -154,31 +158,56 @@ impl Trials {
         for &gamma in gammas {
             params.with_gamma(gamma)?;
         }
-        let (held, options, gammas) = (self.held.clone(), self.shared.options, gammas.to_vec());
-        let (all, march_time) = {
-            let _permit = permit(&self.shared).await?;
-            blocking(move || held.represent_all(&params, &gammas)).await?
-        };
+        let (held, options, gammas) = (self.held.clone(), self.node.options, gammas.to_vec());
+        let (all, march_time) = self.run(priority, move |_| held.represent_all(&params, &gammas)).await?;
         let (mut costs, mut all) = (Vec::new(), all.into_iter());
         while all.len() > 0 {
-            // Live steps come in between: encoding dozens takes longer than a simulation should wait. But for each of them
-            // to wait for a live step would take longer than a study should.
-            let _permit = permit(&self.shared).await?;
-            let begun = Instant::now();
-            while begun.elapsed() < TURN {
-                let Some(intermediate) = all.next() else { break };
-                costs.push(blocking(move || encode(&intermediate, march_time, &options)).await?.1);
-            }
+            // What is more urgent comes in between: encoding dozens takes longer than a simulation should wait.
+            let some = move |laps: &mut Laps| {
+                let (mut some, begun) = (Vec::new(), Instant::now());
+                while begun.elapsed() < TURN {
+                    let Some(intermediate) = all.next() else { break };
+                    some.push(encode(&intermediate, march_time, &options)?.1);
+                }
+                laps.lap(Activity::Encode);
+                Ok((some, all))
+            };
+            let (some, rest) = self.run(priority, some).await?;
+            costs.extend(some);
+            all = rest;
         }
         Ok(costs)
     }
+
+    /// Runs `work` when it is its turn, unless the tuner hangs up before.
+    async fn run<T: Send + 'static>(
+        &self,
+        priority: Priority,
+        work: impl FnOnce(&mut Laps) -> Result<T, Invalid> + Send + 'static,
+    ) -> Result<T, Failure> {
+        let permit: Permit = self.node.share.acquire(priority).await;
+        let done = permit.run(Activity::Generate, work).await.map_err(|e| Status::internal(e.to_string()))?;
+        Ok(done?)
+    }
 }
 
-async fn permit(shared: &Shared) -> Result<SemaphorePermit<'_>, Status> {
-    shared.kernel.acquire().await.map_err(|_| Status::unavailable("stopping"))
-}
+/// How often a question that is not answered yet hears so.
+const HEARTBEAT: Duration = Duration::from_secs(1);
 
-async fn blocking<T: Send + 'static>(work: impl FnOnce() -> Result<T, Invalid> + Send + 'static) -> Result<T, Failure> {
-    let done = spawn_blocking(work).await.map_err(|e| Status::internal(e.to_string()))?;
-    Ok(done?)
+/// What `work` comes to; meanwhile `at_work` is sent. Ends early when nobody listens any more.
+async fn with_heartbeat<T>(
+    work: impl Future<Output = Result<T, Failure>>,
+    at_work: v1::TrialReply,
+    answers: &mpsc::Sender<Result<v1::TrialReply, Status>>,
+) -> Result<T, Failure> {
+    tokio::pin!(work);
+    let mut heartbeat = tokio::time::interval(HEARTBEAT);
+    heartbeat.tick().await;
+    loop {
+        tokio::select! {
+            done = &mut work => return done,
+            () = answers.closed() => return Err(Failure::Broken(Status::cancelled("the tuner hung up"))),
+            _ = heartbeat.tick() => drop(answers.try_send(Ok(at_work.clone()))),
+        }
+    }
 }

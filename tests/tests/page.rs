@@ -156,7 +156,7 @@ fn a_volume_is_drawn_in_the_colours_chosen_on_the_page() {
 
 #[test]
 fn the_page_shows_the_newest_step_and_the_mouse_turns_it() {
-    let (lamina, browser, _profile) = watched(&["--cells", "48"]);
+    let (lamina, browser, _profile) = watched(&["--cells", "48", "--representation", "vdi"]);
     browser.wait_js("document.querySelector('#picture').dataset.step !== undefined");
     browser.wait_js("document.querySelector('#psnr').textContent.includes('dB')");
     assert!(browser.js(LIT).as_f64().unwrap() > 0.02, "the blast is seen");
@@ -186,7 +186,7 @@ fn the_page_shows_the_newest_step_and_the_mouse_turns_it() {
     assert_eq!(browser.js("document.querySelector('#picture').dataset.step"), chosen);
     assert!(chosen.as_str().unwrap().parse::<u64>().unwrap() < before, "{chosen} is not the newest");
 
-    // The first step is a VDI: its colours are its data.
+    // Steps are VDIs: their colours are their data.
     browser.js("document.querySelector('#colours summary').click()");
     browser.js("document.querySelector('#timeline').focus()");
     browser.key("Home");

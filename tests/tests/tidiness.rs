@@ -22,6 +22,7 @@ fn crates_point_only_where_the_layout_says() {
     let allowed: BTreeMap<&str, &[&str]> = BTreeMap::from([
         ("proto/model", &[][..]),
         ("proto/device", &[]),
+        ("proto/compute", &[]),
         ("proto/lanes", &[]),
         ("proto/coding", &[]),
         ("proto/cast", &["model", "lanes", "device"]),
@@ -30,8 +31,8 @@ fn crates_point_only_where_the_layout_says() {
         ("proto/wire", &["model", "coding"]),
         ("proto/client", &["model", "wire"]),
         ("proto/client/c", &["model", "client"]),
-        ("generator-node", &["model", "cast", "wire", "device"]),
-        ("viz-node", &["model", "lanes", "cast", "wire", "device"]),
+        ("generator-node", &["model", "cast", "compute", "wire", "device"]),
+        ("viz-node", &["model", "lanes", "cast", "compute", "wire", "device"]),
         ("tuner", &["model", "wire"]),
     ]);
     for (folder, allowed) in allowed {

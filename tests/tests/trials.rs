@@ -59,7 +59,7 @@ impl Cluster {
     async fn remote(&self, viewers: usize) -> Result<Remote, TrialError> {
         let control = self.control().await;
         self.viewers(&control, viewers).await;
-        Remote::open(&control, &self.generator.url()).await
+        Remote::open(&control, &self.generator.url(), false).await
     }
 
     async fn viewers(&self, control: &ControlClient<Channel>, n: usize) -> Vec<v1::Viewer> {
@@ -225,14 +225,39 @@ fn a_viewer_that_hangs_in_a_study_is_named_and_its_trials_are_measured_by_the_ot
     });
 }
 
-/// A viz-node that misbehaves: it subscribes like one, and measures nothing but NaN.
-struct Liar;
+/// How a viz-node misbehaves that subscribes like one.
+#[derive(Clone, Copy)]
+enum Lie {
+    /// It measures nothing but NaN.
+    Nan,
+    /// It answers for another trial.
+    Other,
+    /// It ends its answer without a measurement.
+    Nothing,
+    /// It measures other batches than it was asked for.
+    Batches,
+}
+
+struct Liar(Lie);
 
 #[tonic::async_trait]
 impl quality_server::Quality for Liar {
-    async fn measure(&self, request: Request<v1::QualityRequest>) -> Result<Response<v1::QualityReply>, Status> {
-        let batch_mse = vec![f64::NAN; request.into_inner().batches as usize];
-        Ok(Response::new(v1::QualityReply { views: vec![v1::View { angle_deg: 10.0, batch_mse }] }))
+    type MeasureStream = stream::Iter<std::vec::IntoIter<Result<v1::QualityReply, Status>>>;
+
+    async fn measure(&self, request: Request<v1::QualityRequest>) -> Result<Response<Self::MeasureStream>, Status> {
+        let v1::QualityRequest { trial_id, batches, .. } = request.into_inner();
+        let reply = |trial_id, mse, batches| {
+            let batch_mse = vec![mse; batches as usize];
+            Ok(v1::QualityReply { trial_id, views: vec![v1::View { angle_deg: 10.0, batch_mse }] })
+        };
+        let at_work = Ok(v1::QualityReply { trial_id, views: Vec::new() });
+        let replies = match self.0 {
+            Lie::Nan => vec![at_work, reply(trial_id, f64::NAN, batches)],
+            Lie::Other => vec![at_work, reply(trial_id + 1, 1e-3, batches)],
+            Lie::Nothing => vec![at_work],
+            Lie::Batches => vec![reply(trial_id, 1e-3, batches + 1)],
+        };
+        Ok(Response::new(stream::iter(replies)))
     }
 
     type StepsStream = stream::Pending<Result<v1::StepQuality, Status>>;
@@ -243,19 +268,19 @@ impl quality_server::Quality for Liar {
 }
 
 /// Starts one; it stays subscribed as long as the stream is held.
-async fn liar(cluster: &Cluster) -> (String, impl Stream) {
+async fn liar(cluster: &Cluster, lie: Lie) -> (String, impl Stream + use<>) {
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = format!("http://{}", listener.local_addr().unwrap());
-    let service = quality_server::QualityServer::new(Liar);
+    let service = quality_server::QualityServer::new(Liar(lie));
     let incoming = tonic::transport::server::TcpIncoming::from(listener);
     tokio::spawn(tonic::transport::Server::builder().add_service(service).serve_with_incoming(incoming));
     (address.clone(), subscribe(cluster, &address).await.unwrap())
 }
 
 async fn subscribe(cluster: &Cluster, quality_address: &str) -> Result<tonic::Streaming<v1::Delivery>, Status> {
-    let request = v1::SubscribeRequest { quality_address: quality_address.to_owned(), ..Default::default() };
+    let request = v1::SubscribeTrialsRequest { quality_address: quality_address.to_owned() };
     let channel = connect(&cluster.generator.url()).await.unwrap();
-    Ok(FramesClient::new(channel).subscribe(request).await?.into_inner())
+    Ok(FramesClient::new(channel).subscribe_trials(request).await?.into_inner())
 }
 
 #[test]
@@ -264,7 +289,7 @@ fn a_viewer_that_measures_nan_is_left_out_and_alone_it_is_a_clear_error() {
     let cluster = Cluster::start();
     let candidates = candidates(6);
     run(async {
-        let (address, _subscription) = liar(&cluster).await;
+        let (address, _subscription) = liar(&cluster, Lie::Nan).await;
         let mut remote = cluster.remote(1).await.unwrap();
         let error = remote.measure(&candidates, BATCHES).await.unwrap_err().to_string();
         assert!([address.as_str(), "NaN", "start a viz-node"].iter().all(|w| error.contains(w)), "{error}");
@@ -283,6 +308,22 @@ fn a_viewer_that_measures_nan_is_left_out_and_alone_it_is_a_clear_error() {
 }
 
 #[test]
+fn a_viewer_that_answers_something_else_is_left_out_by_name_and_the_study_goes_on() {
+    for (lie, word) in [(Lie::Other, "instead of"), (Lie::Nothing, "without a measurement"), (Lie::Batches, "batches")]
+    {
+        let (log, cluster) = (Log::start(), Cluster::start());
+        run(async {
+            let (address, _subscription) = liar(&cluster, lie).await;
+            let _honest = cluster.viz();
+            let rows = cluster.remote(2).await.unwrap().measure(&candidates(6), BATCHES).await.unwrap();
+            assert!(rows.iter().all(|r| r.as_ref().unwrap().quality.batches() == 16));
+            let warnings = log.warnings(&address);
+            assert!(warnings.len() == 1 && warnings[0].contains(word), "{warnings:?}");
+        });
+    }
+}
+
+#[test]
 fn a_trial_is_answered_as_it_was_asked() {
     let cluster = Cluster::start();
     let viz = cluster.viz();
@@ -296,7 +337,7 @@ fn a_trial_is_answered_as_it_was_asked() {
             params: params(0.02),
             viewer: viewer.into(),
             gammas,
-            time_alone: false,
+            ..Default::default()
         };
         let viewer = viewers[0].viewer.as_str();
         let requests = vec![
@@ -329,8 +370,14 @@ fn a_trial_is_answered_as_it_was_asked() {
         let channel = connect(&viz.url()).await.unwrap();
         let mut quality = v1::quality_client::QualityClient::new(channel);
         let mut measure = async |trial_id, first_batch, batches| {
-            let reply = quality.measure(v1::QualityRequest { trial_id, first_batch, batches }).await;
-            reply.map(|r| r.into_inner().views.iter().map(|v| v.batch_mse.len()).collect::<Vec<_>>())
+            let request = v1::QualityRequest { trial_id, first_batch, batches, study: None };
+            let mut replies = quality.measure(request).await?.into_inner();
+            loop {
+                let reply = replies.message().await?.unwrap();
+                if !reply.views.is_empty() {
+                    return Ok::<_, Status>(reply.views.iter().map(|v| v.batch_mse.len()).collect::<Vec<_>>());
+                }
+            }
         };
         assert_eq!(measure(2, 3, 2).await.unwrap(), [2, 2]);
         assert_eq!(measure(2, 3, 0).await.unwrap(), [13, 13]);
@@ -346,7 +393,8 @@ fn without_viewers_or_with_an_address_that_is_none_the_remedy_is_named() {
     let cluster = Cluster::start();
     run(async {
         // One that shows, but measures nothing.
-        let _silent = subscribe(&cluster, "").await.unwrap();
+        let channel = connect(&cluster.generator.url()).await.unwrap();
+        let _silent = FramesClient::new(channel).subscribe(v1::SubscribeRequest::default()).await.unwrap();
         let error = cluster.remote(0).await.err().unwrap().to_string();
         assert!(
             [&cluster.generator.url(), "viz-node", "quality_address"].iter().all(|w| error.contains(*w)),

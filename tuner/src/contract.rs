@@ -26,6 +26,8 @@ pub struct Contract {
     pub psnr_db: Option<f64>,
     /// Views up to so many degrees to either side count; without it, those of the generator-node's sample plan.
     pub cone_deg: Option<f64>,
+    /// By which share of its time, above 0 and at most 1, a step of the simulation may take longer beside the nodes than alone.
+    pub overhead: Option<f64>,
     /// What is best among what keeps the limits; `None`: quality, or size where quality alone is limited.
     pub utility: Option<Utility>,
 }
@@ -39,7 +41,7 @@ const TIME_AIMED_AT: f64 = 0.9;
 /// Further than any quality short of its limit.
 const FAR: f64 = 100.0;
 
-const HELP: &str = "write limits such as `size <= 300kB, time <= 40ms, psnr >= 35dB, cone <= 30deg` (or `time+encoding <= 60ms` for `time`), and \
+const HELP: &str = "write limits such as `size <= 300kB, time <= 40ms, psnr >= 35dB, cone <= 30deg, overhead <= 5%` (or `time+encoding <= 60ms` for `time`), and \
      `maximise psnr`, `minimise size`, `minimise time` or `maximise q - 0.01 * sigma`";
 
 fn bad(part: &str, why: impl fmt::Display) -> Invalid {
@@ -65,7 +67,15 @@ impl Contract {
     }
 
     fn free() -> Self {
-        Self { size_bytes: None, time_ms: None, with_encoding: false, psnr_db: None, cone_deg: None, utility: None }
+        Self {
+            size_bytes: None,
+            time_ms: None,
+            with_encoding: false,
+            psnr_db: None,
+            cone_deg: None,
+            overhead: None,
+            utility: None,
+        }
     }
 
     /// The utility in force.
@@ -195,7 +205,11 @@ impl Contract {
                 once(self.cone_deg.is_none())?;
                 self.cone_deg = Some(number(part, value, "deg", 0.1..=180.0)?);
             }
-            ("size" | "time" | "time+encoding" | "cone", false) => {
+            ("overhead", true) => {
+                once(self.overhead.is_none())?;
+                self.overhead = Some(number(part, value, "%", f64::MIN_POSITIVE..=100.0)? / 100.0);
+            }
+            ("size" | "time" | "time+encoding" | "cone" | "overhead", false) => {
                 return Err(bad(part, "this is limited from above, <="));
             }
             ("psnr", true) => return Err(bad(part, "quality is limited from below, >=")),
@@ -239,6 +253,7 @@ impl fmt::Display for Contract {
             self.time_ms.map(|t| format!("{time} <= {t}ms")),
             self.psnr_db.map(|q| format!("psnr >= {q}dB")),
             self.cone_deg.map(|d| format!("cone <= {d}deg")),
+            self.overhead.map(|share| format!("overhead <= {}%", (share * 1e8).round() / 1e6)),
             self.utility.as_ref().map(ToString::to_string),
         ];
         let parts: Vec<String> = parts.into_iter().flatten().collect();
@@ -320,6 +335,8 @@ mod tests {
             "size <= 300000B",
             "time+encoding <= 40.5ms, psnr >= 35dB, minimise size",
             "cone <= 30deg",
+            "size <= 300000B, overhead <= 5%",
+            "overhead <= 0.25%",
             "maximise psnr",
         ] {
             assert_eq!(contract(text).to_string(), text);
@@ -336,6 +353,11 @@ mod tests {
             "time <= -1ms",
             "psnr >= nan",
             "cone <= 0",
+            "overhead <= 0%",
+            "overhead <= 101%",
+            "overhead <= -5",
+            "overhead >= 5%",
+            "overhead <= 5%, overhead <= 6%",
             "maximise",
             "maximise fun",
             "minimise size, minimise time",

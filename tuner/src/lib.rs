@@ -2,14 +2,14 @@
 //!
 //! Algorithm 1 and a search over `trait Trial`, so that they run without sockets too. The tuner sees numbers, never voxels or pixels.
 
-mod ahead;
 pub mod characteristic;
 pub mod config;
 pub mod contract;
-mod daemon;
+mod control_loop;
 pub mod interval;
 mod live;
 pub mod pareto;
+mod provisional;
 pub mod push;
 pub mod remote;
 mod run;
@@ -43,7 +43,7 @@ pub async fn run(config: Config, listener: TcpListener, shutdown: Shutdown) -> R
         .add_service(health_service)
         .add_service(TuningServer::new(status::StatusService(status.clone())));
     tracing::info!(address = %listener.local_addr().map_or_else(|_| config.listen.to_string(), |a| a.to_string()), "tuner listens");
-    let tuning = tokio::spawn(daemon::run(config, base, status));
+    let tuning = tokio::spawn(control_loop::run(config, base, status));
     // At once: a study would take the other nodes' going for a fault.
     let stopping = async move {
         shutdown.await;

@@ -44,11 +44,12 @@ impl LiveQuality {
     }
 
     /// The quality of the step reported, waited for as long as somebody may tell; if there is none to come, or it does not in
-    /// time, that of the newest step that has one.
+    /// time, that of the newest step that has one. None where that was not measured for want of processor time.
     pub async fn of(&mut self, report: &v1::StepReport) -> Option<v1::StepQuality> {
-        let of_run = |told: &Told| told.newest.clone().filter(|q| q.run_id == report.run_id);
+        let told_of_run = |told: &Told| told.newest.clone().filter(|q| q.run_id == report.run_id);
+        let of_run = |told: &Told| told_of_run(told).filter(|q| !q.skipped);
         let none_to_come = |told: &Told| told.streams == 0 || !report.has_reference;
-        let come = |told: &Told| none_to_come(told) || of_run(told).is_some_and(|q| q.step >= report.step);
+        let come = |told: &Told| none_to_come(told) || told_of_run(told).is_some_and(|q| q.step >= report.step);
         if let Ok(Ok(told)) = tokio::time::timeout(PATIENCE, self.told.wait_for(|told| come(told))).await {
             return of_run(&told);
         }
@@ -93,7 +94,7 @@ async fn until_lost(address: &str, told: &watch::Sender<Told>) -> Result<Infalli
     let _open = Open::new(told);
     while let Some(quality) = steps.message().await.map_err(|s| failed(words(&s)))? {
         // NaN would keep every limit.
-        if quality.psnr_db.is_nan() {
+        if quality.psnr_db.is_nan() || quality.half_width_db.is_nan() {
             return Err(failed(format!("measured NaN of step {}", quality.step)));
         }
         // Another viz-node may be further.

@@ -3,24 +3,29 @@
 use crate::Contract;
 use crate::trial::TrialError;
 use crate::tune::Study;
+use lamina_model::Representation;
 use lamina_wire::v1::{self, control_client::ControlClient};
 use tonic::transport::Channel;
 
-/// The parameters of row `chosen` as a setting: with the contract's limits, and, under a size limit, what to fall back to on
-/// steps for which they are too large.
-pub fn setting(study: &Study, chosen: usize, contract: &Contract) -> v1::SetParametersRequest {
-    let ladder = if contract.size_bytes.is_some() { study.ladder(chosen) } else { Vec::new() };
+/// The parameters of row `chosen` as a setting: with the contract's limits, and, under a limit on size or overhead, what to fall
+/// back to on steps for which they are too large.
+pub fn setting(study: &Study, chosen: usize, contract: &Contract, state: v1::TuningState) -> v1::SetParametersRequest {
+    let cheaper = contract.size_bytes.is_some() || contract.overhead.is_some();
+    let ladder = if cheaper { study.ladder(chosen) } else { Vec::new() };
     v1::SetParametersRequest {
         params: Some((&study.rows[chosen].params).into()),
         from_step: 0,
         limits: Some(limits(contract)),
         fallbacks: ladder.iter().map(Into::into).collect(),
+        tuning_state: state.into(),
     }
 }
 
-/// The contract's limits alone, for steps before the first study.
-pub fn limits_alone(contract: &Contract) -> v1::SetParametersRequest {
-    v1::SetParametersRequest { limits: Some(limits(contract)), ..Default::default() }
+/// The contract's limits alone, for steps before the first study, which may become one of `representations`.
+pub fn limits_alone(contract: &Contract, representations: &[Representation]) -> v1::SetParametersRequest {
+    let only_vdis = !representations.contains(&Representation::Volume);
+    let limits = v1::Limits { only_vdis, ..limits(contract) };
+    v1::SetParametersRequest { limits: Some(limits), ..Default::default() }
 }
 
 fn limits(contract: &Contract) -> v1::Limits {
@@ -29,6 +34,8 @@ fn limits(contract: &Contract) -> v1::Limits {
         time_ns: contract.time_ms.map(|ms| (ms * 1e6) as u64),
         with_encoding: contract.with_encoding,
         psnr_db: contract.psnr_db,
+        overhead: contract.overhead,
+        only_vdis: false,
     }
 }
 

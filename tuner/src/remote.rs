@@ -13,6 +13,7 @@ use lamina_wire::node::innermost;
 use lamina_wire::v1::{self, control_client::ControlClient};
 use round::{Generating, Round};
 use std::collections::HashMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tonic::Status;
 use tonic::transport::Channel;
@@ -25,6 +26,37 @@ pub struct Remote {
     known: HashMap<ParamsKey, Known>,
     /// What the generator-node is at; its answer is waited for by whoever comes next.
     generating: Option<Generating>,
+    progress: Progress,
+}
+
+/// How far a study is, as viz-nodes are told with every question. Clones share it.
+#[derive(Debug, Clone, Default)]
+pub struct Progress(Arc<Mutex<v1::StudyProgress>>);
+
+impl Progress {
+    /// Of a run's first study, or of a later one.
+    pub fn new(first: bool) -> Self {
+        Self(Arc::new(Mutex::new(v1::StudyProgress { first, ..Default::default() })))
+    }
+
+    fn state(&self) -> MutexGuard<'_, v1::StudyProgress> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn get(&self) -> v1::StudyProgress {
+        *self.state()
+    }
+
+    fn begin_trial(&self) {
+        self.state().trials += 1;
+    }
+
+    /// Another trial is the best so far.
+    pub fn best(&self, measured: &Measured) {
+        let mut state = self.state();
+        state.best_psnr_db = Some(measured.quality.psnr_db());
+        state.best_size_bytes = measured.cost.size_bytes;
+    }
 }
 
 /// What is known of one set of parameters.
@@ -78,14 +110,20 @@ pub async fn connect(address: &str) -> Result<Channel, TrialError> {
 }
 
 impl Remote {
-    /// Opens a stream of trials on the newest step of the generator-node, whose address `generator` is for messages.
+    /// Opens a stream of trials on the newest step of the generator-node, whose address `generator` is for messages; of a run's
+    /// `first` study they go before live steps.
     ///
     /// # Errors
     /// If it does not answer or has no step yet, or no viz-node that measures quality subscribes to it within some seconds.
-    pub async fn open(control: &ControlClient<Channel>, generator: &str) -> Result<Self, TrialError> {
+    pub async fn open(control: &ControlClient<Channel>, generator: &str, first: bool) -> Result<Self, TrialError> {
         let viewers = Viewers::open(control, generator).await?;
         let generator = Generator::open(control, generator).await?;
-        Ok(Self { generator, viewers, known: HashMap::new(), generating: None })
+        Ok(Self { generator, viewers, known: HashMap::new(), generating: None, progress: Progress::new(first) })
+    }
+
+    /// How far the study is.
+    pub fn progress(&self) -> Progress {
+        self.progress.clone()
     }
 }
 
@@ -149,6 +187,7 @@ impl Remote {
     /// The generator-node's answer to one request, once it has given the one before.
     async fn ask(&mut self, request: v1::TrialRequest) -> Result<v1::TrialReply, TrialError> {
         self.settle().await?;
+        let request = v1::TrialRequest { first_study: self.progress.get().first, ..request };
         self.generator.ask(request).await?;
         self.generator.reply().await
     }

@@ -3,6 +3,7 @@
 use crate::Contract;
 use crate::characteristic::{Characteristic, Kept};
 use crate::trial::Cost;
+use crate::tune::Row;
 use lamina_model::GenerationParams;
 use lamina_wire::v1;
 use std::collections::VecDeque;
@@ -23,6 +24,8 @@ pub struct Run {
     pub candidates: Vec<GenerationParams>,
     pub finding: Duration,
     pub pace: Pace,
+    /// Trials of a study that nodes cut short.
+    pub carried: Vec<Row>,
 }
 
 /// How many times as long as trials live steps take: beside them the simulation and the viewers compute, and a step's data are
@@ -65,6 +68,7 @@ impl Run {
             candidates: Vec::new(),
             finding: none,
             pace: Pace::default(),
+            carried: Vec::new(),
         }
     }
 

@@ -32,14 +32,20 @@ impl Status {
         state.steps_seen = step + 1;
     }
 
+    /// A study ended with nothing measured.
+    pub fn lost_study(&self) {
+        self.state().lost_studies += 1;
+    }
+
     /// A study ended, with or without an error.
     pub fn failed(&self, error: Option<&TrialError>) {
         self.state().last_error = error.map(ToString::to_string).unwrap_or_default();
     }
 
-    /// Parameters found earlier are in use again.
-    pub fn chosen(&self, params: v1::GenerationParams) {
-        self.state().chosen = Some(params);
+    /// Parameters whose trial came to `psnr_db` are in use.
+    pub fn chosen(&self, params: Option<v1::GenerationParams>, psnr_db: f64) {
+        let mut state = self.state();
+        (state.chosen, state.chosen_psnr_db) = (params, Some(psnr_db));
     }
 
     /// A trial was measured; its step is filled in when the study ends.
@@ -66,8 +72,9 @@ impl Status {
         state.trials.extend(rows.iter().enumerate().map(record));
         let excess = state.trials.len().saturating_sub(MOST_TRIALS);
         state.trials.drain(..excess);
-        if let Some(chosen) = chosen {
-            state.chosen = Some((&rows[chosen].params).into());
+        if let Some(row) = chosen.map(|n| &rows[n]) {
+            state.chosen = Some((&row.params).into());
+            state.chosen_psnr_db = Some(row.measured.quality.psnr_db());
         }
     }
 }

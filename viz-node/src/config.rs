@@ -1,5 +1,6 @@
 //! The viz-node's configuration file.
 
+use lamina_compute::CpuLimit;
 use lamina_device::Choice;
 use lamina_model::Invalid;
 use lamina_wire::node::host_and_port;
@@ -25,6 +26,8 @@ pub struct Config {
     pub max_frame_bytes: u64,
     /// Largest VDI accepted once decoded, bytes.
     pub max_decoded_bytes: u64,
+    /// Processor time of the node's own: cores (0.5) or percent of the machine's ("25%").
+    pub cpu_share: CpuLimit,
     /// What draws pictures and measures quality: `auto` (a GPU if there is a real one), `cpu` or `gpu`.
     pub backend: Choice,
 }
@@ -39,6 +42,7 @@ impl Default for Config {
             memory_bytes: 256 << 20,
             max_frame_bytes: 256 << 20,
             max_decoded_bytes: 1 << 30,
+            cpu_share: CpuLimit::default(),
             backend: Choice::Auto,
         }
     }

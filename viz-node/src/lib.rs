@@ -1,21 +1,23 @@
 //! The viz-node: takes VDIs in, renders them from any camera, and reports their PSNR against reference samples.
 //!
-//! Subscribe -> measure -> store -> view -> web, and trials measured for the tuner. It sees no voxels but those of
+//! Subscribe -> intake -> store -> painter -> web, and trials measured for the tuner. It sees no voxels but those of
 //! reduced volumes.
 
 pub mod config;
+mod intake;
 pub mod kernel;
-mod measure;
+pub mod painter;
+mod quality_service;
 pub mod store;
 mod subscribe;
 mod trials;
-pub mod view;
 mod web;
 
 pub use config::Config;
 pub use store::Store;
 
 use kernel::Backend;
+use lamina_compute::CpuShare;
 use lamina_wire::codec::DecodeLimits;
 use lamina_wire::node::Shutdown;
 use lamina_wire::v1::quality_server::QualityServer;
@@ -38,28 +40,39 @@ fn limits(config: &Config) -> DecodeLimits {
     DecodeLimits { max_decoded_bytes: config.max_decoded_bytes }
 }
 
-/// Runs the node on `listener` until `shutdown` completes. The page, the metrics and gRPC share the port.
+/// Runs the node on `listener` until `shutdown` completes, within `share` of the processor. The page, the metrics and gRPC share
+/// the port.
 ///
 /// # Errors
 /// If the listener fails, or the configuration asks for a GPU and there is none.
-pub async fn run(config: Config, store: Arc<Store>, listener: TcpListener, shutdown: Shutdown) -> std::io::Result<()> {
+pub async fn run(
+    config: Config,
+    store: Arc<Store>,
+    share: CpuShare,
+    listener: TcpListener,
+    shutdown: Shutdown,
+) -> std::io::Result<()> {
     let choice = config.backend;
     // A driver may take a second to wake.
     let opened = tokio::task::spawn_blocking(move || Backend::open(choice)).await?;
     let backend = opened.map_err(std::io::Error::other)?;
-    let meter = Arc::new(measure::Meter::new(store.clone(), backend.clone(), limits(&config)));
+    let intake = Arc::new(intake::Intake::new(store.clone(), backend.clone(), share, limits(&config)));
     let connected = Arc::new(AtomicBool::new(false));
     let (health, health_service) = tonic_health::server::health_reporter();
-    health.set_serving::<QualityServer<trials::QualityService>>().await;
+    health.set_serving::<QualityServer<quality_service::QualityService>>().await;
     let grpc = tonic::service::Routes::new(health_service)
-        .add_service(QualityServer::new(trials::QualityService(meter.clone())))
+        .add_service(QualityServer::new(quality_service::QualityService(intake.clone())))
         .into_axum_router();
-    let web = web::Web::new(store.clone(), backend, meter.clone(), connected.clone()).router();
+    let web = web::Web::new(store, backend, intake.clone(), connected.clone()).router();
     let address = listener.local_addr()?;
     tracing::info!(%address, "viz-node listens");
     let config =
         Config { quality_address: Some(config.quality_address.unwrap_or(format!("http://{address}"))), ..config };
-    let subscription = tokio::spawn(subscribe::run(config, store, meter, connected));
+    let tasks = [
+        tokio::spawn(subscribe::live(config.clone(), intake.clone(), connected)),
+        tokio::spawn(subscribe::trials(config, intake.clone())),
+        tokio::spawn(intake.follow_newest()),
+    ];
     let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
     let serve = axum::serve(listener, web.merge(grpc).fallback(web::nowhere)).with_graceful_shutdown(async {
         let _ = stopped.await;
@@ -70,7 +83,7 @@ pub async fn run(config: Config, store: Arc<Store>, listener: TcpListener, shutd
         () = shutdown => None,
     };
     drop(stop);
-    subscription.abort();
+    tasks.iter().for_each(tokio::task::JoinHandle::abort);
     let ended = match ended {
         Some(ended) => Ok(ended),
         // Event streams never end by themselves; after the grace they are cut.

@@ -1,6 +1,7 @@
 //! The viz-node as a daemon.
 
 use clap::Parser;
+use lamina_compute::CpuShare;
 use lamina_device::Choice;
 use lamina_viz_node::{Config, open_store, run};
 use lamina_wire::node::{exit_code, listen, load_config, log_to_stderr, stop_signal};
@@ -42,5 +43,6 @@ async fn start() -> anyhow::Result<()> {
     .check()?;
     let listener = listen(config.listen).await?;
     let store = open_store(&config)?;
-    Ok(run(config, store, listener, Box::pin(stop_signal())).await?)
+    let share = CpuShare::new(config.cpu_share)?;
+    Ok(run(config, store, share, listener, Box::pin(stop_signal())).await?)
 }

@@ -1,8 +1,8 @@
-//! The subscription: connects to the generator-node, again and again, and hands deliveries to the meter in order.
+//! Subscriptions: connects to the generator-node, again and again, and hands deliveries to the intake in order; live steps and
+//! trials on connections of their own, so that neither waits behind the other.
 
 use crate::Config;
-use crate::measure::Meter;
-use crate::store::Store;
+use crate::intake::Intake;
 use lamina_wire::MAX_MESSAGE_BYTES;
 use lamina_wire::chunks::Assembler;
 use lamina_wire::node::connect;
@@ -10,43 +10,83 @@ use lamina_wire::v1::{self, delivery::Part, frames_client::FramesClient};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
-use tonic::Status;
+use tonic::transport::Channel;
+use tonic::{Status, Streaming};
 
 /// Pause before a lost generator-node is tried again.
 const RETRY: Duration = Duration::from_millis(500);
 
-/// Subscribes for ever; `connected` says whether it stands.
-pub async fn run(config: Config, store: Arc<Store>, meter: Arc<Meter>, connected: Arc<AtomicBool>) {
+/// Follows live steps for ever; `connected` says whether the subscription stands.
+pub async fn live(config: Config, intake: Arc<Intake>, connected: Arc<AtomicBool>) {
+    let follow = || async {
+        let ended = follow_live(&config, &intake, &connected).await;
+        connected.store(false, Ordering::Relaxed);
+        ended
+    };
+    forever(&config.generator, follow).await;
+}
+
+/// Follows trials for ever, where quality is measured.
+pub async fn trials(config: Config, intake: Arc<Intake>) {
+    if config.quality_address.as_deref().is_none_or(str::is_empty) {
+        return;
+    }
+    let follow = || async {
+        let ended = follow_trials(&config, &intake).await;
+        intake.trials.subscribed(false);
+        ended
+    };
+    forever(&config.generator, follow).await;
+}
+
+/// Tries again whenever it ends.
+async fn forever<F: Future<Output = Result<(), Status>>>(generator: &str, attempt: impl Fn() -> F) {
     let mut reported = String::new();
     loop {
-        let ended = follow(&config, &store, &meter, &connected).await;
-        connected.store(false, Ordering::Relaxed);
-        let text = match &ended {
+        let text = match attempt().await {
             Ok(()) => "the stream of frames ended".to_owned(),
             Err(status) => status.message().to_owned(),
         };
         // The same trouble twice is one line in the log.
         if text != reported {
-            tracing::warn!(generator = config.generator, "{text}; trying again");
+            tracing::warn!(generator, "{text}; trying again");
             reported = text;
         }
         tokio::time::sleep(RETRY).await;
     }
 }
 
-async fn follow(config: &Config, store: &Arc<Store>, meter: &Arc<Meter>, connected: &AtomicBool) -> Result<(), Status> {
+async fn frames(config: &Config) -> Result<FramesClient<Channel>, Status> {
     let unreachable = |reason: String| Status::unavailable(format!("generator-node {reason}"));
     let channel = connect(&config.generator).await.map_err(unreachable)?;
-    let mut frames = FramesClient::new(channel).max_decoding_message_size(MAX_MESSAGE_BYTES);
-    let request = v1::SubscribeRequest {
-        run_id: store.run().map(|r| r.id).unwrap_or_default(),
-        after_step: store.newest_step(),
-        quality_address: config.quality_address.clone().unwrap_or_default(),
-    };
-    let mut deliveries = frames.subscribe(request).await?.into_inner();
+    Ok(FramesClient::new(channel).max_decoding_message_size(MAX_MESSAGE_BYTES))
+}
+
+async fn follow_live(config: &Config, intake: &Arc<Intake>, connected: &AtomicBool) -> Result<(), Status> {
+    let run_id = intake.store.run().map(|r| r.id).unwrap_or_default();
+    let request = v1::SubscribeRequest { run_id, after_step: intake.store.newest_step() };
+    let deliveries = frames(config).await?.subscribe(request).await?.into_inner();
     connected.store(true, Ordering::Relaxed);
-    meter.counters.connections.fetch_add(1, Ordering::Relaxed);
+    intake.counters.connections.fetch_add(1, Ordering::Relaxed);
     tracing::info!(generator = config.generator, "subscribed");
+    assemble(config, intake, deliveries, Intake::take_live).await
+}
+
+async fn follow_trials(config: &Config, intake: &Arc<Intake>) -> Result<(), Status> {
+    let quality_address = config.quality_address.clone().unwrap_or_default();
+    let request = v1::SubscribeTrialsRequest { quality_address };
+    let deliveries = frames(config).await?.subscribe_trials(request).await?.into_inner();
+    intake.trials.subscribed(true);
+    assemble(config, intake, deliveries, Intake::take_trial).await
+}
+
+/// Puts deliveries together and hands them on.
+async fn assemble(
+    config: &Config,
+    intake: &Arc<Intake>,
+    mut deliveries: Streaming<v1::Delivery>,
+    take: fn(&Intake, Part, Vec<u8>),
+) -> Result<(), Status> {
     let mut assembler = Assembler::new(config.max_frame_bytes);
     while let Some(delivery) = deliveries.message().await? {
         let trial_id = match &delivery.part {
@@ -57,19 +97,19 @@ async fn follow(config: &Config, store: &Arc<Store>, meter: &Arc<Meter>, connect
             Ok(whole) => whole,
             Err(too_large) if too_large.code() == tonic::Code::ResourceExhausted => {
                 // The next delivery may well fit.
-                meter.counters.refused.fetch_add(1, Ordering::Relaxed);
+                intake.counters.refused.fetch_add(1, Ordering::Relaxed);
                 let reason = format!("{}; raise max_frame_bytes in this viz-node's configuration", too_large.message());
                 tracing::error!("{reason}");
                 if trial_id != 0 {
-                    meter.trials.keep(trial_id, Err(Status::invalid_argument(reason)));
+                    intake.trials.keep(trial_id, Err(Status::invalid_argument(reason)));
                 }
                 continue;
             }
             Err(broken) => return Err(broken),
         };
         if let Some((part, payload)) = whole {
-            let meter = meter.clone();
-            let work = move || meter.take(part, payload);
+            let intake = intake.clone();
+            let work = move || take(&intake, part, payload);
             tokio::task::spawn_blocking(work).await.map_err(|e| Status::internal(e.to_string()))?;
         }
     }

@@ -1,65 +1,91 @@
-//! What the tuner asks for: trials that arrived, decoded and kept for as long as there is room, of which batches are measured;
-//! and the quality of live steps.
+//! Trials that arrived, kept for as long as there is room, and what those measured came to.
 
-use crate::kernel::{Detail, Prepared};
-use crate::measure::Meter;
-use crate::store::{Event, StepRow};
+use crate::kernel::Prepared;
+use crate::store::StepRow;
 use lamina_model::{Quality, ReferenceSamples};
-use lamina_wire::v1::{self, quality_server};
+use lamina_wire::codec::{self, CodecError, DecodeLimits};
+use lamina_wire::v1;
 use std::collections::VecDeque;
-use std::pin::Pin;
-use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use tokio::sync::watch;
-use tokio_stream::{Stream, StreamExt};
-use tonic::{Request, Response, Status};
+use tonic::Status;
 
 /// Trials kept at once, the newest.
 const KEPT: usize = 8;
 /// Bytes of what was decoded kept at once; the newest one stays whatever it weighs.
 const KEPT_BYTES: usize = 512 << 20;
-/// Trials remembered as gone.
-const GONE: usize = 1024;
-/// How long a question for a trial waits for its VDI to arrive.
-const TRIAL_WAIT: Duration = Duration::from_secs(60);
-
 /// Measurements remembered for the page, the newest.
 const MEASURED: usize = 256;
 
 /// A trial that can be measured.
-pub struct Ready {
+pub struct ArrivedTrial {
     /// As announced.
     pub frame: v1::Frame,
-    /// What is measured.
-    pub shown: Prepared,
     /// With what it is compared.
     pub reference: Arc<ReferenceSamples>,
+    payload: Vec<u8>,
+    limits: DecodeLimits,
+    shown: OnceLock<Result<Prepared, CodecError>>,
 }
 
-type Arrived = Result<Arc<Ready>, Status>;
+impl ArrivedTrial {
+    /// Not decoded yet.
+    pub fn new(frame: v1::Frame, payload: Vec<u8>, reference: Arc<ReferenceSamples>, limits: DecodeLimits) -> Self {
+        Self { frame, reference, payload, limits, shown: OnceLock::new() }
+    }
+
+    /// What is measured; decoded by the first call.
+    ///
+    /// # Errors
+    /// If its bytes are damaged or decode to too much.
+    pub fn shown(&self) -> Result<&Prepared, &CodecError> {
+        let decode = || codec::decode_any(&self.payload, &self.limits).map(Prepared::new);
+        self.shown.get_or_init(decode).as_ref()
+    }
+
+    fn size_bytes(&self) -> usize {
+        let decoded = self.shown.get().and_then(|shown| shown.as_ref().ok());
+        self.payload.len() + decoded.map_or(0, Prepared::size_bytes)
+    }
+}
+
+type Arrived = Result<Arc<ArrivedTrial>, Status>;
 
 #[derive(Default)]
 struct Held {
     kept: VecDeque<(u64, Arrived)>,
-    gone: VecDeque<u64>,
+    /// Counts subscriptions: what was on its way on an earlier one does not come any more.
+    subscription: u64,
+    subscribed: bool,
+    /// The newest trial that has come on this subscription: they come in the order of their numbers.
+    newest: u64,
 }
 
 impl Held {
-    /// What is known of the trial; `None` if it may still come.
-    fn find(&self, trial_id: u64) -> Option<Arrived> {
+    /// What is known of the trial; `None` if it may still come to those who ask since `subscription`.
+    fn find(&self, trial_id: u64, subscription: u64) -> Option<Arrived> {
         if let Some((_, arrived)) = self.kept.iter().find(|(id, _)| *id == trial_id) {
             return Some(arrived.clone());
         }
-        let gone =
-            || Err(Status::not_found(format!("trial {trial_id} had to make room for newer ones; send it again")));
-        self.gone.contains(&trial_id).then(gone)
+        let gone = |why: &str| Some(Err(Status::not_found(format!("trial {trial_id} {why}; send it again"))));
+        if !self.subscribed || subscription != self.subscription {
+            return gone("cannot arrive: this viz-node's subscription to the generator-node ended");
+        }
+        if trial_id <= self.newest { gone("had to make room for newer ones, or was overtaken by them") } else { None }
     }
 
     fn bytes(&self) -> usize {
-        let ready = self.kept.iter().filter_map(|(_, arrived)| arrived.as_ref().ok());
-        ready.map(|r| r.shown.size_bytes()).sum()
+        self.kept.iter().filter_map(|(_, arrived)| arrived.as_ref().ok()).map(|r| r.size_bytes()).sum()
     }
+}
+
+/// How far the newest study is that asked here.
+#[derive(Default, Clone, Copy)]
+pub struct Study {
+    /// As the tuner said.
+    pub progress: v1::StudyProgress,
+    /// The step it is of.
+    pub step: u64,
 }
 
 /// The trials kept, and what those measured came to.
@@ -67,34 +93,36 @@ impl Held {
 pub struct Trials {
     held: watch::Sender<Held>,
     measured: Mutex<VecDeque<(v1::Frame, Quality)>>,
+    study: Mutex<Option<Study>>,
 }
 
 impl Trials {
-    /// Keeps what arrived as trial `trial_id`, or why it cannot be measured.
-    pub fn keep(&self, trial_id: u64, arrived: Arrived) {
+    /// A subscription began (true) or ended.
+    pub fn subscribed(&self, subscribed: bool) {
         self.held.send_modify(|held| {
-            held.kept.push_back((trial_id, arrived));
-            while held.kept.len() > KEPT || (held.kept.len() > 1 && held.bytes() > KEPT_BYTES) {
-                held.gone.extend(held.kept.pop_front().map(|(id, _)| id));
-            }
-            let excess = held.gone.len().saturating_sub(GONE);
-            held.gone.drain(..excess);
+            held.subscription += u64::from(subscribed);
+            (held.subscribed, held.newest) = (subscribed, 0);
         });
     }
 
-    /// The trial, waited for.
-    async fn find(&self, trial_id: u64) -> Arrived {
+    /// Keeps what arrived as trial `trial_id`, or why it cannot be measured.
+    pub fn keep(&self, trial_id: u64, arrived: Arrived) {
+        self.held.send_modify(|held| {
+            held.newest = held.newest.max(trial_id);
+            held.kept.push_back((trial_id, arrived));
+            while held.kept.len() > KEPT || (held.kept.len() > 1 && held.bytes() > KEPT_BYTES) {
+                held.kept.pop_front();
+            }
+        });
+    }
+
+    /// The trial, waited for as long as it may come.
+    pub async fn find(&self, trial_id: u64) -> Arrived {
         let mut held = self.held.subscribe();
-        let late = || {
-            Err(Status::not_found(format!(
-                "trial {trial_id} did not arrive within {TRIAL_WAIT:?}; is this viz-node subscribed to the generator-node?"
-            )))
-        };
-        match tokio::time::timeout(TRIAL_WAIT, held.wait_for(|held| held.find(trial_id).is_some())).await {
-            Ok(Ok(held)) => held.find(trial_id).unwrap_or_else(late),
-            Ok(Err(_)) => Err(Status::unavailable("stopping")),
-            Err(_) => late(),
-        }
+        let subscription = held.borrow().subscription;
+        let known = held.wait_for(|held| held.find(trial_id, subscription).is_some()).await;
+        let known = known.map_err(|_| Status::unavailable("stopping"))?;
+        known.find(trial_id, subscription).unwrap_or_else(|| Err(Status::internal("trials")))
     }
 
     fn measured(&self) -> MutexGuard<'_, VecDeque<(v1::Frame, Quality)>> {
@@ -102,7 +130,7 @@ impl Trials {
     }
 
     /// Remembers what some batches of a trial came to; with those before, if it was asked about again.
-    fn remember(&self, frame: &v1::Frame, quality: &Quality) {
+    pub fn remember(&self, frame: &v1::Frame, quality: &Quality) {
         let mut measured = self.measured();
         if let Some((_, known)) = measured.iter_mut().find(|(f, _)| f.trial_id == frame.trial_id) {
             if known.extend(quality).is_err() {
@@ -120,40 +148,17 @@ impl Trials {
     pub fn rows(&self, run_id: &str) -> Vec<StepRow> {
         let measured = self.measured();
         let of_run = measured.iter().filter(|(frame, _)| frame.run_id == run_id);
-        of_run.map(|(frame, quality)| StepRow::new(frame, Some(quality))).collect()
-    }
-}
-
-/// The gRPC face of [`Trials`] towards the tuner.
-pub struct QualityService(pub Arc<Meter>);
-
-#[tonic::async_trait]
-impl quality_server::Quality for QualityService {
-    async fn measure(&self, request: Request<v1::QualityRequest>) -> Result<Response<v1::QualityReply>, Status> {
-        let v1::QualityRequest { trial_id, first_batch, batches } = request.into_inner();
-        let ready = self.0.trials.find(trial_id).await?;
-        let end = if batches == 0 { ready.reference.plan.batches } else { first_batch.saturating_add(batches) };
-        let backend = self.0.backend.clone();
-        let trial = ready.clone();
-        let work = move || backend.quality(&trial.shown, &trial.reference, first_batch..end, Detail::Blended);
-        let quality = tokio::task::spawn_blocking(work).await.map_err(|e| Status::internal(e.to_string()))?;
-        let quality = quality.map_err(|e| lamina_wire::invalid(&e))?;
-        self.0.trials.remember(&ready.frame, &quality);
-        self.0.store.tried();
-        self.0.counters.trials.fetch_add(1, Ordering::Relaxed);
-        Ok(Response::new((&quality).into()))
+        of_run.map(|(frame, quality)| StepRow::trial(frame, quality)).collect()
     }
 
-    type StepsStream = Pin<Box<dyn Stream<Item = Result<v1::StepQuality, Status>> + Send>>;
+    /// A study asks.
+    pub fn set_study(&self, study: Study) {
+        *self.study.lock().unwrap_or_else(PoisonError::into_inner) = Some(study);
+    }
 
-    async fn steps(&self, _: Request<v1::StepsRequest>) -> Result<Response<Self::StepsStream>, Status> {
-        let measured = self.0.store.events().filter_map(|event| match event {
-            Event::Step(run_id, row) => {
-                Some(Ok(v1::StepQuality { run_id, step: row.step, psnr_db: row.psnr_db?.into() }))
-            }
-            Event::Run(_) | Event::Trial => None,
-        });
-        Ok(Response::new(Box::pin(measured)))
+    /// How far the newest study is.
+    pub fn study(&self) -> Option<Study> {
+        *self.study.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -163,22 +168,44 @@ mod tests {
     use lamina_model::ViewError;
     use tonic::Code;
 
+    fn code(arrived: Arrived) -> Code {
+        arrived.err().unwrap().code()
+    }
+
+    fn damaged() -> Arrived {
+        Err(Status::data_loss("made up"))
+    }
+
     #[tokio::test]
     async fn trials_are_waited_for_and_known_to_be_gone() {
         let trials = Arc::new(Trials::default());
-        let code = |arrived: Arrived| arrived.err().unwrap().code();
-        let asked = tokio::spawn({
+        assert_eq!(code(trials.find(1).await), Code::NotFound, "nothing can come without a subscription");
+        trials.subscribed(true);
+        let ask = |id| {
             let trials = trials.clone();
-            async move { trials.find(1).await }
-        });
+            tokio::spawn(async move { trials.find(id).await })
+        };
+        let asked = ask(1);
         tokio::task::yield_now().await;
         for trial_id in 1..=1 + KEPT as u64 {
-            trials.keep(trial_id, Err(Status::data_loss("made up")));
+            trials.keep(trial_id, damaged());
             tokio::task::yield_now().await;
         }
         assert_eq!(code(asked.await.unwrap()), Code::DataLoss);
         assert_eq!(code(trials.find(1).await), Code::NotFound, "made room");
         assert_eq!(code(trials.find(2).await), Code::DataLoss);
+        // One that a later one overtakes, and one that was on its way when the connection was lost, are not waited for.
+        let (overtaken, lost) = (ask(20), ask(30));
+        tokio::task::yield_now().await;
+        trials.keep(21, damaged());
+        assert_eq!(code(overtaken.await.unwrap()), Code::NotFound);
+        trials.subscribed(false);
+        trials.subscribed(true);
+        assert_eq!(code(lost.await.unwrap()), Code::NotFound);
+        let again = ask(31);
+        tokio::task::yield_now().await;
+        trials.keep(31, damaged());
+        assert_eq!(code(again.await.unwrap()), Code::DataLoss);
     }
 
     #[test]

@@ -314,7 +314,7 @@ fn quality_is_the_processors() {
     let scene =
         Scene { transfer, camera: outside(), background: [0.0; 3], step_voxels: 0.5, effects: Effects::default() };
     let colors = vec![vec![[0.3, 0.4, 0.5]; plan.samples_per_view()]; 2];
-    let reference = ReferenceSamples { step: 0, plan, scene, colors };
+    let reference = ReferenceSamples { step: 0, batches: 0..plan.batches, plan, scene, colors };
     let (on_gpu, on_cpu) = (Backend::on_gpu(kernels), Backend::open(Choice::Cpu).unwrap());
     let [a, b] = [on_gpu, on_cpu].map(|backend| backend.quality_vdi(&vdi, &reference, 0..4, Detail::Blended).unwrap());
     assert!((a.psnr_db() - b.psnr_db()).abs() < 1e-3);

@@ -3,6 +3,7 @@
 //! Everything is measured once a round, round after round, so that whatever else the machine does meets all alike. A
 //! first round warms up and is not counted. A volume is taken through both nodes' kernels, a VDI through the viewer's.
 
+use crate::bench_live;
 use crate::cli;
 use crate::effects_cost;
 use crate::parts::{open, prepare};
@@ -26,10 +27,13 @@ const PAPER_GAMMAS: u32 = 65;
 
 /// `lamina bench`.
 pub fn bench(arguments: &cli::Bench) -> anyhow::Result<()> {
+    if arguments.coupled.live {
+        return bench_live::bench(&arguments.coupled);
+    }
     for &size in &arguments.size {
         Image::check_size(size, size)?;
     }
-    let path = &arguments.input.input;
+    let path = &arguments.input()?.input;
     let is_vdi = path.extension().is_some_and(|e| e == "vdi");
     if arguments.effects {
         ensure!(!is_vdi, "--effects needs a volume: a VDI holds them already");
@@ -44,8 +48,8 @@ pub fn bench(arguments: &cli::Bench) -> anyhow::Result<()> {
         let bytes = read_vdi(path)?;
         clock.rounds(arguments.rounds, |clock| viewer_round(clock, &bytes, &arguments.size))?;
     } else {
-        let (volume, scene) = open(&arguments.input)?;
-        let backend = Backend::open(arguments.input.backend)?;
+        let (volume, scene) = open(arguments.input()?)?;
+        let backend = Backend::open(arguments.input()?.backend)?;
         clock.rounds(arguments.rounds, |clock| {
             let bytes = generator_round(clock, &backend, &volume, &scene, arguments)?;
             viewer_round(clock, &bytes, &arguments.size)
@@ -233,9 +237,9 @@ fn memory_at_first(backend: &Backend) -> anyhow::Result<u64> {
 
 /// While a VDI is generated. Reading the file took more for a moment; that is over and is not counted.
 fn generator_memory(arguments: &cli::Bench) -> anyhow::Result<Memory> {
-    let backend = Backend::open(arguments.input.backend)?;
+    let backend = Backend::open(arguments.input()?.backend)?;
     let first = memory_at_first(&backend)?;
-    let (volume, scene) = open(&arguments.input)?;
+    let (volume, scene) = open(arguments.input()?)?;
     let volume_bytes = volume.size_bytes() as u64;
     let field = prepare(volume, &scene);
     let params = params(arguments, arguments.resolution, &scene)?;
@@ -251,7 +255,7 @@ fn generator_memory(arguments: &cli::Bench) -> anyhow::Result<Memory> {
 fn viewer_memory(arguments: &cli::Bench) -> anyhow::Result<Memory> {
     let first = memory_at_first(&Backend::cpu())?;
     process::forget_peak()?;
-    let bytes = read_vdi(&arguments.input.input)?;
+    let bytes = read_vdi(&arguments.input()?.input)?;
     let vdi = codec::decode(&bytes, &DecodeLimits::default())?;
     drop(bytes);
     let (camera, size) = (vdi.header().camera.rotated_about_y(NOVEL_ANGLE_DEG)?, arguments.size[0]);

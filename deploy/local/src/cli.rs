@@ -1,7 +1,9 @@
 //! The command line.
 
 use crate::dims::Dims;
+use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use lamina_compute::CpuLimit;
 use lamina_device::Choice;
 use lamina_model::{Representation, Segmentation, VoxelType};
 use lamina_tuner::Contract;
@@ -9,6 +11,7 @@ use lamina_tuner::search::Grid;
 use lamina_tuner::units::{Bytes, Millis};
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::str::FromStr;
 
 /// Watch a running simulation at a price you name.
 ///
@@ -67,6 +70,12 @@ pub struct Live {
     /// Which clumps: another number, another field
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Steps a second of the example simulation; 0: as fast as it can
+    #[arg(long, default_value = "2", value_name = "STEPS/S", allow_negative_numbers = true)]
+    pub pace: Pace,
+    /// Threads of the example simulation [default: half the cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub threads: Option<u16>,
     /// Terms of the example simulation beyond the gas itself; a tracer of the gas that was in the blast gives the colours
     #[arg(long, value_name = "TERM,..", value_delimiter = ',')]
     pub terms: Vec<Term>,
@@ -89,8 +98,25 @@ pub struct Replay {
     pub input: PathBuf,
     #[command(flatten)]
     pub raw: Raw,
+    /// Steps a second, as a simulation that does not wait; without: as fast as the nodes take them
+    #[arg(long, value_name = "STEPS/S", conflicts_with = "headless", allow_negative_numbers = true)]
+    pub pace: Option<Pace>,
     #[command(flatten)]
     pub watch: Watch,
+}
+
+/// Steps a second; 0 is no limit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pace(pub f64);
+
+impl FromStr for Pace {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let pace = text.parse().ok().filter(|pace: &f64| (0.0..=1e6).contains(pace));
+        pace.map(Self)
+            .ok_or_else(|| format!("\"{text}\" is no number of steps a second, 0 to 1000000; 0 is as fast as it can"))
+    }
 }
 
 /// How a run is watched.
@@ -129,6 +155,10 @@ pub struct Watch {
     /// What casts rays and draws: auto (a GPU if there is a real one), cpu or gpu
     #[arg(long, default_value_t)]
     pub backend: Choice,
+    /// Processor time of the nodes, viewer and tuner together: cores, such as 0.5, or percent of the machine's; default: half of
+    /// the cores, at least one
+    #[arg(long, value_name = "CORES", conflicts_with_all = ["headless", "generator"], allow_negative_numbers = true)]
+    pub cpu_share: Option<CpuLimit>,
     /// Address of the viewer
     #[arg(long, default_value = "127.0.0.1:7102", value_name = "IP:PORT")]
     pub viewer: SocketAddr,
@@ -312,7 +342,9 @@ pub struct Compare {
 #[derive(Args)]
 pub struct Bench {
     #[command(flatten)]
-    pub input: Input,
+    pub input: Option<Input>,
+    #[command(flatten)]
+    pub coupled: BenchLive,
     /// Rays per side of the VDI that is encoded and rendered
     #[arg(long, default_value_t = 256, value_name = "R")]
     pub resolution: u32,
@@ -338,6 +370,54 @@ pub struct Bench {
     /// One JSON object a line
     #[arg(long)]
     pub json: bool,
+}
+
+impl Bench {
+    /// The file to measure.
+    ///
+    /// # Errors
+    /// If none is given.
+    pub fn input(&self) -> anyhow::Result<&Input> {
+        self.input.as_ref().context("bench: give a volume or a .vdi, or --live")
+    }
+}
+
+/// A simulation beside the nodes.
+#[derive(Args)]
+pub struct BenchLive {
+    /// Run a simulation alone, then beside the nodes: picks, slowdown, processor time, pictures
+    #[arg(long)]
+    pub live: bool,
+    /// Also beside N threads that compute without end
+    #[arg(long, default_value_t = 0, value_name = "N", requires = "live")]
+    pub busy: u16,
+    /// A recorded series instead of the example simulation
+    #[arg(long, value_name = "SERIES", requires = "live")]
+    pub replay: Option<PathBuf>,
+    /// Steps a second; 0: as fast as it can
+    #[arg(long, default_value = "2", value_name = "STEPS/S", allow_negative_numbers = true)]
+    pub pace: Pace,
+    /// Seconds of the coupled part; alone takes as long
+    #[arg(long, default_value_t = 40.0, value_name = "S", allow_negative_numbers = true)]
+    pub seconds: f64,
+    /// Pages that turn the picture meanwhile
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    pub pages: u16,
+    /// Runs, of which medians are printed
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub runs: u32,
+    /// Grid cells per side of the example simulation
+    #[arg(long, default_value_t = 96, value_name = "N")]
+    pub cells: usize,
+    /// Threads of the example simulation [default: half the cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub threads: Option<u16>,
+    /// What every step must keep and what is best
+    #[arg(long, value_name = "CONTRACT", default_value_t)]
+    pub contract: Contract,
+    /// Processor time of the nodes together, as of `live`
+    #[arg(long, value_name = "CORES", allow_negative_numbers = true)]
+    pub cpu_share: Option<CpuLimit>,
 }
 
 #[derive(Args)]

@@ -7,12 +7,14 @@ mod say;
 
 mod accuracy;
 mod bench;
+mod bench_live;
 mod cli;
 mod dims;
 mod doctor;
 mod effects_cost;
 mod nodes;
 mod outputs;
+mod pacer;
 mod parts;
 mod picture_file;
 mod process;

@@ -2,6 +2,7 @@
 
 use anyhow::{Context, bail};
 use lamina_cast::Backend;
+use lamina_compute::CpuShare;
 use lamina_device::Choice;
 use lamina_model::{GenerationParams, Representation, SamplePlan, Scene};
 use lamina_tuner::Contract;
@@ -9,7 +10,7 @@ use lamina_tuner::push::{limits_alone, push};
 use lamina_tuner::remote::connect;
 use lamina_tuner::search::Grid;
 use lamina_viz_node::Store;
-use lamina_viz_node::store::StepRow;
+use lamina_viz_node::store::{Measured, StepRow};
 use lamina_wire::node::{Shutdown, listen};
 use lamina_wire::v1::{self, control_client::ControlClient, tuning_client::TuningClient};
 use std::net::{Ipv4Addr, SocketAddr};
@@ -32,8 +33,14 @@ pub struct Setup {
     pub angles_deg: Option<Vec<f64>>,
     /// What casts the rays.
     pub backend: Choice,
-    /// Parameters before tuning, or for ever.
-    pub params: GenerationParams,
+    /// Parameters before tuning, or for ever; `None`: the generator-node's own.
+    pub params: Option<GenerationParams>,
+    /// Sampling step of every candidate, voxels.
+    pub step_voxels: f64,
+    /// Processor time of all nodes together.
+    pub share: CpuShare,
+    /// Every live step is compared at all sampled pixels, not at a slice of them.
+    pub measure_all: bool,
     /// What the tuner is to reach; `None`: no tuner.
     pub tuning: Option<Tuning>,
 }
@@ -84,12 +91,13 @@ impl Nodes {
             params: setup.params,
             scene: Some(scene.clone()),
             samples: plan(setup.angles_deg),
+            live_batches: if setup.measure_all { 0 } else { lamina_generator_node::Config::default().live_batches },
             ..Default::default()
         };
         let listener = runtime.block_on(listen(any_port))?;
         let generator = format!("http://{}", listener.local_addr()?);
         let backend = Backend::open(setup.backend)?;
-        runtime.spawn(lamina_generator_node::run(config.check()?, backend, listener, stopped()));
+        runtime.spawn(lamina_generator_node::run(config.check()?, backend, setup.share.clone(), listener, stopped()));
 
         let config = lamina_viz_node::Config {
             generator: generator.clone(),
@@ -100,12 +108,12 @@ impl Nodes {
         let listener = runtime.block_on(listen(setup.viewer))?;
         let viewer = listener.local_addr()?;
         let store = lamina_viz_node::open_store(&config)?;
-        runtime.spawn(lamina_viz_node::run(config, store.clone(), listener, stopped()));
+        runtime.spawn(lamina_viz_node::run(config, store.clone(), setup.share, listener, stopped()));
 
         let mut tuner = None;
         if let Some(tuning) = setup.tuning {
             // The first step keeps the limits too, so they have to be there before it.
-            runtime.block_on(announce(&generator, &tuning.contract))?;
+            runtime.block_on(announce(&generator, &tuning))?;
             let config = lamina_tuner::Config {
                 generator: generator.clone(),
                 contract: tuning.contract,
@@ -113,7 +121,7 @@ impl Nodes {
                 grid: tuning.grid,
                 retune_every: tuning.retune_every,
                 budget: tuning.budget,
-                step_voxels: setup.params.step_voxels(),
+                step_voxels: setup.step_voxels,
                 ..Default::default()
             };
             config.base()?;
@@ -155,7 +163,7 @@ impl Nodes {
     pub fn settle(&self, step: u64, stop: &impl Fn() -> bool) -> anyhow::Result<Option<StepRow>> {
         let mut since = Instant::now();
         while !stop() {
-            let row = self.store.row(step);
+            let row = self.store.row(step).filter(|row| row.measured != Measured::Pending);
             let status = self.tuner_status(false)?;
             let tuned = status.as_ref().is_none_or(|s| s.steps_seen > step && !s.busy);
             if row.is_some() && tuned {
@@ -182,9 +190,9 @@ impl Nodes {
 }
 
 /// Tells the generator-node the limits.
-async fn announce(generator: &str, contract: &Contract) -> anyhow::Result<()> {
+async fn announce(generator: &str, tuning: &Tuning) -> anyhow::Result<()> {
     let control = ControlClient::new(connect(generator).await?);
-    push(&control, limits_alone(contract)).await?;
+    push(&control, limits_alone(&tuning.contract, &tuning.representations)).await?;
     Ok(())
 }
 

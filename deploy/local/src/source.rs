@@ -11,6 +11,7 @@ use lamina_model::{
 };
 use lamina_read::{Options, RawSpec, Series};
 use std::path::Path;
+use std::time::Duration;
 
 /// A simulation as `lamina` drives it.
 pub trait Source {
@@ -22,15 +23,18 @@ pub trait Source {
     fn len(&self) -> Option<u64>;
     /// How to show it.
     fn scene(&self) -> &Scene;
-    /// The next step's simulation time and volume; `None` at the end.
+    /// The next step's simulation time and volume; `None` at the end. Takes as long as computing or reading it does.
     fn next(&mut self) -> anyhow::Result<Option<(f64, Volume)>>;
+    /// Processor time of its own threads, if it has any.
+    fn cpu_time(&self) -> Option<Duration> {
+        None
+    }
 }
 
 /// The built-in blast.
 pub struct Example {
     simulation: Simulation,
-    /// Its own threads, as a simulation beside the nodes has: in theirs, all of the nodes' work would wait behind each of its
-    /// sweeps.
+    /// Its own threads, as a simulation beside the nodes has.
     threads: rayon::ThreadPool,
     started: bool,
     elapsed: f64,
@@ -38,8 +42,14 @@ pub struct Example {
 }
 
 impl Example {
-    /// A blast on `cells`^3 cells.
-    pub fn new(cells: usize, seed: u64, terms: &[cli::Term], scene_file: Option<&Path>) -> anyhow::Result<Self> {
+    /// A blast on `cells`^3 cells, on `threads` threads or half of the cores.
+    pub fn new(
+        cells: usize,
+        seed: u64,
+        terms: &[cli::Term],
+        threads: Option<u16>,
+        scene_file: Option<&Path>,
+    ) -> anyhow::Result<Self> {
         let mut config = Config { cells, seed, ..Config::default() };
         for term in terms {
             match term {
@@ -54,7 +64,9 @@ impl Example {
             Some(file) => scene_for(Some(file), &[&shown(&simulation)?])?,
             None => example_scene(&simulation)?,
         };
-        let threads = rayon::ThreadPoolBuilder::new().build()?;
+        let half = || std::thread::available_parallelism().map_or(1, |n| n.get().div_ceil(2));
+        let threads = threads.map_or_else(half, usize::from);
+        let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
         Ok(Self { simulation, threads, started: false, elapsed: 0.0, scene })
     }
 }
@@ -111,6 +123,10 @@ impl Source for Example {
     }
     fn scene(&self) -> &Scene {
         &self.scene
+    }
+
+    fn cpu_time(&self) -> Option<Duration> {
+        Some(self.threads.broadcast(|_| lamina_compute::thread_cpu_time()).into_iter().sum())
     }
 
     fn next(&mut self) -> anyhow::Result<Option<(f64, Volume)>> {

@@ -22,6 +22,8 @@ pub struct CompleteStep {
     pub time: f64,
     /// Steps of the run dropped so far.
     pub dropped_steps: u64,
+    /// When its last brick came in.
+    completed: Instant,
     bricks: Vec<(Brick, Vec<u8>)>,
 }
 
@@ -55,6 +57,9 @@ pub enum Admit {
     /// Memory is full and the run drops this step.
     Dropped,
 }
+
+/// A step that has waited for longer is passed over for the newest, where the run's policy is to drop the oldest.
+const STALE: Duration = Duration::from_secs(1);
 
 /// All ingest state.
 pub struct Core {
@@ -224,6 +229,7 @@ impl Core {
                 step,
                 time: assembly.time,
                 dropped_steps: run.dropped_steps,
+                completed: now,
                 bricks: assembly.into_bricks(),
             };
             let drops_oldest = run.spec.full_policy == FullPolicy::DropOldest;
@@ -236,10 +242,27 @@ impl Core {
         Ok(Some(true))
     }
 
-    /// The oldest complete step; its memory counts as working memory from here on.
-    pub fn take_complete(&mut self) -> Option<CompleteStep> {
-        let step = self.queue.pop_front()?;
+    /// True if a complete step waits.
+    pub fn has_complete(&self) -> bool {
+        !self.queue.is_empty()
+    }
+
+    /// The oldest complete step, or the newest where the run drops the oldest and this one is stale: who watches sees the present.
+    /// Its memory counts as working memory from here on.
+    pub fn take_complete(&mut self, now: Instant) -> Option<CompleteStep> {
+        let stale = |s: &CompleteStep| {
+            s.spec.full_policy == FullPolicy::DropOldest && now.saturating_duration_since(s.completed) > STALE
+        };
+        if self.queue.front().is_some_and(stale) {
+            while self.queue.len() > 1 {
+                self.drop_oldest();
+            }
+        }
+        let mut step = self.queue.pop_front()?;
         self.used_bytes -= step.spec.step_bytes();
+        if let Some(run) = self.run.as_ref().filter(|r| r.id == step.run_id) {
+            step.dropped_steps = run.dropped_steps;
+        }
         Some(step)
     }
 

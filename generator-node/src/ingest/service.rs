@@ -1,6 +1,7 @@
 //! The ingest service: the state machine behind a lock, and waiting where the run's policy is to block.
 
 use super::{Admit, CompleteStep, Core, Offer, RunSpec};
+use crate::overhead::Overhead;
 use futures::{Stream, StreamExt};
 use lamina_model::{Invalid, Scene, VoxelType};
 use lamina_wire::v1::{self, ingest_server, push_part::Part};
@@ -16,15 +17,22 @@ pub struct Ingest {
     core: Mutex<Core>,
     /// How runs that do not say are shown.
     default_scene: Option<Scene>,
+    overhead: Arc<Overhead>,
     room: Notify,
     ready: Notify,
 }
 
 impl Ingest {
     /// Empty state.
-    pub fn new(memory_bytes: u64, waiting_steps: usize, idle: Duration, default_scene: Option<Scene>) -> Self {
+    pub fn new(
+        memory_bytes: u64,
+        waiting_steps: usize,
+        idle: Duration,
+        default_scene: Option<Scene>,
+        overhead: Arc<Overhead>,
+    ) -> Self {
         let core = Mutex::new(Core::new(memory_bytes, waiting_steps, idle));
-        Self { core, default_scene, room: Notify::new(), ready: Notify::new() }
+        Self { core, default_scene, overhead, room: Notify::new(), ready: Notify::new() }
     }
 
     /// The state; a panic elsewhere leaves it whole, because no method of it panics between two changes.
@@ -32,19 +40,28 @@ impl Ingest {
         self.core.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits for the next complete step.
-    pub async fn next(&self) -> CompleteStep {
+    /// Waits until there is a complete step.
+    pub async fn complete(&self) {
         loop {
             let ready = self.ready.notified();
-            if let Some(step) = self.core().take_complete() {
-                self.room.notify_waiters();
-                return step;
+            if self.core().has_complete() {
+                return;
             }
             ready.await;
         }
     }
 
+    /// The next complete step.
+    pub fn take(&self) -> Option<CompleteStep> {
+        let step = self.core().take_complete(Instant::now());
+        self.room.notify_waiters();
+        step
+    }
+
     async fn admit(&self, h: &v1::BrickHeader) -> Result<Option<usize>, Status> {
+        if h.rank == 0 && h.interval_ns > 0 {
+            self.overhead.step(Duration::from_nanos(h.interval_ns), Duration::from_nanos(h.push_ns));
+        }
         let (start, dims) = ([h.x0, h.y0, h.z0], [h.nx, h.ny, h.nz]);
         let offer = Offer { step: h.step, time: h.time, rank: h.rank, start, dims };
         loop {
@@ -84,8 +101,8 @@ impl Drop for Reservation<'_> {
 /// The gRPC face of [`Ingest`].
 pub struct IngestService(pub Arc<Ingest>);
 
-fn answer(admission: v1::Admission, step_complete: bool) -> v1::PushAnswer {
-    v1::PushAnswer { admission: admission.into(), step_complete }
+fn answer(admission: v1::Admission, step_complete: bool, cadence: u32) -> v1::PushAnswer {
+    v1::PushAnswer { admission: admission.into(), step_complete, cadence }
 }
 
 /// Receives one brick: header, admission, bytes, receipt.
@@ -101,12 +118,13 @@ async fn take_brick(
         admitted = ingest.admit(&header) => admitted?,
         () = answers.closed() => return Ok(()),
     };
+    let cadence = ingest.overhead.coupling().cadence;
     let Some(expected) = admitted else {
-        let _ = answers.send(Ok(answer(v1::Admission::Dropped, false))).await;
+        let _ = answers.send(Ok(answer(v1::Admission::Dropped, false, cadence))).await;
         return Ok(());
     };
     let mut reservation = Reservation { ingest, header: &header, filled: false };
-    let _ = answers.send(Ok(answer(v1::Admission::Admitted, false))).await;
+    let _ = answers.send(Ok(answer(v1::Admission::Admitted, false, cadence))).await;
     let mut bytes = Vec::with_capacity(expected);
     while bytes.len() < expected {
         let Some(part) = parts.message().await? else {
@@ -126,7 +144,7 @@ async fn take_brick(
     ingest.ready.notify_one();
     ingest.room.notify_waiters();
     let admission = if received.is_some() { v1::Admission::Admitted } else { v1::Admission::Dropped };
-    let _ = answers.send(Ok(answer(admission, received == Some(true)))).await;
+    let _ = answers.send(Ok(answer(admission, received == Some(true), cadence))).await;
     Ok(())
 }
 

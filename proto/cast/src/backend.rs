@@ -9,6 +9,7 @@ use lamina_model::{
     Camera, GenerationParams, Image, Intermediate, Invalid, ReferenceSamples, Representation, SamplePlan, Segmentation,
     Vdi,
 };
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -209,15 +210,29 @@ impl Backend {
     /// # Errors
     /// If the plan is out of bounds.
     pub fn reference_samples(&self, field: &Field, plan: &SamplePlan, step: u64) -> Result<ReferenceSamples, Invalid> {
+        self.reference_slice(field, plan, step, 0..plan.batches)
+    }
+
+    /// The same of some of the plan's batches.
+    ///
+    /// # Errors
+    /// If the plan cannot be carried out.
+    pub fn reference_slice(
+        &self,
+        field: &Field,
+        plan: &SamplePlan,
+        step: u64,
+        batches: Range<u32>,
+    ) -> Result<ReferenceSamples, Invalid> {
         let plan = plan.clone().check()?;
         let (scene, size) = (field.scene(), plan.image_size);
         let cameras = plan.test_cameras(&scene.camera)?;
         let view = |(v, camera): (usize, &Camera)| {
-            let pixels: Vec<_> = (0..plan.batches).flat_map(|b| plan.pixels(v, b)).collect();
+            let pixels: Vec<_> = batches.clone().flat_map(|b| plan.pixels(v, b)).collect();
             self.raycast_pixels(field, camera, size, size, &pixels)
         };
         let colors = cameras.iter().enumerate().map(view).collect::<Result<_, _>>()?;
-        Ok(ReferenceSamples { step, plan, scene: scene.clone(), colors })
+        Ok(ReferenceSamples { step, plan, scene: scene.clone(), batches, colors })
     }
 
     fn level(&self) -> Level {

@@ -20,6 +20,7 @@
 
 mod brick;
 mod driver;
+mod pace;
 mod session;
 
 pub use brick::{Brick, VoxelSlice, check_type, dense, span};
@@ -28,6 +29,7 @@ pub use lamina_wire::v1::FullPolicy;
 use driver::Driver;
 use lamina_model::{Grid, Invalid, Scene, VoxelType};
 use lamina_wire::node::host_and_port;
+use pace::Pace;
 use session::Session;
 use std::time::{Duration, Instant};
 use tonic::{Code, Status, transport::Endpoint};
@@ -109,7 +111,7 @@ pub enum ClientError {
 pub enum Receipt {
     /// It is in; `true` if it completed its step.
     Admitted(bool),
-    /// The node is full and dropped the step, as the run's policy says.
+    /// The node is full and dropped the step, as the run's policy says; or the step was not sent, to keep a limit on overhead.
     Dropped,
 }
 
@@ -139,6 +141,7 @@ pub struct Client {
     backoff: Duration,
     /// Why it could not be reached when that was last tried.
     unreachable: String,
+    pace: Pace,
 }
 
 const FIRST_BACKOFF: Duration = Duration::from_millis(200);
@@ -165,6 +168,7 @@ impl Client {
             retry_at: Instant::now(),
             backoff: FIRST_BACKOFF,
             unreachable: String::new(),
+            pace: Pace::default(),
         };
         match client.ensure_session(Instant::now()) {
             Err(error @ (ClientError::Unreachable { .. } | ClientError::Deadline(_))) => tracing::warn!("{error}"),
@@ -179,8 +183,14 @@ impl Client {
     /// If the brick does not fit the run, or the node refuses it or is not reachable. The step then counts as lost; the
     /// simulation may go on.
     pub fn push(&mut self, step: u64, time: f64, brick: &Brick) -> Result<Receipt, ClientError> {
-        let receipt =
-            brick.check(&self.options).map_err(Into::into).and_then(|()| self.push_within_deadline(step, time, brick));
+        brick.check(&self.options).inspect_err(|_| self.summary.lost += 1)?;
+        let receipt = if self.pace.passes_over(step) {
+            Ok(Receipt::Dropped)
+        } else {
+            let receipt = self.push_within_deadline(step, time, brick);
+            self.pace.pushed(Instant::now());
+            receipt
+        };
         match &receipt {
             Ok(Receipt::Admitted(_)) => self.summary.pushed += 1,
             Ok(Receipt::Dropped) => self.summary.dropped += 1,
@@ -210,8 +220,11 @@ impl Client {
 
     fn try_push(&mut self, started: Instant, step: u64, time: f64, brick: &Brick) -> Result<Receipt, Status> {
         let Some(session) = &self.session else { return Err(Status::unavailable("not connected")) };
-        let push = session.push(&self.run_id, self.options.rank, step, time, brick);
-        self.driver.within(self.remaining(started), push)
+        let timing = self.pace.begin(started);
+        let push = session.push(&self.run_id, self.options.rank, (step, time), timing, brick);
+        let (receipt, cadence) = self.driver.within(self.remaining(started), push)?;
+        self.pace.set_cadence(cadence);
+        Ok(receipt)
     }
 
     /// Ends this rank's part of the run; the numbers of what became of its bricks.

@@ -1,5 +1,6 @@
 //! One connection with an open run.
 
+use crate::pace::Timing;
 use crate::{Brick, Receipt, RunOptions};
 use lamina_wire::node::innermost;
 use lamina_wire::v1::{self, ingest_client::IngestClient, push_part::Part};
@@ -45,25 +46,29 @@ impl Session {
         Ok((Self { ingest, chunk_bytes }, reply.run_id))
     }
 
-    /// Announces the brick, waits for its admission, sends its bytes, waits for the receipt.
+    /// Announces the brick, waits for its admission, sends its bytes, waits for the receipt; and the cadence that the node
+    /// wants.
     pub async fn push(
         &self,
         run_id: &str,
         rank: u32,
-        step: u64,
-        time: f64,
+        (step, time): (u64, f64),
+        timing: Timing,
         brick: &Brick<'_>,
-    ) -> Result<Receipt, Status> {
+    ) -> Result<(Receipt, u32), Status> {
         let [x0, y0, z0] = brick.start.map(|v| v as u64);
         let [nx, ny, nz] = brick.dims.map(|v| v as u64);
-        let header = v1::BrickHeader { run_id: run_id.to_owned(), step, time, rank, x0, y0, z0, nx, ny, nz };
+        let [interval_ns, push_ns] = [timing.interval, timing.push].map(|t| t.as_nanos() as u64);
+        let run_id = run_id.to_owned();
+        let header = v1::BrickHeader { run_id, step, time, rank, x0, y0, z0, nx, ny, nz, interval_ns, push_ns };
         let (parts, stream) = mpsc::channel(2);
         let hung_up = || Status::unavailable("the connection ended");
         let part = |part| v1::PushPart { part: Some(part) };
         parts.send(part(Part::Header(header))).await.map_err(|_| hung_up())?;
         let mut answers = self.ingest.clone().push(ReceiverStream::new(stream)).await?.into_inner();
-        if next(&mut answers).await?.admission() == v1::Admission::Dropped {
-            return Ok(Receipt::Dropped);
+        let admission = next(&mut answers).await?;
+        if admission.admission() == v1::Admission::Dropped {
+            return Ok((Receipt::Dropped, admission.cadence));
         }
         for chunk in brick.chunks(self.chunk_bytes) {
             if parts.send(part(Part::Chunk(chunk.into()))).await.is_err() {
@@ -72,10 +77,11 @@ impl Session {
             }
         }
         let receipt = next(&mut answers).await?;
-        Ok(match receipt.admission() {
+        let became = match receipt.admission() {
             v1::Admission::Dropped => Receipt::Dropped,
             _ => Receipt::Admitted(receipt.step_complete),
-        })
+        };
+        Ok((became, receipt.cadence))
     }
 
     /// Detaches the rank; gives the number of the run's steps that were dropped.

@@ -4,11 +4,11 @@
 //! have a bucket of their own with more than half of the rate, so that neither a long trial's debt holds up a picture, nor
 //! pages that never rest the trials.
 
+use crate::CpuLimit;
 use crate::queue::{Priority, Queue};
 use crate::threads::{Laps, Scheduling, pool};
 use crate::token_bucket::TokenBucket;
 use crate::usage::{Activity, Usage};
-use crate::CpuLimit;
 use rayon::{ThreadPool, ThreadPoolBuildError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -42,7 +42,8 @@ struct State {
     usage: Usage,
     /// Share of the rate in use, at most 1; see [`CpuShare::throttle`].
     throttle: f64,
-    held: bool,
+    /// See [`CpuShare::hold`].
+    held_until: Option<Instant>,
 }
 
 impl State {
@@ -59,8 +60,12 @@ impl State {
 
     /// How long `ticket` has to wait for tokens; `None` while it is not its turn.
     fn wait(&mut self, lane: Lane, ticket: u64, now: Instant) -> Option<Duration> {
-        let held = self.held && lane == Lane::Background;
-        (!held && self.queue(lane).is_next(ticket, now)).then(|| self.bucket(lane).wait(now))
+        self.queue(lane).is_next(ticket, now).then(|| self.bucket(lane).wait(now).max(self.held(lane, now)))
+    }
+
+    fn held(&self, lane: Lane, now: Instant) -> Duration {
+        let until = self.held_until.filter(|_| lane == Lane::Background);
+        until.map_or(Duration::ZERO, |until| until.saturating_duration_since(now))
     }
 }
 
@@ -108,7 +113,7 @@ impl CpuShare {
             queues: Default::default(),
             usage: Usage::default(),
             throttle: 1.0,
-            held: false,
+            held_until: None,
         };
         let inner = Inner {
             cores,
@@ -155,9 +160,10 @@ impl CpuShare {
         self.inner.changed.notify_waiters();
     }
 
-    /// Admits nothing but pictures while `held`: for a measurement of the simulation alone.
-    pub fn hold(&self, held: bool) {
-        self.state().held = held;
+    /// Admits nothing but pictures for `time` from now on, or until this is called again: for a measurement of the simulation
+    /// alone.
+    pub fn hold(&self, time: Duration) {
+        self.state().held_until = Some(Instant::now() + time);
         self.inner.changed.notify_waiters();
     }
 
@@ -199,7 +205,7 @@ impl CpuShare {
     pub fn try_acquire(&self, priority: Priority) -> Option<Permit> {
         let (lane, now) = (Lane::of(priority), Instant::now());
         let mut state = self.state();
-        let held = state.held && lane == Lane::Background;
+        let held = state.held(lane, now) > Duration::ZERO;
         if held || !state.queue(lane).is_idle() || state.bucket(lane).wait(now) > Duration::ZERO {
             state.usage.skip(priority);
             return None;
@@ -369,11 +375,15 @@ mod tests {
         assert_eq!(share.usage().skipped(Priority::Quality), 2);
         let impatient = tokio::time::timeout(Duration::from_millis(10), share.acquire(Priority::LiveStep)).await;
         assert!(impatient.is_err() && share.waiting() == 0);
-        share.hold(true);
+        share.hold(Duration::from_secs(70));
         let held = tokio::time::timeout(Duration::from_secs(60), share.acquire(Priority::LiveStep)).await;
         assert!(held.is_err(), "a pause");
-        share.hold(false);
+        let begun = Instant::now();
         drop(share.acquire(Priority::LiveStep).await);
+        assert!(begun.elapsed() <= Duration::from_secs(11), "it ends by itself");
+        share.hold(Duration::from_secs(70));
+        share.hold(Duration::ZERO);
+        assert!(share.try_acquire(Priority::LiveStep).is_some());
     }
 
     #[tokio::test(start_paused = true)]

@@ -14,5 +14,5 @@ mod usage;
 pub use cpu_limit::{CpuLimit, InvalidCpuLimit};
 pub use cpu_share::{CpuShare, Permit};
 pub use queue::Priority;
-pub use threads::Laps;
+pub use threads::{Laps, thread_cpu_time};
 pub use usage::{Activity, Usage};

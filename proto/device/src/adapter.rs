@@ -20,6 +20,13 @@ pub fn adapter() -> Option<AdapterFacts> {
     adapters().first().map(facts)
 }
 
+/// False if the system has no device that a driver of a real GPU could open. Asking drivers starts them, and software ones print
+/// lines of their own.
+pub(crate) fn may_have_gpu() -> bool {
+    const DEVICES: [&str; 4] = ["/dev/dri", "/dev/nvidiactl", "/dev/dxg", "/dev/mali0"];
+    !cfg!(target_os = "linux") || DEVICES.iter().any(|device| std::path::Path::new(device).exists())
+}
+
 /// All adapters, best first: those beside the processor, then those in it, then those it plays.
 pub(crate) fn adapters() -> Vec<Adapter> {
     let instance = Instance::new(InstanceDescriptor {

@@ -1,6 +1,6 @@
 //! An open device. Whatever goes wrong in [`Gpu::run`] comes back as an error, and a device that was lost stays lost.
 
-use crate::adapter::{adapters, facts};
+use crate::adapter::{adapters, facts, may_have_gpu};
 use crate::{AdapterFacts, Choice, DeviceError};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -34,6 +34,9 @@ impl Gpu {
     pub fn open(choice: Choice) -> Result<Opened, DeviceError> {
         if choice == Choice::Cpu {
             return Ok(Opened::Cpu("asked for".to_owned()));
+        }
+        if choice == Choice::Auto && !may_have_gpu() {
+            return Ok(Opened::Cpu("this machine has no GPU".to_owned()));
         }
         let mut failure = None;
         for adapter in adapters() {

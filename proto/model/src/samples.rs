@@ -2,6 +2,7 @@
 
 use crate::{Camera, Image, Invalid, Scene};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Batches of one random pixel in every `tile` x `tile` block of a square image, for each of some views. Batches are
 /// independent of each other: any number of them is a sample of the whole image.
@@ -89,6 +90,14 @@ impl SamplePlan {
         pixels
     }
 
+    /// `count` batches that rotate from step to step, so that successive steps are sampled at other pixels.
+    pub fn rotating_slice(&self, step: u64, count: u32) -> Range<u32> {
+        let count = count.clamp(1, self.batches);
+        let slices = self.batches / count;
+        let first = (step % u64::from(slices)) as u32 * count;
+        first..first + count
+    }
+
     /// Samples of one view, all batches.
     pub fn samples_per_view(&self) -> usize {
         self.samples_per_batch() * self.batches as usize
@@ -117,8 +126,20 @@ pub struct ReferenceSamples {
     pub plan: SamplePlan,
     /// What was seen: generation camera, transfer function and background.
     pub scene: Scene,
+    /// The plan's batches that are here: all of them, or a slice.
+    pub batches: Range<u32>,
     /// Colours per view: batch after batch, each in the order of [`SamplePlan::pixels`].
     pub colors: Vec<Vec<[f32; 3]>>,
+}
+
+impl ReferenceSamples {
+    /// Colours of some batches of view number `view`; `None` unless all of them are here.
+    pub fn batch_colors(&self, view: usize, batches: &Range<u32>) -> Option<&[[f32; 3]]> {
+        let first = batches.start.checked_sub(self.batches.start)? as usize;
+        let size = self.plan.samples_per_batch();
+        let colors = self.colors.get(view)?;
+        (batches.end <= self.batches.end).then(|| colors.get(first * size..(first + batches.len()) * size))?
+    }
 }
 
 #[cfg(test)]
@@ -137,6 +158,9 @@ mod tests {
             assert!(x < 21 && y < 21);
         }
         assert_ne!(pixels, plan.pixels(1, 0));
+        let plan = SamplePlan { batches: 5, ..plan };
+        assert_eq!([0, 1, 2, 3].map(|step| plan.rotating_slice(step, 2)), [0..2, 2..4, 0..2, 2..4]);
+        assert_eq!((plan.rotating_slice(7, 9), plan.rotating_slice(7, 0)), (0..5, 2..3));
         let all = SamplePlan { tile: 1, ..plan };
         assert_eq!(all.pixels(0, 0)[22], (1, 1));
     }

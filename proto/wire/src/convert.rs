@@ -197,10 +197,11 @@ impl v1::Cost {
     }
 }
 
-impl From<&Quality> for v1::QualityReply {
-    fn from(q: &Quality) -> Self {
+impl v1::QualityReply {
+    /// The answer about a trial.
+    pub fn new(trial_id: u64, q: &Quality) -> Self {
         let view = |v: &ViewError| v1::View { angle_deg: v.angle_deg, batch_mse: v.batch_mse.clone() };
-        Self { views: q.views.iter().map(view).collect() }
+        Self { trial_id, views: q.views.iter().map(view).collect() }
     }
 }
 

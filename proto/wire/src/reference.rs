@@ -17,6 +17,8 @@ pub fn encode(run_id: &str, samples: &ReferenceSamples) -> (v1::Reference, Vec<u
         batches: samples.plan.batches,
         angles_deg: samples.plan.angles_deg.clone(),
         bytes: bytes.len() as u64,
+        first_batch: samples.batches.start,
+        held_batches: samples.batches.len() as u32,
     };
     (reference, bytes)
 }
@@ -26,9 +28,14 @@ pub fn encode(run_id: &str, samples: &ReferenceSamples) -> (v1::Reference, Vec<u
 /// # Errors
 /// If the scene or plan is not valid or the bytes are not as many as the plan needs.
 pub fn decode(reference: v1::Reference, bytes: &[u8]) -> Result<ReferenceSamples, Invalid> {
-    let v1::Reference { image_size, tile, batches, angles_deg, .. } = reference;
+    let v1::Reference { image_size, tile, batches, angles_deg, first_batch, held_batches, .. } = reference;
     let plan = SamplePlan { image_size, tile, batches, angles_deg }.check()?;
-    let per_view = 6 * plan.samples_per_view();
+    let held = if held_batches == 0 { batches } else { held_batches };
+    let end = first_batch.checked_add(held).filter(|&end| end <= batches);
+    let end = end.ok_or_else(|| {
+        Invalid::new("reference", format!("batches {first_batch} and {held} more are not among {batches}"))
+    })?;
+    let per_view = 6 * plan.samples_per_batch() * held as usize;
     if bytes.len() != per_view * plan.angles_deg.len() {
         return Err(Invalid::new("reference", format!("{} bytes do not fit its sample plan", bytes.len())));
     }
@@ -38,6 +45,7 @@ pub fn decode(reference: v1::Reference, bytes: &[u8]) -> Result<ReferenceSamples
         step: reference.step,
         scene: required(reference.scene, "reference.scene")?.try_into()?,
         colors: bytes.chunks_exact(per_view).map(view).collect(),
+        batches: first_batch..end,
         plan,
     })
 }

@@ -14,6 +14,7 @@ mod wire;
 use glam::DVec3;
 use lamina_cast::Backend;
 use lamina_client::{Brick, Client, ClientError, FullPolicy, Receipt, RunOptions};
+use lamina_compute::CpuShare;
 use lamina_generator_node::Config;
 use lamina_model::{GenerationParams, Grid, VoxelType};
 use std::future::pending;
@@ -51,7 +52,8 @@ impl Node {
 
     fn configured(address: SocketAddr, config: Config) -> Self {
         Self::serve(address, |listener| async {
-            lamina_generator_node::run(config, Backend::cpu(), listener, Box::pin(pending())).await.unwrap();
+            let share = CpuShare::new(config.cpu_share).unwrap();
+            lamina_generator_node::run(config, Backend::cpu(), share, listener, Box::pin(pending())).await.unwrap();
         })
     }
 
@@ -59,7 +61,7 @@ impl Node {
         let working = 2 * STEP_BYTES + 12 * VOXELS;
         let config = Config {
             memory_bytes: (working + waiting * STEP_BYTES) as u64,
-            params: GenerationParams::new(2, 0.5).unwrap(),
+            params: Some(GenerationParams::new(2, 0.5).unwrap()),
             reference_every: 0,
             ..Config::default()
         };

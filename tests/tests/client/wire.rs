@@ -40,7 +40,9 @@ async fn record(
     answers: tokio::sync::mpsc::Sender<Result<v1::PushAnswer, Status>>,
 ) -> (u64, usize) {
     let (mut step, mut bytes) = (0, 0);
-    let answer = |admission: v1::Admission| Ok(v1::PushAnswer { admission: admission.into(), step_complete: true });
+    let answer = |admission: v1::Admission| {
+        Ok(v1::PushAnswer { admission: admission.into(), step_complete: true, ..Default::default() })
+    };
     // The answers stay open until the client hangs up, so that nothing it sends is missed.
     while let Ok(Some(v1::PushPart { part: Some(part) })) = parts.message().await {
         match part {

@@ -13,17 +13,15 @@ use tonic::{Status, Streaming};
 
 /// What it is called in errors.
 const NODE: &str = "generator-node";
-/// How long one VDI may take, from the question to its cost.
-const TRIAL_DEADLINE: Duration = Duration::from_secs(120);
-/// How much longer for each gamma of a request for many.
-const GAMMA_DEADLINE: Duration = Duration::from_secs(2);
+/// A node that is at work says so every second; one that says nothing for so long is not.
+const SILENCE: Duration = Duration::from_secs(20);
 
 /// The generator-node's end of a study.
 pub struct Generator {
     address: String,
     requests: mpsc::Sender<v1::TrialRequest>,
     replies: Streaming<v1::TrialReply>,
-    /// The question that is not answered yet, and until when it may.
+    /// The question that is not answered yet, and until when something has to be heard of it.
     asked: Option<(u64, Instant)>,
     step: u64,
     batches: u32,
@@ -39,8 +37,8 @@ impl Generator {
         let failed = |status: Status| node_error(NODE, address, &words(&status));
         let (requests, stream) = mpsc::channel(1);
         let mut replies = control.clone().trials(ReceiverStream::new(stream)).await.map_err(failed)?.into_inner();
-        let late = |_| node_error(NODE, address, &format!("named no step within {TRIAL_DEADLINE:?}"));
-        let greeting = timeout(TRIAL_DEADLINE, replies.message()).await.map_err(late)?.map_err(failed)?;
+        let late = |_| node_error(NODE, address, &format!("named no step within {SILENCE:?}"));
+        let greeting = timeout(SILENCE, replies.message()).await.map_err(late)?.map_err(failed)?;
         let greeting = greeting.filter(|g| g.trial_id == 0 && g.batches > 0);
         let v1::TrialReply { step, batches, longest_side, .. } =
             greeting.ok_or_else(|| node_error(NODE, address, "named no step; are all nodes of one version?"))?;
@@ -73,10 +71,9 @@ impl Generator {
     /// If the stream has ended.
     pub async fn ask(&mut self, request: v1::TrialRequest) -> Result<u64, TrialError> {
         let trial_id = fresh_trial_id();
-        let patience = TRIAL_DEADLINE + GAMMA_DEADLINE * request.gammas.len() as u32;
         let sent = self.requests.send(v1::TrialRequest { trial_id, ..request }).await;
         sent.map_err(|_| self.failed("ended the stream of trials; its log says why".to_owned()))?;
-        self.asked = Some((trial_id, Instant::now() + patience));
+        self.asked = Some((trial_id, Instant::now() + SILENCE));
         Ok(trial_id)
     }
 
@@ -85,18 +82,23 @@ impl Generator {
     /// # Errors
     /// If the stream ends or the answer is late or another one's.
     pub async fn reply(&mut self) -> Result<v1::TrialReply, TrialError> {
-        let Some((trial_id, deadline)) = self.asked else { return std::future::pending().await };
-        let Ok(reply) = timeout_at(deadline, self.replies.message()).await else {
-            return Err(self.failed("did not answer a trial in time; give it smaller steps or candidates".to_owned()));
-        };
-        match reply {
-            Ok(Some(reply)) if reply.trial_id == trial_id => {
-                self.asked = None;
-                Ok(reply)
+        loop {
+            let Some((trial_id, deadline)) = self.asked else { return std::future::pending().await };
+            let Ok(reply) = timeout_at(deadline, self.replies.message()).await else {
+                return Err(self.failed(format!("said nothing of a trial for {SILENCE:?}; its log says why")));
+            };
+            match reply {
+                Ok(Some(reply)) if reply.trial_id != trial_id => {
+                    return Err(self.failed(format!("answered trial {} instead of {trial_id}", reply.trial_id)));
+                }
+                Ok(Some(reply)) if reply.at_work => self.asked = Some((trial_id, Instant::now() + SILENCE)),
+                Ok(Some(reply)) => {
+                    self.asked = None;
+                    return Ok(reply);
+                }
+                Ok(None) => return Err(self.failed("ended the stream of trials; its log says why".to_owned())),
+                Err(status) => return Err(self.failed(words(&status))),
             }
-            Ok(Some(reply)) => Err(self.failed(format!("answered trial {} instead of {trial_id}", reply.trial_id))),
-            Ok(None) => Err(self.failed("ended the stream of trials; its log says why".to_owned())),
-            Err(status) => Err(self.failed(words(&status))),
         }
     }
 

@@ -1,7 +1,7 @@
 //! One question for many parameters: the generator-node makes VDI after VDI, and every viz-node measures what it was given.
 
 use super::viewers::Fault;
-use super::{Generator, Known, Remote, Viewers};
+use super::{Generator, Known, Progress, Remote, Viewers};
 use crate::trial::TrialError;
 use futures::StreamExt;
 use futures::future::BoxFuture;
@@ -36,6 +36,7 @@ pub struct Round<'a> {
     viewers: &'a mut Viewers,
     known: &'a mut HashMap<ParamsKey, Known>,
     generating: &'a mut Option<Generating>,
+    progress: &'a Progress,
     batches: u32,
     asked: HashSet<ParamsKey>,
     /// To be generated.
@@ -50,12 +51,13 @@ pub struct Round<'a> {
 impl<'a> Round<'a> {
     /// Asks for costs and the first `batches` batches of all of `keys` that lack them.
     pub fn new(remote: &'a mut Remote, keys: &[ParamsKey], batches: u32) -> Self {
-        let Remote { generator, viewers, known, generating } = remote;
+        let Remote { generator, viewers, known, generating, progress } = remote;
         Self {
             generator,
             viewers,
             known,
             generating,
+            progress,
             batches,
             asked: keys.iter().copied().collect(),
             todo: VecDeque::new(),
@@ -137,7 +139,7 @@ impl<'a> Round<'a> {
                 waiting.push_back((key, name));
                 continue;
             }
-            let measure = viewer.measure(*trial_id, known.quality.batches() as u32..self.batches);
+            let measure = viewer.measure(*trial_id, known.quality.batches() as u32..self.batches, self.progress.get());
             let address = viewer.address.clone();
             let answer = async move { Answer { key, viewer: name, address, outcome: measure.await } };
             self.measuring.push(Box::pin(answer));
@@ -157,6 +159,7 @@ impl<'a> Round<'a> {
         let request = v1::TrialRequest {
             params: Some((&self.known[&key].params).into()),
             viewer: viewer.clone().unwrap_or_default(),
+            first_study: self.progress.get().first,
             ..Default::default()
         };
         *self.generating = Some(Generating { key, viewer });
@@ -172,9 +175,10 @@ impl<'a> Round<'a> {
         let load = |name: &String| {
             usize::from(self.busy.contains(name)) + self.ready.iter().filter(|(_, viewer)| viewer == name).count()
         };
-        let loads = self.viewers.present().iter().map(|v| (load(&v.name), v.given, v.name.clone()));
-        let (_, _, name) = loads.filter(|(load, ..)| *load < AHEAD).min()?;
+        let loads = self.viewers.present().iter().map(|v| (v.stalled, load(&v.name), v.given, v.name.clone()));
+        let (.., name) = loads.filter(|(_, load, ..)| *load < AHEAD).min()?;
         self.viewers.get(&name)?.given += 1;
+        self.progress.begin_trial();
         Some(name)
     }
 
@@ -208,7 +212,20 @@ impl<'a> Round<'a> {
         self.busy.remove(&viewer);
         let Some(known) = self.known.get_mut(&key) else { return };
         match outcome.and_then(|q| known.quality.extend(&q).map_err(|e| Fault::Failed(format!("measured {e}")))) {
-            Ok(()) => known.missed = 0,
+            Ok(()) => {
+                known.missed = 0;
+                if let Some(viewer) = self.viewers.get(&viewer) {
+                    viewer.stalled = false;
+                }
+            }
+            Err(Fault::Stalled(reason)) => {
+                known.held = None;
+                self.viewers.stalled(&viewer, &reason);
+            }
+            Err(Fault::Lost(reason)) => {
+                known.held = None;
+                self.viewers.lost(&viewer, &reason);
+            }
             Err(Fault::Refused(reason)) => {
                 known.refusal = Some(Invalid::new("candidate", format!("viz-node {address}: {reason}")));
             }

@@ -17,8 +17,10 @@ use tonic::{Code, Status, Streaming};
 
 /// How long a viz-node is waited for where there is none.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// How long one measurement may take; a viz-node itself waits a minute for a VDI to arrive.
-const MEASURE_DEADLINE: Duration = Duration::from_secs(120);
+/// How long one is waited for whose connection was lost while the generator-node still lists it.
+const LOST_PATIENCE: Duration = Duration::from_secs(60);
+/// A viz-node that is at work says so every second; one that says nothing for so long makes no progress.
+const SILENCE: Duration = Duration::from_secs(5);
 
 /// A viz-node that measures.
 pub struct Viewer {
@@ -28,6 +30,8 @@ pub struct Viewer {
     pub address: String,
     /// Trials it was given in this study.
     pub given: u64,
+    /// It made no progress with the last one: others come first.
+    pub stalled: bool,
     client: Arc<OnceCell<QualityClient<Channel>>>,
 }
 
@@ -37,6 +41,10 @@ pub enum Fault {
     Missing(String),
     /// This VDI cannot be measured.
     Refused(String),
+    /// It makes no progress.
+    Stalled(String),
+    /// Its connection was lost.
+    Lost(String),
     /// The viz-node cannot be trusted with another.
     Failed(String),
 }
@@ -48,6 +56,8 @@ pub struct Viewers {
     present: Vec<Viewer>,
     /// Addresses of those that failed.
     left_out: Vec<String>,
+    /// Names of those whose connection was lost: they come back under others.
+    lost: Vec<String>,
     last_failure: Option<TrialError>,
     /// Until when one that went without failing may come back.
     hope: Option<Instant>,
@@ -62,8 +72,8 @@ impl Viewers {
         let failed = |status: Status| node_error("generator-node", generator, &words(&status));
         let list = control.clone().viewers(v1::ViewersRequest {}).await.map_err(failed)?.into_inner();
         let generator = generator.to_owned();
-        let mut viewers =
-            Self { generator, list, present: Vec::new(), left_out: Vec::new(), last_failure: None, hope: None };
+        let (present, left_out, lost) = (Vec::new(), Vec::new(), Vec::new());
+        let mut viewers = Self { generator, list, present, left_out, lost, last_failure: None, hope: None };
         let deadline = Instant::now() + PATIENCE;
         while viewers.present.is_empty() {
             match timeout_at(deadline, viewers.changed()).await {
@@ -106,9 +116,13 @@ impl Viewers {
         for name in self.present.iter().filter(|v| gone(v)).map(|v| v.name.clone()).collect::<Vec<_>>() {
             self.gone(&name);
         }
+        // One that is not listed either was not only cut off.
+        if list.viewers.is_empty() {
+            self.hope = self.hope.map(|until| until.min(Instant::now() + PATIENCE));
+        }
         for v1::Viewer { viewer: name, address } in list.viewers {
-            if !self.left_out.contains(&address) && self.get(&name).is_none() {
-                self.present.push(Viewer { name, address, given: 0, client: Arc::default() });
+            if !self.left_out.contains(&address) && !self.lost.contains(&name) && self.get(&name).is_none() {
+                self.present.push(Viewer { name, address, given: 0, stalled: false, client: Arc::default() });
             }
         }
     }
@@ -127,6 +141,21 @@ impl Viewers {
     pub fn gone(&mut self, name: &str) {
         self.remove(name, "is no longer subscribed to the generator-node");
         self.hope = Some(Instant::now() + PATIENCE);
+    }
+
+    /// Its connection was lost: it may come back under another name, once the generator-node has noticed, too.
+    pub fn lost(&mut self, name: &str, reason: &str) {
+        self.remove(name, reason);
+        self.lost.push(name.to_owned());
+        self.hope = Some(Instant::now() + LOST_PATIENCE);
+    }
+
+    /// It made no progress with a trial.
+    pub fn stalled(&mut self, name: &str, reason: &str) {
+        let Some(viewer) = self.present.iter_mut().find(|v| v.name == name) else { return };
+        if !std::mem::replace(&mut viewer.stalled, true) {
+            tracing::warn!("viz-node {} {reason}; its trials go to others, if there are any", viewer.address);
+        }
     }
 
     /// It failed, and is asked no more in this study.
@@ -171,24 +200,43 @@ impl Viewers {
 
 impl Viewer {
     /// Measures some batches of a trial that was sent there.
-    pub fn measure(&self, trial_id: u64, batches: Range<u32>) -> BoxFuture<'static, Result<Quality, Fault>> {
+    pub fn measure(
+        &self,
+        trial_id: u64,
+        batches: Range<u32>,
+        study: v1::StudyProgress,
+    ) -> BoxFuture<'static, Result<Quality, Fault>> {
         let (client, address) = (self.client.clone(), self.address.clone());
-        let work = async move {
+        let silent = |_| Fault::Stalled(format!("said nothing of a trial for {SILENCE:?}"));
+        async move {
             let connected = client.get_or_try_init(|| async { connect(&address).await.map(QualityClient::new) }).await;
             let unreachable = |reason| {
                 Fault::Failed(format!("{reason}; set quality_address in its configuration to where others reach it"))
             };
             let (first_batch, asked) = (batches.start, batches.end - batches.start);
-            let request = v1::QualityRequest { trial_id, first_batch, batches: asked };
-            let reply = connected.map_err(unreachable)?.clone().measure(request).await.map_err(fault)?;
-            let quality = Quality::try_from(reply.into_inner()).map_err(|e| Fault::Failed(format!("measured {e}")))?;
+            let request = v1::QualityRequest { trial_id, first_batch, batches: asked, study: Some(study) };
+            let mut client = connected.map_err(unreachable)?.clone();
+            let replies = timeout(SILENCE, client.measure(request)).await.map_err(silent)?.map_err(fault)?;
+            let mut replies = replies.into_inner();
+            let reply = loop {
+                let reply = timeout(SILENCE, replies.message()).await.map_err(silent)?.map_err(fault)?;
+                match reply {
+                    None => return Err(Fault::Failed("ended its answer without a measurement".to_owned())),
+                    Some(reply) if reply.trial_id != trial_id => {
+                        let other = reply.trial_id;
+                        return Err(Fault::Failed(format!("answered trial {other} instead of {trial_id}")));
+                    }
+                    Some(reply) if !reply.views.is_empty() => break reply,
+                    Some(_) => {}
+                }
+            };
+            let quality = Quality::try_from(reply).map_err(|e| Fault::Failed(format!("measured {e}")))?;
             match quality.batches() {
                 n if n == asked as usize => Ok(quality),
                 n => Err(Fault::Failed(format!("measured {n} batches of {asked} asked for"))),
             }
-        };
-        let late = |_| Err(Fault::Failed(format!("did not measure a trial within {MEASURE_DEADLINE:?}")));
-        async move { timeout(MEASURE_DEADLINE, work).await.unwrap_or_else(late) }.boxed()
+        }
+        .boxed()
     }
 }
 
@@ -196,6 +244,7 @@ fn fault(status: Status) -> Fault {
     match status.code() {
         Code::NotFound => Fault::Missing(words(&status)),
         Code::InvalidArgument => Fault::Refused(words(&status)),
+        Code::Unavailable | Code::Unknown | Code::Cancelled => Fault::Lost(words(&status)),
         _ => Fault::Failed(words(&status)),
     }
 }

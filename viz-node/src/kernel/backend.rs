@@ -2,7 +2,7 @@
 
 use super::blend::{Detail, drawn};
 use super::gpu::{GpuError, GpuKernels};
-use super::quality::quality_of;
+use super::quality::{QualityEstimate, estimate_of, quality_of};
 use super::{Prepared, PreparedVdi};
 use lamina_device::{Choice, DeviceError, Gpu, Opened};
 use lamina_model::{Camera, Image, Invalid, Quality, ReferenceSamples, Vdi};
@@ -103,6 +103,22 @@ impl Backend {
                 self.volumes().raycast_pixels(field, camera, size, size, pixels)
             }),
         }
+    }
+
+    /// The same of all batches that `reference` holds, with the interval of its PSNR.
+    ///
+    /// # Errors
+    /// As [`Self::quality`].
+    pub fn estimate(
+        &self,
+        shown: &Prepared,
+        reference: &ReferenceSamples,
+        detail: Detail,
+    ) -> Result<QualityEstimate, Invalid> {
+        estimate_of(reference, |camera, size, pixels| match shown {
+            Prepared::Vdi(vdi) => self.vdi_pixels(vdi, camera, [size; 2], pixels, detail),
+            Prepared::Volume(field) => self.volumes().raycast_pixels(field, camera, size, size, pixels),
+        })
     }
 
     fn volumes(&self) -> &lamina_cast::Backend {

@@ -17,3 +17,4 @@ pub use blend::{Detail, Displacement};
 pub use cpu::{PreparedVdi, render};
 pub use lamina_lanes::Level;
 pub use prepared::Prepared;
+pub use quality::QualityEstimate;

@@ -3,6 +3,48 @@
 use lamina_model::{Camera, Invalid, Quality, ReferenceSamples, SquaredError, ViewError};
 use std::ops::Range;
 
+/// Quality from few pixels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct QualityEstimate {
+    /// Errors of the batches measured.
+    pub quality: Quality,
+    /// Half the width of the 95 % interval about its PSNR, decibels.
+    pub half_width_db: f64,
+}
+
+/// Squared errors of some batches of the sampled pixels, view by view, batch after batch.
+struct PixelErrors {
+    angles_deg: Vec<f64>,
+    per_batch: usize,
+    errors: Vec<Vec<f64>>,
+}
+
+impl PixelErrors {
+    fn quality(&self) -> Quality {
+        let mean = |errors: &[f64]| errors.iter().sum::<f64>() / errors.len() as f64;
+        let view = |(angle_deg, errors): (&f64, &Vec<f64>)| ViewError {
+            angle_deg: *angle_deg,
+            batch_mse: errors.chunks(self.per_batch).map(mean).collect(),
+        };
+        Quality { views: self.angles_deg.iter().zip(&self.errors).map(view).collect() }
+    }
+
+    /// The mean of n pixels has a standard error of s / sqrt(n), which the strata only make smaller; in decibels to first order.
+    fn half_width_db(&self) -> f64 {
+        let all = || self.errors.iter().flatten();
+        let n = all().count() as f64;
+        let mean = all().sum::<f64>() / n;
+        if mean == 0.0 {
+            return 0.0;
+        }
+        let variance = all().map(|e| (e - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+        10.0 / std::f64::consts::LN_10 * NORMAL_975 * (variance / n).sqrt() / mean
+    }
+}
+
+/// 0.975 quantile of the normal distribution.
+const NORMAL_975: f64 = 1.960;
+
 /// Errors of some batches of the sampled pixels, which `render_pixels` draws of a square picture.
 ///
 /// # Errors
@@ -12,28 +54,48 @@ pub fn quality_of(
     batches: Range<u32>,
     render_pixels: impl Fn(&Camera, u32, &[(u32, u32)]) -> Result<Vec<[f32; 3]>, Invalid>,
 ) -> Result<Quality, Invalid> {
+    Ok(pixel_errors(reference, batches, render_pixels)?.quality())
+}
+
+/// The same of all batches that the reference holds, with its interval.
+///
+/// # Errors
+/// As [`quality_of`].
+pub fn estimate_of(
+    reference: &ReferenceSamples,
+    render_pixels: impl Fn(&Camera, u32, &[(u32, u32)]) -> Result<Vec<[f32; 3]>, Invalid>,
+) -> Result<QualityEstimate, Invalid> {
+    let errors = pixel_errors(reference, reference.batches.clone(), render_pixels)?;
+    Ok(QualityEstimate { quality: errors.quality(), half_width_db: errors.half_width_db() })
+}
+
+fn pixel_errors(
+    reference: &ReferenceSamples,
+    batches: Range<u32>,
+    render_pixels: impl Fn(&Camera, u32, &[(u32, u32)]) -> Result<Vec<[f32; 3]>, Invalid>,
+) -> Result<PixelErrors, Invalid> {
     let plan = reference.plan.clone().check()?;
     let cameras = plan.test_cameras(&reference.scene.camera)?;
-    if reference.colors.len() != cameras.len() || reference.colors.iter().any(|c| c.len() != plan.samples_per_view()) {
+    let held = reference.batches.len() * plan.samples_per_batch();
+    if reference.colors.len() != cameras.len() || reference.colors.iter().any(|c| c.len() != held) {
         return Err(Invalid::new("reference", "the number of colours does not fit the sample plan"));
     }
     if batches.is_empty() || batches.end > plan.batches {
         return Err(Invalid::new("batches", format!("{batches:?} asked for; the plan has 0..{}", plan.batches)));
     }
-    let size = plan.samples_per_batch();
-    let mut quality = Quality::default();
-    for (v, (camera, colors)) in cameras.iter().zip(&reference.colors).enumerate() {
+    let missing = || Invalid::new("batches", format!("{batches:?} asked for; {:?} are here", reference.batches));
+    let mut errors = Vec::with_capacity(cameras.len());
+    for (v, camera) in cameras.iter().enumerate() {
+        let wanted = reference.batch_colors(v, &batches).ok_or_else(missing)?;
         // One call for all batches: neighbouring pixels of different batches share work.
         let pixels: Vec<_> = batches.clone().flat_map(|b| plan.pixels(v, b)).collect();
         let rendered = render_pixels(camera, plan.image_size, &pixels)?;
-        let wanted = &colors[batches.start as usize * size..batches.end as usize * size];
-        let mse = |(a, b): (&[[f32; 3]], &[[f32; 3]])| {
+        let error = |(a, b): (&[f32; 3], &[f32; 3])| {
             let mut error = SquaredError::default();
-            error.add_all(a, b);
+            error.add(*a, *b);
             error.mse()
         };
-        let batch_mse = rendered.chunks(size).zip(wanted.chunks(size)).map(mse).collect();
-        quality.views.push(ViewError { angle_deg: plan.angles_deg[v], batch_mse });
+        errors.push(rendered.iter().zip(wanted).map(error).collect());
     }
-    Ok(quality)
+    Ok(PixelErrors { per_batch: plan.samples_per_batch(), angles_deg: plan.angles_deg, errors })
 }

@@ -1,6 +1,7 @@
-//! One run's folder: `run.json`, `steps.csv`, and `step_000012.vdi` for every step.
+//! One run's folder: `run.json`, `steps.csv`, and `step_000012.vdi` for every step; `step_000012.row` while its quality is to be
+//! measured.
 
-use super::{Run, StepRow, StoreError};
+use super::{Measured, Run, StepRow, StoreError};
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -26,8 +27,15 @@ impl Folder {
             let json = serde_json::to_vec_pretty(run).map_err(|e| failed(&description)(e.into()))?;
             replace(&description, &json).map_err(failed(&description))?;
         }
-        let (rows, csv) = open_rows(&path)?;
-        Ok((Self { path, csv }, rows))
+        let (mut rows, csv) = open_rows(&path)?;
+        let mut folder = Self { path, csv };
+        for row in pending_rows(&folder.path) {
+            if rows.iter().all(|known| known.step != row.step) {
+                folder.settle(&row)?;
+                rows.push(row);
+            }
+        }
+        Ok((folder, rows))
     }
 
     /// The run in `root` whose description is youngest; `None` if there is none.
@@ -54,7 +62,8 @@ impl Folder {
         vdi_path(&self.path, step)
     }
 
-    /// Writes the step's bytes, then its row. A folder that was removed is made again.
+    /// Writes the step's bytes, then its row: in a file of its own while more is to come, in `steps.csv` otherwise. A folder that
+    /// was removed is made again.
     pub fn record(&mut self, row: &StepRow, bytes: &[u8]) -> Result<(), StoreError> {
         if !self.path.exists() {
             fs::create_dir_all(&self.path).map_err(failed(&self.path))?;
@@ -62,6 +71,22 @@ impl Folder {
         }
         let path = self.vdi_path(row.step);
         replace(&path, bytes).map_err(failed(&path))?;
+        if row.measured == Measured::Pending {
+            let path = row_path(&self.path, row.step);
+            return replace(&path, row.to_csv().as_bytes()).map_err(failed(&path));
+        }
+        self.append(row)
+    }
+
+    /// Writes the row of a step that was pending to `steps.csv`.
+    pub fn settle(&mut self, row: &StepRow) -> Result<(), StoreError> {
+        self.append(row)?;
+        // Where it stays, it is passed over when the folder is opened again.
+        let _ = fs::remove_file(row_path(&self.path, row.step));
+        Ok(())
+    }
+
+    fn append(&mut self, row: &StepRow) -> Result<(), StoreError> {
         let length = self.csv.metadata().map_err(failed(&self.path))?.len();
         let written = self.csv.write_all(format!("{}\n", row.to_csv()).as_bytes());
         if written.is_err() {
@@ -80,6 +105,20 @@ impl Folder {
 
 fn vdi_path(folder: &Path, step: u64) -> PathBuf {
     folder.join(format!("step_{step:06}.vdi"))
+}
+
+fn row_path(folder: &Path, step: u64) -> PathBuf {
+    folder.join(format!("step_{step:06}.row"))
+}
+
+/// Rows that were pending when the run was left: nobody will measure them.
+fn pending_rows(folder: &Path) -> Vec<StepRow> {
+    let files = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let lines = files.filter(|f| f.extension().is_some_and(|e| e == "row")).filter_map(|f| fs::read_to_string(f).ok());
+    let rows = lines.filter_map(|line| StepRow::from_csv(&line)).filter(|row| vdi_path(folder, row.step).exists());
+    let mut rows: Vec<StepRow> = rows.map(|row| StepRow { measured: Measured::Skipped, ..row }).collect();
+    rows.sort_by_key(|row| row.step);
+    rows
 }
 
 /// The rows of `folder`, and its `steps.csv` ready for more. What is in the file stays: a last line that a kill cut short is
@@ -127,7 +166,7 @@ mod tests {
     fn damage_to_the_rows_costs_no_other_row_and_a_removed_folder_is_made_again() {
         let root = tempfile::tempdir().unwrap();
         let run = Run { id: "r-1".into(), name: "r".into(), field: "f".into(), dims: [1; 3] };
-        let row = |step| StepRow::new(&v1::Frame { step, ..Default::default() }, None);
+        let row = |step| StepRow::live(&v1::Frame { step, ..Default::default() }, false);
         let (mut folder, rows) = Folder::open(root.path(), &run).unwrap();
         assert!(rows.is_empty());
         for step in 0..4 {
@@ -147,6 +186,13 @@ mod tests {
         let (_, rows) = Folder::open(root.path(), &run).unwrap();
         assert_eq!(steps(&rows), [0, 2, 9]);
         assert!(fs::read(&csv).unwrap().starts_with(&bytes), "nothing in the file was rewritten");
+
+        // A step that was to be measured when the node was killed.
+        folder.record(&StepRow::live(&v1::Frame { step: 8, ..Default::default() }, true), b"vdi").unwrap();
+        let (_, rows) = Folder::open(root.path(), &run).unwrap();
+        assert_eq!((steps(&rows), rows[3].measured), (vec![0, 2, 9, 8], Measured::Skipped));
+        let (mut folder, rows) = Folder::open(root.path(), &run).unwrap();
+        assert_eq!(steps(&rows), [0, 2, 9, 8], "once");
 
         fs::remove_dir_all(root.path().join("r-1")).unwrap();
         folder.record(&row(10), b"vdi").unwrap();

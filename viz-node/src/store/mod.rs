@@ -1,18 +1,18 @@
 //! Steps received: their numbers, and their VDIs in memory or in a folder.
 //!
-//! A recorded step is never lost: its VDI is whole in its file before its row is in `steps.csv`, and rows are appended.
+//! A recorded step is never lost: its bytes are whole in their file before its row is written, and rows are appended.
 
 mod folder;
 mod row;
 
-pub use row::{Number, StepRow, View};
+pub use row::{Measured, Number, StepRow, TuningState, View};
 
-use crate::kernel::Prepared;
+use crate::kernel::{Prepared, QualityEstimate};
 use folder::Folder;
 use lamina_wire::codec::{self, DecodeLimits};
 use lamina_wire::v1;
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::broadcast;
@@ -68,19 +68,21 @@ impl From<&v1::Run> for Run {
 pub enum Event {
     /// Another run began.
     Run(Run),
-    /// A step of the run of this id was recorded.
+    /// A step of the run of this id was recorded, or measured, or passed over.
     Step(String, StepRow),
     /// A trial was measured.
     Trial,
 }
 
 /// Steps kept decoded and prepared for drawing.
-const DECODED: usize = 3;
+const DECODED: usize = 4;
 
 #[derive(Default)]
 struct State {
     run: Option<Run>,
     rows: BTreeMap<u64, StepRow>,
+    /// Steps whose quality is to be measured.
+    pending: BTreeSet<u64>,
     in_memory: BTreeMap<u64, Arc<Vec<u8>>>,
     folder: Option<Folder>,
     decoded: VecDeque<(String, u64, Arc<Prepared>)>,
@@ -152,7 +154,7 @@ impl Store {
     ///
     /// # Errors
     /// If the folder cannot be written.
-    pub fn record(&self, row: StepRow, bytes: Vec<u8>, shown: Arc<Prepared>) -> Result<(), StoreError> {
+    pub fn record(&self, row: StepRow, bytes: Vec<u8>) -> Result<(), StoreError> {
         let mut state = self.state();
         if state.rows.contains_key(&row.step) {
             return Ok(());
@@ -166,15 +168,50 @@ impl Store {
                 held -= state.in_memory.pop_first().map_or(0, |(_, b)| b.len() as u64);
             }
         }
+        self.insert(&mut state, row);
+        Ok(())
+    }
+
+    fn insert(&self, state: &mut State, row: StepRow) {
         let run_id = state.run.as_ref().map(|r| r.id.clone()).unwrap_or_default();
-        state.decoded.push_back((run_id.clone(), row.step, shown));
-        while state.decoded.len() > DECODED {
-            state.decoded.pop_front();
+        if row.measured == Measured::Pending {
+            state.pending.insert(row.step);
+        } else {
+            state.pending.remove(&row.step);
         }
         state.rows.insert(row.step, row.clone());
-        drop(state);
+        // Nobody watching is not an error.
         let _ = self.events.send(Event::Step(run_id, row));
-        Ok(())
+    }
+
+    /// Adds what a recorded step's quality came to.
+    ///
+    /// # Errors
+    /// If the folder cannot be written.
+    pub fn measured(&self, step: u64, estimate: &QualityEstimate) -> Result<(), StoreError> {
+        let mut state = self.state();
+        let Some(row) = state.rows.get(&step).map(|row| row.with_quality(estimate)) else { return Ok(()) };
+        self.update(&mut state, row)
+    }
+
+    /// Marks steps before `step` whose quality was to be measured as passed over; says how many.
+    ///
+    /// # Errors
+    /// If the folder cannot be written.
+    pub fn pass_over(&self, step: u64) -> Result<u64, StoreError> {
+        let mut state = self.state();
+        let pending = state.pending.range(..step).filter_map(|step| state.rows.get(step));
+        let skipped = |row: &StepRow| StepRow { measured: Measured::Skipped, ..row.clone() };
+        let passed: Vec<StepRow> = pending.map(skipped).collect();
+        let count = passed.len() as u64;
+        passed.into_iter().try_for_each(|row| self.update(&mut state, row))?;
+        Ok(count)
+    }
+
+    fn update(&self, state: &mut State, row: StepRow) -> Result<(), StoreError> {
+        let written = state.folder.as_mut().map_or(Ok(()), |folder| folder.settle(&row));
+        self.insert(state, row);
+        written
     }
 
     /// Tells pages that a trial was measured.
@@ -235,8 +272,10 @@ impl Store {
             // Another run began meanwhile; these bytes may be of either.
             return Err(StoreError::NoStep(step));
         }
-        state.decoded.push_front((run_id, step, shown.clone()));
-        state.decoded.truncate(DECODED + 1);
+        state.decoded.push_back((run_id, step, shown.clone()));
+        if state.decoded.len() > DECODED {
+            state.decoded.pop_front();
+        }
         Ok(shown)
     }
 }

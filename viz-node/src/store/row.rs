@@ -1,5 +1,6 @@
 //! The numbers of one step, as the page, `steps.csv` and the report show them.
 
+use crate::kernel::QualityEstimate;
 use lamina_model::{Quality, Representation, ViewError};
 use lamina_wire::convert::representation;
 use lamina_wire::v1;
@@ -47,6 +48,63 @@ pub struct View {
     pub psnr_db: Number,
 }
 
+/// Names of an enum's values on the page and in `steps.csv`.
+macro_rules! named {
+    ($(#[$doc:meta])* $type:ident { $($(#[$value_doc:meta])* $value:ident = $name:literal),+ }) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+        #[serde(rename_all = "lowercase")]
+        pub enum $type { $($(#[$value_doc])* $value),+ }
+
+        impl $type {
+            /// Its name.
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$value => $name),+ }
+            }
+
+            fn parse(name: &str) -> Option<Self> {
+                match name { $($name => Some(Self::$value),)+ _ => None }
+            }
+        }
+    };
+}
+
+named! {
+    /// Whether a step's quality was measured.
+    Measured {
+        /// It came without reference samples.
+        No = "no",
+        /// It waits for processor time.
+        Pending = "pending",
+        /// There was no processor time before a newer step came.
+        Skipped = "skipped",
+        /// At a slice of the sampled pixels, or at all of them.
+        Yes = "yes"
+    }
+}
+
+named! {
+    /// Where a step's parameters come from.
+    TuningState {
+        /// The generator-node's own.
+        None = "none",
+        /// The best trial so far of a study that went on.
+        Provisional = "provisional",
+        /// A whole study.
+        Done = "done"
+    }
+}
+
+impl From<v1::TuningState> for TuningState {
+    fn from(state: v1::TuningState) -> Self {
+        match state {
+            v1::TuningState::None => Self::None,
+            v1::TuningState::Provisional => Self::Provisional,
+            v1::TuningState::Done => Self::Done,
+        }
+    }
+}
+
 /// One recorded step.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StepRow {
@@ -76,17 +134,54 @@ pub struct StepRow {
     pub size_limit_bytes: Option<u64>,
     /// The generation time limit in force.
     pub time_limit_ms: Option<f64>,
+    /// The limit on quality in force, decibels; not in `steps.csv`.
+    pub psnr_limit_db: Option<f64>,
     /// True if the step keeps the limits in force.
     pub limit_kept: bool,
     /// PSNR per view.
     pub views: Vec<View>,
     /// What the step was turned into.
     pub representation: Representation,
+    /// Half the width of the 95 % interval about the PSNR, decibels.
+    pub half_width_db: Option<f64>,
+    /// Whether its quality was measured.
+    pub measured: Measured,
+    /// Where its parameters come from.
+    pub tuning: TuningState,
+    /// By which share of its time a step of the simulation takes longer beside the nodes, where that is measured.
+    pub overhead: Option<f64>,
+    /// Share of its processor time that the generator-node allowed itself, at most 1.
+    pub throttle: f64,
 }
 
 impl StepRow {
-    /// A frame's numbers and its measured quality.
-    pub fn new(frame: &v1::Frame, quality: Option<&Quality>) -> Self {
+    /// A live step that has just arrived; its quality is to be measured where it `has_reference`.
+    pub fn live(frame: &v1::Frame, has_reference: bool) -> Self {
+        let measured = if has_reference { Measured::Pending } else { Measured::No };
+        Self { measured, ..Self::new(frame, None) }
+    }
+
+    /// A trial and its measured quality.
+    pub fn trial(frame: &v1::Frame, quality: &Quality) -> Self {
+        Self { measured: Measured::Yes, ..Self::new(frame, Some(quality)) }
+    }
+
+    /// The same step, measured. It breaks a limit on quality only where the whole interval lies below.
+    #[must_use]
+    pub fn with_quality(&self, estimate: &QualityEstimate) -> Self {
+        let QualityEstimate { quality, half_width_db } = estimate;
+        let surely_kept = self.psnr_limit_db.is_none_or(|limit| quality.psnr_db() + half_width_db >= limit);
+        Self {
+            psnr_db: psnr(quality),
+            half_width_db: Some(*half_width_db).filter(|w| w.is_finite()),
+            views: views(quality),
+            measured: Measured::Yes,
+            limit_kept: self.limit_kept && surely_kept,
+            ..self.clone()
+        }
+    }
+
+    fn new(frame: &v1::Frame, quality: Option<&Quality>) -> Self {
         let params = frame.params.unwrap_or_default();
         let cost = frame.cost.unwrap_or_default();
         let limits = frame.limits.unwrap_or_default();
@@ -95,7 +190,6 @@ impl StepRow {
         let time_kept = limits.time_ns.is_none_or(|limit| time_ns <= limit);
         // A step whose quality was not measured breaks no limit on it.
         let psnr_kept = limits.psnr_db.zip(quality).is_none_or(|(limit, q)| q.psnr_db() >= limit);
-        let view = |v: &ViewError| View { angle_deg: v.angle_deg, psnr_db: v.psnr_db().into() };
         Self {
             step: frame.step,
             time: frame.time,
@@ -103,7 +197,7 @@ impl StepRow {
             gamma: params.gamma,
             size_bytes: cost.size_bytes,
             generation_ms: cost.generation_ns as f64 / 1e6,
-            psnr_db: quality.map(Quality::psnr_db).filter(|q| !q.is_nan()).map(Number::from),
+            psnr_db: quality.and_then(psnr),
             encode_ms: cost.encode_ns as f64 / 1e6,
             supersegments: cost.supersegments,
             dropped_steps: frame.dropped_steps,
@@ -111,13 +205,19 @@ impl StepRow {
             size_limit_bytes: limits.size_bytes,
             time_limit_ms: limits.time_ns.map(|ns| ns as f64 / 1e6),
             limit_kept: size_kept && time_kept && psnr_kept,
-            views: quality.map(|q| q.views.iter().map(view).collect()).unwrap_or_default(),
+            psnr_limit_db: limits.psnr_db,
+            views: quality.map(views).unwrap_or_default(),
             representation: representation(&params).unwrap_or_default(),
+            half_width_db: None,
+            measured: Measured::No,
+            tuning: frame.tuning_state().into(),
+            overhead: frame.overhead,
+            throttle: frame.throttle,
         }
     }
 
     /// First line of `steps.csv`.
-    pub const CSV_HEADER: &'static str = "step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,encode_ms,supersegments,dropped_steps,empty_voxels,size_limit_bytes,time_limit_ms,limit_kept,psnr_db_by_angle,representation";
+    pub const CSV_HEADER: &'static str = "step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,encode_ms,supersegments,dropped_steps,empty_voxels,size_limit_bytes,time_limit_ms,limit_kept,psnr_db_by_angle,representation,psnr_half_width_db,measured,tuning,overhead,throttle";
 
     /// This step's line. What was not measured or limited is empty; views are `angle:decibels` joined by semicolons.
     pub fn to_csv(&self) -> String {
@@ -128,7 +228,7 @@ impl StepRow {
         let option = |o: Option<String>| o.unwrap_or_default();
         let views: Vec<String> = self.views.iter().map(|v| format!("{}:{}", v.angle_deg, number(v.psnr_db))).collect();
         format!(
-            "{},{},{},{},{},{:.3},{},{:.3},{},{},{},{},{},{},{},{}",
+            "{},{},{},{},{},{:.3},{},{:.3},{},{},{},{},{},{},{},{},{},{},{},{},{}",
             self.step,
             self.time,
             self.resolution,
@@ -144,7 +244,12 @@ impl StepRow {
             option(self.time_limit_ms.map(|t| t.to_string())),
             self.limit_kept,
             views.join(";"),
-            self.representation
+            self.representation,
+            option(self.half_width_db.map(|w| format!("{w:.3}"))),
+            self.measured.name(),
+            self.tuning.name(),
+            option(self.overhead.map(|o| format!("{o:.4}"))),
+            self.throttle
         )
     }
 
@@ -154,6 +259,11 @@ impl StepRow {
         // Before there were volumes.
         if fields.len() == 15 {
             fields.push(Representation::Vdi.name());
+        }
+        // Before measuring had a share of the processor.
+        if fields.len() == 16 {
+            let measured = if fields[6].is_empty() { Measured::No } else { Measured::Yes };
+            fields.extend(["", measured.name(), TuningState::None.name(), "", "0"]);
         }
         let [
             step,
@@ -172,6 +282,11 @@ impl StepRow {
             kept,
             views,
             kind,
+            half_width,
+            measured,
+            tuning,
+            overhead,
+            throttle,
         ] = fields.try_into().ok()?;
         let number = |text: &str| text.parse::<f64>().ok().map(Number::from);
         let optional = |text: &str| if text.is_empty() { Some(None) } else { Some(Some(text.parse().ok()?)) };
@@ -196,8 +311,23 @@ impl StepRow {
             limit_kept: kept.parse().ok()?,
             views: views.split(';').filter(|v| !v.is_empty()).map(view).collect::<Option<_>>()?,
             representation: kind.parse().ok()?,
+            psnr_limit_db: None,
+            half_width_db: optional(half_width)?,
+            measured: Measured::parse(measured)?,
+            tuning: TuningState::parse(tuning)?,
+            overhead: optional(overhead)?,
+            throttle: throttle.parse().ok()?,
         })
     }
+}
+
+fn psnr(quality: &Quality) -> Option<Number> {
+    Some(quality.psnr_db()).filter(|q| !q.is_nan()).map(Number::from)
+}
+
+fn views(quality: &Quality) -> Vec<View> {
+    let view = |v: &ViewError| View { angle_deg: v.angle_deg, psnr_db: v.psnr_db().into() };
+    quality.views.iter().map(view).collect()
 }
 
 #[cfg(test)]
@@ -206,23 +336,41 @@ mod tests {
 
     #[test]
     fn rows_go_to_csv_and_come_back() {
-        let limits = v1::Limits { size_bytes: Some(100), psnr_db: Some(20.0), ..Default::default() };
+        let limits = v1::Limits { size_bytes: Some(100), ..Default::default() };
         let frame = v1::Frame { step: 12, time: 0.25, limits: Some(limits), ..Default::default() };
         let view = |angle_deg, mse| ViewError { angle_deg, batch_mse: vec![mse] };
         // 40 dB, and identical.
         let [some, none] = [1e-4, 0.0].map(|mse| Quality { views: vec![view(10.0, mse), view(20.0, mse)] });
-        for quality in [Some(&some), Some(&none), None] {
-            let row = StepRow::new(&frame, quality);
-            assert_eq!(StepRow::from_csv(&row.to_csv()).unwrap(), row);
-            assert_eq!(row.to_csv().split(',').count(), StepRow::CSV_HEADER.split(',').count());
-            assert_eq!(StepRow::from_csv(&row.to_csv()[..9]), None);
-            let older = row.to_csv();
-            assert_eq!(StepRow::from_csv(older.rsplit_once(',').unwrap().0).unwrap(), row);
+        let measured = v1::Frame {
+            tuning_state: v1::TuningState::Done.into(),
+            overhead: Some(0.0125),
+            throttle: 0.5,
+            ..frame.clone()
+        };
+        let row = StepRow::live(&measured, true);
+        let measured = [some, none].map(|quality| row.with_quality(&QualityEstimate { quality, half_width_db: 0.25 }));
+        for row in [&measured[0], &measured[1], &row, &StepRow::live(&frame, false)] {
+            let line = row.to_csv();
+            assert_eq!(StepRow::from_csv(&line).unwrap(), *row);
+            assert_eq!(line.split(',').count(), StepRow::CSV_HEADER.split(',').count());
+            assert_eq!(StepRow::from_csv(&line[..9]), None);
+            // Lines of before there were shares, and of before there were volumes.
+            for columns in [16, 15] {
+                let old = StepRow::from_csv(&line.split(',').take(columns).collect::<Vec<_>>().join(",")).unwrap();
+                let since = [old.half_width_db, old.overhead];
+                assert_eq!((old.step, old.psnr_db, since), (row.step, row.psnr_db, [None, None]));
+            }
         }
-        // 40 dB keep a limit of 20; 10 dB do not; encoding counts where it is to.
-        let kept =
-            |frame: &v1::Frame, mse| StepRow::new(frame, Some(&Quality { views: vec![view(10.0, mse)] })).limit_kept;
-        assert!(kept(&frame, 1e-4) && !kept(&frame, 0.1));
+        // 40 dB keep a limit of 20; 10 dB do not, unless they are known so badly that they may be 20; encoding counts where it is to.
+        let limits = v1::Limits { psnr_db: Some(20.0), ..limits };
+        let limited = v1::Frame { limits: Some(limits), ..frame };
+        let kept = |frame: &v1::Frame, mse| StepRow::trial(frame, &Quality { views: vec![view(10.0, mse)] }).limit_kept;
+        assert!(kept(&limited, 1e-4) && !kept(&limited, 0.1));
+        let estimated = |half_width_db| {
+            let quality = Quality { views: vec![view(10.0, 0.1)] };
+            StepRow::live(&limited, true).with_quality(&QualityEstimate { quality, half_width_db }).limit_kept
+        };
+        assert!(estimated(11.0) && !estimated(9.0));
         let cost = v1::Cost { generation_ns: 30, encode_ns: 20, ..Default::default() };
         let timed = |with_encoding| {
             let limits = v1::Limits { time_ns: Some(40), with_encoding, ..Default::default() };

@@ -15,12 +15,13 @@ pub async fn metrics(State(web): State<Web>) -> impl IntoResponse {
         let _ = write!(text, "# HELP lamina_{name} {help}\n# TYPE lamina_{name} {kind}\nlamina_{name} {value}\n");
     };
     let count = |c: &AtomicU64| c.load(Ordering::Relaxed) as f64;
-    let c = &web.meter.counters;
+    let c = &web.intake.counters;
     say("frames_total", "counter", "Steps received and recorded.", count(&c.frames));
     say("frame_bytes_total", "counter", "Bytes of encoded VDIs received.", count(&c.frame_bytes));
     say("trials_total", "counter", "Trials measured for the tuner.", count(&c.trials));
     say("refused_total", "counter", "Deliveries that could not be used.", count(&c.refused));
     say("connections_total", "counter", "Connections made to the generator-node.", count(&c.connections));
+    say("unmeasured_total", "counter", "Live steps not measured for want of processor time.", count(&c.unmeasured));
     let connected = f64::from(u8::from(web.connected.load(Ordering::Relaxed)));
     say("connected", "gauge", "1 while subscribed to the generator-node.", connected);
     if let Some(row) = web.store.rows().last() {

@@ -2,10 +2,11 @@
 
 mod metrics;
 
+use crate::intake::Intake;
 use crate::kernel::{Backend, Detail};
-use crate::measure::Meter;
-use crate::store::{Event, Run, StepRow, Store};
-use crate::view::{Orbit, Painter, ViewError};
+use crate::painter::{Orbit, Painter, ViewError};
+use crate::store::{Event, Number, Run, StepRow, Store};
+use crate::trials::Study;
 use axum::body::Body;
 use axum::extract::{Query, State};
 use axum::http::{HeaderMap, StatusCode, header};
@@ -13,30 +14,29 @@ use axum::response::sse::{self, Sse};
 use axum::response::{IntoResponse, Response};
 use axum::{Json, Router, routing::get};
 use futures::{Stream, StreamExt};
+use lamina_compute::{Activity, Priority};
 use lamina_model::{ControlPoint, TransferFunction};
+use lamina_wire::v1;
 use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::TryRecvError;
-use tokio::sync::Semaphore;
 
 /// What the handlers share.
 #[derive(Clone)]
 pub struct Web {
     store: Arc<Store>,
     painter: Arc<Painter>,
-    meter: Arc<Meter>,
+    intake: Arc<Intake>,
     connected: Arc<AtomicBool>,
-    /// Steps decoded and pictures rendered at once: each uses all cores or the whole GPU already.
-    renders: Arc<Semaphore>,
 }
 
 impl Web {
     /// Serves from `store`; draws with `backend`.
-    pub fn new(store: Arc<Store>, backend: Backend, meter: Arc<Meter>, connected: Arc<AtomicBool>) -> Self {
+    pub fn new(store: Arc<Store>, backend: Backend, intake: Arc<Intake>, connected: Arc<AtomicBool>) -> Self {
         let painter = Arc::new(Painter::new(store.clone(), backend));
-        Self { store, painter, meter, connected, renders: Arc::new(Semaphore::new(1)) }
+        Self { store, painter, intake, connected }
     }
 
     /// All routes.
@@ -83,6 +83,28 @@ struct PageState {
     steps: Vec<StepRow>,
     missed_steps: u64,
     connected: bool,
+    study: Option<StudyState>,
+}
+
+/// How far the newest study is that asks here.
+#[derive(Serialize)]
+struct StudyState {
+    /// The step it is of.
+    step: u64,
+    /// The run's first.
+    first: bool,
+    /// Trials begun.
+    trials: u32,
+    /// Of the best trial that keeps the contract so far.
+    best_psnr_db: Option<Number>,
+    best_size_bytes: u64,
+}
+
+impl From<Study> for StudyState {
+    fn from(Study { progress, step }: Study) -> Self {
+        let v1::StudyProgress { first, trials, best_psnr_db, best_size_bytes } = progress;
+        Self { step, first, trials, best_psnr_db: best_psnr_db.map(Number::from), best_size_bytes }
+    }
 }
 
 async fn state(State(web): State<Web>) -> Json<PageState> {
@@ -92,25 +114,27 @@ async fn state(State(web): State<Web>) -> Json<PageState> {
         Limit { size_bytes: last.and_then(|r| r.size_limit_bytes), time_ms: last.and_then(|r| r.time_limit_ms) };
     let missed_steps = last.map_or(0, |r| r.dropped_steps);
     let connected = web.connected.load(std::sync::atomic::Ordering::Relaxed);
-    Json(PageState { run: web.store.run(), limit, missed_steps, connected, steps })
+    let study = web.intake.trials.study().map(StudyState::from);
+    Json(PageState { run: web.store.run(), limit, missed_steps, connected, study, steps })
 }
 
 /// What the tuner's trials of this run came to here.
 async fn trials(State(web): State<Web>) -> Json<Vec<StepRow>> {
-    Json(web.store.run().map_or_else(Vec::new, |run| web.meter.trials.rows(&run.id)))
+    Json(web.store.run().map_or_else(Vec::new, |run| web.intake.trials.rows(&run.id)))
 }
 
 async fn events(State(web): State<Web>) -> Sse<impl Stream<Item = Result<sse::Event, Infallible>>> {
-    let to_sse = |event| {
+    let events = web.store.events();
+    let to_sse = move |event| {
         let (name, data) = match &event {
             Event::Run(run) => ("run", serde_json::to_string(run)),
             Event::Step(_, row) => ("step", serde_json::to_string(row)),
-            Event::Trial => ("trial", Ok("{}".to_owned())),
+            Event::Trial => ("trial", serde_json::to_string(&web.intake.trials.study().map(StudyState::from))),
         };
         Ok(sse::Event::default().event(name).data(data.unwrap_or_default()))
     };
     // A page that fell behind fetches the state anew when the next run or step comes.
-    Sse::new(web.store.events().map(to_sse)).keep_alive(sse::KeepAlive::default())
+    Sse::new(events.map(to_sse)).keep_alive(sse::KeepAlive::default())
 }
 
 #[derive(Deserialize)]
@@ -146,13 +170,8 @@ struct TransferQuery {
 }
 
 async fn transfer(State(web): State<Web>, Query(query): Query<TransferQuery>) -> Response {
-    let Ok(permit) = web.renders.acquire_owned().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
-    let work = move || {
-        // Decoding takes memory: one at a time.
-        let _permit = permit;
-        web.store.prepared(query.step)
-    };
-    match tokio::task::spawn_blocking(work).await {
+    let permit = web.intake.share.acquire(Priority::Picture).await;
+    match permit.run(Activity::Decode, move |_| web.store.prepared(query.step)).await {
         Ok(Ok(shown)) => match shown.transfer() {
             Some(function) => {
                 let parts = function.transparent_parts().into_iter();
@@ -165,6 +184,9 @@ async fn transfer(State(web): State<Web>, Query(query): Query<TransferQuery>) ->
         Err(e) => (StatusCode::INTERNAL_SERVER_ERROR, e.to_string()).into_response(),
     }
 }
+
+/// Pictures that may wait at once: one for each of so many pages.
+const MOST_WAITING: usize = 64;
 
 fn one() -> f64 {
     1.0
@@ -189,14 +211,15 @@ async fn image(State(web): State<Web>, Query(query): Query<ImageQuery>) -> Respo
         Ok(points) => points,
         Err(e) => return (StatusCode::BAD_REQUEST, format!("points: {e}")).into_response(),
     };
-    let Ok(permit) = web.renders.acquire_owned().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
+    if web.intake.share.waiting() > MOST_WAITING {
+        return (StatusCode::SERVICE_UNAVAILABLE, "too many pictures are waited for; ask again later").into_response();
+    }
+    let permit = web.intake.share.acquire(Priority::Picture).await;
     // Whoever closes the connection, as a page does when the picture is turned, drops this and wants no more.
     let (waiting, wanted) = std::sync::mpsc::channel::<Infallible>();
-    let work = move || {
-        let _permit = permit;
-        web.painter.picture(step, orbit, points, || wanted.try_recv() == Err(TryRecvError::Empty))
-    };
-    let done = tokio::task::spawn_blocking(work).await;
+    let work =
+        move |_: &mut _| web.painter.picture(step, orbit, points, || wanted.try_recv() == Err(TryRecvError::Empty));
+    let done = permit.run(Activity::Draw, work).await;
     drop(waiting);
     match done {
         Ok(Ok(None)) => StatusCode::SERVICE_UNAVAILABLE.into_response(),

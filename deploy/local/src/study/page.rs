@@ -14,7 +14,7 @@ use lamina_tuner::Contract;
 use lamina_tuner::pareto::{front, offers};
 use lamina_tuner::tune::Row;
 use lamina_viz_node::kernel::{self as viz, Detail};
-use lamina_viz_node::view::png;
+use lamina_viz_node::painter::png;
 use std::path::Path;
 
 /// Views of the paper's Fig. 3 to 6, degrees.

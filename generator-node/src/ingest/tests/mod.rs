@@ -84,7 +84,7 @@ impl Node {
     }
 
     fn next_number(&mut self) -> Option<u64> {
-        self.core.take_complete().map(|complete| complete.step)
+        self.core.take_complete(Instant::now()).map(|complete| complete.step)
     }
 }
 
@@ -117,7 +117,7 @@ fn three_uneven_slabs_in_any_order_make_the_exact_volume() {
     assert_eq!(node.push(0, 2), Some(false));
     assert_eq!(node.push(0, 0), Some(false));
     assert_eq!(node.push(0, 1), Some(true));
-    let complete: CompleteStep = node.core.take_complete().unwrap();
+    let complete: CompleteStep = node.core.take_complete(Instant::now()).unwrap();
     assert_eq!((complete.step, complete.time, complete.run_id.as_str()), (0, 0.0, "a"));
     let expected = Voxels::U16((0..VOXELS as u16).collect());
     assert_eq!(complete.into_volume().unwrap(), Volume::new(spec(1, FullPolicy::Block).grid, expected).unwrap());
@@ -144,7 +144,7 @@ fn slabs_of_two_fields_make_both_and_count_for_both() {
         complete = node.receive(0, rank, bytes);
     }
     assert_eq!(complete, Some(true));
-    let volume = node.core.take_complete().unwrap().into_volume().unwrap();
+    let volume = node.core.take_complete(Instant::now()).unwrap().into_volume().unwrap();
     assert_eq!(volume.voxels(), &Voxels::U16((0..VOXELS as u16).collect()));
     assert_eq!(volume.color_field(), Some(("heat", &Voxels::F32((0..VOXELS).map(heat).collect()))));
     assert!(matches!(node.admit(1, 0), Ok(Admit::Granted(_))), "its memory is free again");
@@ -180,7 +180,7 @@ fn drop_newest_keeps_what_waits_and_counts() {
     assert_eq!(node.admit_whole(3).unwrap(), Admit::Dropped);
     assert_eq!((node.next_number(), node.next_number(), node.next_number()), (Some(0), Some(1), None));
     node.push_whole(4);
-    assert_eq!(node.core.take_complete().unwrap().dropped_steps, 2);
+    assert_eq!(node.core.take_complete(Instant::now()).unwrap().dropped_steps, 2);
     assert_eq!(node.core.close("a", 0, node.start).unwrap(), 2);
 }
 
@@ -190,6 +190,16 @@ fn drop_oldest_keeps_the_newest_within_the_bound_and_counts() {
     (0..10).for_each(|step| node.push_whole(step));
     assert_eq!((node.next_number(), node.next_number(), node.next_number()), (Some(8), Some(9), None));
     assert_eq!(node.core.close("a", 0, node.start).unwrap(), 8);
+}
+
+#[test]
+fn steps_that_have_waited_long_are_passed_over_for_the_newest_where_the_oldest_are_dropped() {
+    for (policy, taken, dropped) in [(FullPolicy::DropOldest, 4, 4), (FullPolicy::Block, 0, 0)] {
+        let mut node = Node::serving(9, 1, policy);
+        (0..5).for_each(|step| node.push_whole(step));
+        let step = node.core.take_complete(node.start + Duration::from_secs(2)).unwrap();
+        assert_eq!((step.step, step.dropped_steps), (taken, dropped));
+    }
 }
 
 #[test]
@@ -250,7 +260,7 @@ fn a_rank_far_behind_evicts_nothing_and_its_drops_are_counted_once() {
         (0..FAR).for_each(|step| assert_eq!(node.admit(step, rank).unwrap(), Admit::Dropped));
     }
     assert_eq!((node.push(FAR, 1), node.push(FAR, 2)), (Some(false), Some(true)));
-    assert_eq!(node.core.take_complete().unwrap().dropped_steps, FAR);
+    assert_eq!(node.core.take_complete(Instant::now()).unwrap().dropped_steps, FAR);
 }
 
 #[test]
@@ -351,7 +361,7 @@ fn a_step_a_rank_lost_goes_when_a_newer_one_completes() {
     node.push(0, 0);
     node.push(0, 1);
     assert_eq!((node.push(1, 0), node.push(1, 1), node.push(1, 2)), (Some(false), Some(false), Some(true)));
-    let complete = node.core.take_complete().unwrap();
+    let complete = node.core.take_complete(Instant::now()).unwrap();
     assert_eq!((complete.step, complete.dropped_steps), (1, 1));
     assert!(matches!(node.admit(2, 0).unwrap(), Admit::Granted(_)));
     node.receive(2, 0, slab(0));
@@ -366,5 +376,5 @@ fn a_step_a_rank_lost_does_not_block_the_next_one_for_ever() {
     assert_eq!(node.push(1, 2), Some(false), "rank 2 went past step 0, which therefore cannot complete");
     assert_eq!(node.admit(0, 1).unwrap(), Admit::Dropped);
     assert_eq!((node.push(1, 0), node.push(1, 1)), (Some(false), Some(true)));
-    assert_eq!(node.core.take_complete().unwrap().dropped_steps, 1);
+    assert_eq!(node.core.take_complete(Instant::now()).unwrap().dropped_steps, 1);
 }

@@ -3,7 +3,7 @@
 use super::{DIMS, IDLE, Node, offer, refused, slab, spec};
 use crate::ingest::{Admit, RunSpec};
 use lamina_wire::v1::FullPolicy;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tonic::Code;
 
 #[test]
@@ -39,7 +39,7 @@ fn a_replaced_runs_incomplete_steps_free_their_memory_and_its_complete_ones_are_
     assert!(matches!(ask(&mut node, 0), Admit::Granted(_)));
     assert_eq!(node.core.receive("b", 0, 0, slab(0), node.start).unwrap(), Some(false));
     assert_eq!(ask(&mut node, 1), Admit::Wait, "the old run's complete step still counts");
-    assert_eq!(node.core.take_complete().unwrap().run_id, "a");
+    assert_eq!(node.core.take_complete(Instant::now()).unwrap().run_id, "a");
     assert!(matches!(ask(&mut node, 1), Admit::Granted(_)));
 }
 

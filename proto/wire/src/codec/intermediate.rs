@@ -31,6 +31,18 @@ pub fn encode_timed(
     Ok((bytes, [generation, encoding]))
 }
 
+/// Passes bytes whose checksum, version, header and decoded size are right, without decoding them.
+///
+/// # Errors
+/// As [`decode_any`], but for what only decoding can find.
+pub fn check_any(bytes: &[u8], limits: &DecodeLimits) -> Result<(), CodecError> {
+    if bytes.starts_with(&volume::MAGIC) {
+        volume::read_head(bytes, limits).map(drop)
+    } else {
+        super::check(bytes, limits).map(drop)
+    }
+}
+
 /// Decodes either representation. `bytes` must be one whole of them and nothing else.
 ///
 /// # Errors

@@ -20,7 +20,7 @@ mod sections;
 pub mod volume;
 
 pub use error::CodecError;
-pub use intermediate::{decode_any, encode_any, encode_timed};
+pub use intermediate::{check_any, decode_any, encode_any, encode_timed};
 pub use quantize::quantize;
 
 use compress::Bytewise;
@@ -174,9 +174,7 @@ pub fn encode(vdi: &Vdi, options: &EncodeOptions) -> Result<Vec<u8>, CodecError>
 /// # Errors
 /// If it is no VDI, a newer one, damaged, larger than `limits`, or contradicts itself.
 pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<Vdi, CodecError> {
-    let version = take_version(bytes, MAGIC, NEWEST)?;
-    let (contents, rest) = read_contents(checked_body(bytes, PREAMBLE_BYTES + CRC_BYTES)?)?;
-    check_size(&contents, limits)?;
+    let (version, contents, rest) = check(bytes, limits)?;
     let codec = contents.header.codec;
     if version == 2 {
         return Err(error::invalid("it is of version 2, a draft that no release wrote; make it again"));
@@ -194,6 +192,14 @@ pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<Vdi, CodecError> {
             plain::read(&sections::read(rest, compressor, &plain::shapes(&contents))?, &contents)
         }
     }
+}
+
+/// Checks everything but the lists; gives the version, the header, and the bytes of the lists.
+fn check<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<(u16, Contents, &'a [u8]), CodecError> {
+    let version = take_version(bytes, MAGIC, NEWEST)?;
+    let (contents, rest) = read_contents(checked_body(bytes, PREAMBLE_BYTES + CRC_BYTES)?)?;
+    check_size(&contents, limits)?;
+    Ok((version, contents, rest))
 }
 
 /// Reads the header alone; `bytes` may end after it, and the checksum is not looked at.

@@ -42,6 +42,21 @@ pub fn encode(volume: &ReducedVolume) -> Vec<u8> {
 /// # Errors
 /// If it is none, a newer one, damaged, larger than `limits`, or contradicts itself.
 pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ReducedVolume, CodecError> {
+    let Head { grid, scene, params, values } = read_head(bytes, limits)?;
+    let units = volume::decode(values, grid.dims(), bound(&params)).map_err(|e| invalid(e.to_string()))?;
+    Ok(ReducedVolume::new(grid, scene, params, units)?)
+}
+
+/// A header, and the values behind it.
+pub(super) struct Head<'a> {
+    grid: Grid,
+    scene: Scene,
+    params: GenerationParams,
+    values: &'a [u8],
+}
+
+/// Checks everything but the values.
+pub(super) fn read_head<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<Head<'a>, CodecError> {
     take_version(bytes, MAGIC, VERSION)?;
     let body = checked_body(bytes, MAGIC.len() + 2 + 4 + CRC_BYTES)?;
     let rest = &body[MAGIC.len() + 2..];
@@ -62,8 +77,7 @@ pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ReducedVolume, Code
     if needed_bytes > limit_bytes {
         return Err(CodecError::TooLarge { needed_bytes, limit_bytes });
     }
-    let units = volume::decode(values, grid.dims(), bound(&params)).map_err(|e| invalid(e.to_string()))?;
-    Ok(ReducedVolume::new(grid, scene, params, units)?)
+    Ok(Head { grid, scene, params, values })
 }
 
 /// The error bound. Single precision has no digits for finer ones.

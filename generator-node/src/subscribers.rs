@@ -1,6 +1,6 @@
 //! Who can measure trials: the subscribers that say where their Quality service is, and the trials on their way to each.
 
-use crate::publish::Item;
+use crate::publish::Delivery;
 use lamina_model::Invalid;
 use lamina_wire::node::host_and_port;
 use lamina_wire::v1;
@@ -11,36 +11,37 @@ use tokio::sync::watch;
 /// Bytes of trials that wait for one viewer; then the oldest VDI goes.
 const WAITING_BYTES: u64 = 128 << 20;
 
-/// The viewers present, in the order they came.
+/// The viewers present, in the order they joined.
 #[derive(Default)]
-pub struct Viewers {
-    came: u64,
-    present: Vec<Mailbox>,
+pub struct Subscribers {
+    joined: u64,
+    present: Vec<Subscriber>,
     list: watch::Sender<v1::ViewerList>,
 }
 
-struct Mailbox {
+struct Subscriber {
     viewer: v1::Viewer,
-    waiting: VecDeque<(u64, Item)>,
+    waiting: VecDeque<Delivery>,
 }
 
-impl Viewers {
+impl Subscribers {
     /// Adds one whose Quality service is at `address`; gives the name it has until it [leaves](Self::leave).
     pub fn join(&mut self, address: String) -> String {
-        self.came += 1;
-        let viewer = self.came.to_string();
-        self.present.push(Mailbox { viewer: v1::Viewer { viewer: viewer.clone(), address }, waiting: VecDeque::new() });
-        self.tell();
+        self.joined += 1;
+        let viewer = self.joined.to_string();
+        self.present
+            .push(Subscriber { viewer: v1::Viewer { viewer: viewer.clone(), address }, waiting: VecDeque::new() });
+        self.announce();
         viewer
     }
 
     /// Forgets it and what waits for it.
     pub fn leave(&mut self, viewer: &str) {
         self.present.retain(|m| m.viewer.viewer != viewer);
-        self.tell();
+        self.announce();
     }
 
-    fn tell(&self) {
+    fn announce(&self) {
         self.list.send_replace(v1::ViewerList { viewers: self.present.iter().map(|m| m.viewer.clone()).collect() });
     }
 
@@ -49,21 +50,21 @@ impl Viewers {
         self.list.subscribe()
     }
 
-    /// What waits for `viewer`, by rising number; `None` if it is not there.
-    pub fn waiting(&mut self, viewer: &str) -> Option<&mut VecDeque<(u64, Item)>> {
+    /// What waits for `viewer`, the oldest first; `None` if it is not there.
+    pub fn waiting(&mut self, viewer: &str) -> Option<&mut VecDeque<Delivery>> {
         self.present.iter_mut().find(|m| m.viewer.viewer == viewer).map(|m| &mut m.waiting)
     }
 }
 
 /// Makes room: drops the oldest VDIs, but the newest item and what they are compared with.
-pub fn trim(waiting: &mut VecDeque<(u64, Item)>) {
-    let mut bytes: u64 = waiting.iter().map(|(_, item)| item.bytes()).sum();
+pub fn trim(waiting: &mut VecDeque<Delivery>) {
+    let mut bytes: u64 = waiting.iter().map(Delivery::bytes).sum();
     while bytes > WAITING_BYTES {
-        let Some(oldest) = waiting.iter().position(|(_, item)| item.is_frame()) else { return };
+        let Some(oldest) = waiting.iter().position(Delivery::is_frame) else { return };
         if oldest + 1 == waiting.len() {
             return;
         }
-        bytes -= waiting.remove(oldest).map_or(0, |(_, item)| item.bytes());
+        bytes -= waiting.remove(oldest).map_or(0, |d| d.bytes());
     }
 }
 

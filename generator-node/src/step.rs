@@ -1,8 +1,9 @@
-//! A step as it is looked at: what stands for it, what that costs, its reference samples.
+//! One time step, prepared: its volumes and VDIs, their costs, its reference samples.
 
-use crate::publish::Item;
+use crate::publish::Delivery;
 use crate::schedule::Setting;
 use lamina_cast::{Backend, Field, most_points};
+use lamina_compute::{Activity, Laps};
 use lamina_model::{GenerationParams, Intermediate, Invalid, ReferenceSamples, SamplePlan, Segmentation};
 use lamina_wire::codec::{self, EncodeOptions};
 use lamina_wire::reference;
@@ -11,8 +12,8 @@ use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 use tonic::codegen::Bytes;
 
-/// A step ready to be looked at: kept for trials until a newer one comes.
-pub struct Prepared {
+/// A step ready to be generated from: kept for trials until a newer one comes.
+pub struct Step {
     /// What is being simulated.
     pub run: Arc<v1::Run>,
     /// The step.
@@ -25,7 +26,7 @@ pub struct Prepared {
     reference: OnceLock<Result<ReferenceSamples, Invalid>>,
 }
 
-impl Prepared {
+impl Step {
     /// The step of `run` that `field` holds, rays cast by `backend`.
     pub fn new(
         run: Arc<v1::Run>,
@@ -36,25 +37,37 @@ impl Prepared {
         Self { run, step, time, backend, segmentation, field, reference: OnceLock::new() }
     }
 
-    /// What stands for the step, encoded, and what it cost.
-    pub fn measure(&self, params: &GenerationParams, options: &EncodeOptions) -> Result<(Vec<u8>, v1::Cost), Invalid> {
+    /// The step generated and encoded, and what that cost.
+    pub fn measure(
+        &self,
+        params: &GenerationParams,
+        options: &EncodeOptions,
+        laps: &mut Laps,
+    ) -> Result<(Vec<u8>, v1::Cost), Invalid> {
         let (intermediate, generation_time) = self.backend.represent(&self.field, params, self.segmentation)?;
-        encode(&intermediate, generation_time, options)
+        laps.lap(Activity::Generate);
+        let encoded = encode(&intermediate, generation_time, options);
+        laps.lap(Activity::Encode);
+        encoded
     }
 
     /// The same as a trial, whose time decides what many steps are generated with: a quick generation is timed three times,
     /// unless what it takes is `known`. (The coding of a volume, which is a part of it, is timed once.)
-    pub fn try_out(
+    pub fn measure_trial(
         &self,
         params: &GenerationParams,
         options: &EncodeOptions,
         known: Option<Duration>,
+        laps: &mut Laps,
     ) -> Result<(Vec<u8>, v1::Cost), Invalid> {
         let (intermediate, generation_time) = match known {
             Some(time) => (self.backend.represent(&self.field, params, self.segmentation)?.0, time),
             None => self.timed(params)?,
         };
-        encode(&intermediate, generation_time, options)
+        laps.lap(Activity::Generate);
+        let encoded = encode(&intermediate, generation_time, options);
+        laps.lap(Activity::Encode);
+        encoded
     }
 
     /// What generation alone takes as a trial.
@@ -66,11 +79,11 @@ impl Prepared {
     fn timed(&self, params: &GenerationParams) -> Result<(Intermediate, Duration), Invalid> {
         let represent = || self.backend.represent(&self.field, params, self.segmentation);
         let (intermediate, first) = represent()?;
-        let time = middle(first, || represent().map(|(_, time)| time))?;
+        let time = median_of_three(first, || represent().map(|(_, time)| time))?;
         Ok((intermediate, time))
     }
 
-    /// What stands for the step with each of `gammas`, and the time that making them all took.
+    /// The step generated with each of `gammas`, and the time that making them all took.
     pub fn represent_all(
         &self,
         params: &GenerationParams,
@@ -86,20 +99,45 @@ impl Prepared {
         most_points(&self.field)
     }
 
-    /// The step's reference samples, cast once.
-    pub fn reference(&self, plan: &SamplePlan) -> Result<Item, Invalid> {
+    /// A slice of the reference samples, for the quality of the live step: `batches` of them, other ones from step to step; 0 for
+    /// all.
+    pub fn live_reference(&self, plan: &SamplePlan, batches: u32) -> Result<Delivery, Invalid> {
+        if batches == 0 || batches >= plan.batches {
+            return self.reference(plan);
+        }
+        let slice = plan.rotating_slice(self.step, batches);
+        let samples = self.backend.reference_slice(&self.field, plan, self.step, slice)?;
+        let (announcement, payload) = reference::encode(&self.run.run_id, &samples);
+        Ok(Delivery::new(&self.run, Part::Reference(announcement), payload))
+    }
+
+    /// All of the step's reference samples, cast once.
+    pub fn reference(&self, plan: &SamplePlan) -> Result<Delivery, Invalid> {
         let cast = || self.backend.reference_samples(&self.field, plan, self.step);
         let samples = self.reference.get_or_init(cast).as_ref().map_err(Clone::clone)?;
         let (announcement, payload) = reference::encode(&self.run.run_id, samples);
-        Ok(Item::new(&self.run, Part::Reference(announcement), payload))
+        Ok(Delivery::new(&self.run, Part::Reference(announcement), payload))
     }
 
-    /// Announces what stands for this step.
-    pub fn frame(&self, params: &GenerationParams, cost: v1::Cost, bytes: impl Into<Bytes>, purpose: Purpose) -> Item {
+    /// Announces the encoded step.
+    pub fn frame(
+        &self,
+        params: &GenerationParams,
+        cost: v1::Cost,
+        bytes: impl Into<Bytes>,
+        purpose: Purpose,
+    ) -> Delivery {
         let bytes = bytes.into();
-        let (trial_id, dropped_steps, setting) = match purpose {
-            Purpose::Trial(id) => (id, 0, None),
-            Purpose::Live { dropped_steps, setting } => (0, dropped_steps, Some(setting)),
+        let purpose = match purpose {
+            Purpose::Trial(trial_id) => v1::Frame { trial_id, ..Default::default() },
+            Purpose::Live { dropped_steps, setting, overhead, throttle } => v1::Frame {
+                dropped_steps,
+                limits: Some(setting.limits),
+                tuning_state: setting.tuning.into(),
+                overhead,
+                throttle,
+                ..Default::default()
+            },
         };
         let frame = v1::Frame {
             run_id: self.run.run_id.clone(),
@@ -107,13 +145,11 @@ impl Prepared {
             time: self.time,
             params: Some(params.into()),
             cost: Some(cost),
-            trial_id,
-            dropped_steps,
             bytes: bytes.len() as u64,
             empty_voxels: self.field.empty_voxels(),
-            limits: setting.map(|s| s.limits),
+            ..purpose
         };
-        Item::new(&self.run, Part::Frame(frame), bytes)
+        Delivery::new(&self.run, Part::Frame(frame), bytes)
     }
 }
 
@@ -122,7 +158,7 @@ const QUICK: Duration = Duration::from_millis(20);
 
 /// `first`, or if it was quick the middle of it and two more: a machine does other things, too, and what takes milliseconds
 /// takes a multiple now and then.
-fn middle(first: Duration, mut again: impl FnMut() -> Result<Duration, Invalid>) -> Result<Duration, Invalid> {
+fn median_of_three(first: Duration, mut again: impl FnMut() -> Result<Duration, Invalid>) -> Result<Duration, Invalid> {
     if first >= QUICK {
         return Ok(first);
     }
@@ -131,7 +167,7 @@ fn middle(first: Duration, mut again: impl FnMut() -> Result<Duration, Invalid>)
     Ok(times[1])
 }
 
-/// The bytes of what stands for a step, and what they cost.
+/// The bytes of a generated step, and what they cost.
 pub fn encode(
     intermediate: &Intermediate,
     generation_time: Duration,
@@ -147,16 +183,20 @@ pub fn encode(
     Ok((bytes, cost))
 }
 
-/// What it was made for.
+/// The use of a frame.
 pub enum Purpose<'a> {
-    /// The tuner's question.
+    /// A trial of this number.
     Trial(u64),
-    /// To be looked at.
+    /// A live step.
     Live {
         /// Steps of the run dropped so far.
         dropped_steps: u64,
         /// The setting in force.
         setting: &'a Setting,
+        /// What the node costs the simulation, a share of its time, if that is known.
+        overhead: Option<f64>,
+        /// Share of its processor time that the node allows itself.
+        throttle: f64,
     },
 }
 
@@ -168,12 +208,16 @@ mod tests {
     fn a_quick_generation_is_timed_three_times_and_the_middle_counts() {
         let ms = Duration::from_millis;
         let mut more = [ms(3), ms(90)].into_iter();
-        assert_eq!(middle(ms(4), || Ok(more.next().unwrap())), Ok(ms(4)));
+        assert_eq!(median_of_three(ms(4), || Ok(more.next().unwrap())), Ok(ms(4)));
         assert_eq!(more.next(), None);
         let mut more = [ms(5), ms(4)].into_iter();
-        assert_eq!(middle(ms(19), || Ok(more.next().unwrap())), Ok(ms(5)), "not the one that something else disturbed");
-        assert_eq!(middle(ms(20), || unreachable!("slow enough")), Ok(ms(20)));
+        assert_eq!(
+            median_of_three(ms(19), || Ok(more.next().unwrap())),
+            Ok(ms(5)),
+            "not the one that something else disturbed"
+        );
+        assert_eq!(median_of_three(ms(20), || unreachable!("slow enough")), Ok(ms(20)));
         let broken = || Err(Invalid::new("gamma", "is broken"));
-        assert_eq!(middle(ms(1), broken), broken());
+        assert_eq!(median_of_three(ms(1), broken), broken());
     }
 }

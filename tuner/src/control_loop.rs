@@ -1,8 +1,8 @@
 //! The loop: watch steps, study when one calls for it, push the winner.
 
-use crate::ahead::{Ahead, follow};
 use crate::characteristic::choose;
 use crate::live::LiveQuality;
+use crate::provisional::{ProvisionalChoice, follow};
 use crate::push::{limits_alone, push, setting};
 use crate::remote::{Remote, connect};
 use crate::run::{End, Run, cost, read};
@@ -12,7 +12,7 @@ use crate::tune::Row;
 use crate::{Config, status::Status};
 use futures::StreamExt;
 use lamina_model::GenerationParams;
-use lamina_wire::v1::{self, control_client::ControlClient};
+use lamina_wire::v1::{self, TuningState, control_client::ControlClient};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::Instant;
@@ -41,7 +41,7 @@ enum Call {
     /// The parameters in use are right.
     Nothing,
     /// It is like a step studied before: that one's parameters.
-    Switch(v1::SetParametersRequest),
+    Switch(v1::SetParametersRequest, f64),
     /// It is like none, or the contract was broken.
     Study,
 }
@@ -79,7 +79,8 @@ impl Daemon {
         tracing::info!(generator, "watching");
         // A restarted generator-node has forgotten its parameters; a new one knows no limits yet.
         let begin = self.setting.clone();
-        let from = push(&control, begin.clone().unwrap_or_else(|| limits_alone(&self.config.contract))).await?;
+        let limits = || limits_alone(&self.config.contract, &self.config.representations);
+        let from = push(&control, begin.clone().unwrap_or_else(limits)).await?;
         if begin.is_some() {
             self.holds_from = self.holds_from.max(from);
         }
@@ -96,7 +97,7 @@ impl Daemon {
             };
             let outcome = match call {
                 Call::Nothing => Ok(()),
-                Call::Switch(setting) => self.switch(&control, setting).await,
+                Call::Switch(setting, psnr_db) => self.switch(&control, setting, psnr_db).await,
                 Call::Study => self.study(&control, &report).await,
             };
             self.status.failed(outcome.as_ref().err());
@@ -121,9 +122,10 @@ impl Daemon {
         since
             && match self.run.like(report) {
                 Some(step) if step.study.best.is_none() => {
-                    contract.aim().excess(&cost(report), measured.psnr_db) <= 0.0
+                    contract.aim().excess(&cost(report), measured.psnr_db - measured.half_width_db) <= 0.0
                 }
-                _ => contract.excess(&Cost::default(), measured.psnr_db) > 0.0,
+                // Only where the whole interval lies beyond the limit.
+                _ => contract.excess(&Cost::default(), measured.psnr_db + measured.half_width_db) > 0.0,
             }
     }
 
@@ -146,8 +148,10 @@ impl Daemon {
         let fell_back = self.setting.as_ref().is_some_and(|s| s.params != report.params);
         match self.run.like(report) {
             Some(step) if step.cut && matches!(study, Call::Study) => study,
-            Some(step) => match setting(&step.study, step.chosen, &self.config.contract) {
-                known if self.setting.as_ref().is_none_or(|s| s.params != known.params) => Call::Switch(known),
+            Some(step) => match setting(&step.study, step.chosen, &self.config.contract, TuningState::Done) {
+                known if self.setting.as_ref().is_none_or(|s| s.params != known.params) => {
+                    Call::Switch(known, step.study.rows[step.chosen].measured.quality.psnr_db())
+                }
                 _ if kept && !fell_back => Call::Nothing,
                 // Where nothing keeps the contract, every step breaks it; asking again each time would find the same. What was
                 // cut short is asked again above, as soon as there is time.
@@ -162,6 +166,7 @@ impl Daemon {
         &mut self,
         control: &ControlClient<Channel>,
         setting: v1::SetParametersRequest,
+        psnr_db: f64,
     ) -> Result<(), TrialError> {
         let from = push(control, setting.clone()).await?;
         let params = setting.params.unwrap_or_default();
@@ -171,7 +176,7 @@ impl Daemon {
             from,
             "back to parameters of a step like this"
         );
-        self.status.chosen(params);
+        self.status.chosen(Some(params), psnr_db);
         (self.setting, self.holds_from) = (Some(setting), from);
         Ok(())
     }
@@ -185,8 +190,8 @@ impl Daemon {
         outcome.map(|_| ())
     }
 
-    /// The parameters that the step was made with: those pushed, or what the generator-node fell back to; before any were
-    /// pushed, those that it has of itself, if they lie among `candidates`.
+    /// The parameters that the step was made with: those pushed, or what the generator-node fell back to; those that it has of
+    /// itself, if they lie among `candidates`.
     fn in_use(&self, report: &v1::StepReport, candidates: &[GenerationParams]) -> Option<GenerationParams> {
         let own = read(report.params)?;
         if self.setting.is_some() {
@@ -226,34 +231,39 @@ impl Daemon {
         let pace = self.run.pace.of();
         let contract = limits.paced(pace);
         let given = until.map_or(Duration::ZERO, |until| until - Instant::now());
-        let mut remote = Remote::open(control, &self.config.generator).await?;
+        let first = self.run.studied_step.is_none();
+        let mut remote = Remote::open(control, &self.config.generator, first).await?;
         let (all, old) = self.candidates(&mut remote, until).await?;
-        let mut in_use = self.in_use(report, &all);
-        let (mut ahead, picked) =
-            in_use.filter(|_| self.setting.is_none()).map(|own| Ahead::new(&contract, own)).unzip();
+        // Before any study the parameters in use are nobody's choice.
+        let mut in_use = if first { None } else { self.in_use(report, &all) };
+        let (mut provisional, chosen) = ProvisionalChoice::new(&contract, remote.progress());
         let status = &*self.status;
         let (step, mut tried) = (remote.step(), Vec::new());
         let rows: &mut Vec<Row> = &mut tried;
-        // Ends what goes ahead with the search.
+        // Dropped with the search, which ends what is followed.
         let progress = move |row: &Row| {
             status.tried(row);
             rows.retain(|known| known.params != row.params);
             rows.push(row.clone());
-            if let Some(ahead) = &mut ahead {
-                ahead.tried(row);
-            }
+            provisional.add(row);
         };
         let searching = search_with_margin(&mut remote, &contract, &all, in_use.as_ref(), until, progress);
-        let (found, pushed) = match picked {
-            Some(picked) => tokio::join!(searching, follow(control, status, picked)),
-            None => (searching.await, None),
-        };
+        let (found, pushed) =
+            if first { tokio::join!(searching, follow(control, status, chosen)) } else { (searching.await, None) };
         if let Some((setting, from)) = pushed {
             in_use = read(setting.params);
             (self.setting, self.holds_from) = (Some(setting), from);
         }
-        // A study given up has measured something all the same.
-        let found = found.inspect_err(|_| status.measured(step, &tried, None))?;
+        // A study that nodes cut short has measured something all the same: it stays in use, and the next one goes on from it.
+        let found = found.inspect_err(|_| {
+            if tried.is_empty() {
+                status.lost_study();
+            } else {
+                status.measured(step, &tried, None);
+                self.run.carried.clone_from(&tried);
+            }
+        })?;
+        self.run.carried.clear();
         let study = found.study;
         let studied = study.step.max(report.step);
         // "Nothing keeps the contract" is no knowledge of a search that was cut short, nor of one among old candidates.
@@ -274,7 +284,8 @@ impl Daemon {
                 if pace > 1.0 { format!("; live steps take {pace:.1} times as long") } else { String::new() }
             );
         }
-        let setting = setting(&study, chosen, &limits);
+        let state = if cut { TuningState::Provisional } else { TuningState::Done };
+        let setting = setting(&study, chosen, &limits, state);
         let from = push(control, setting.clone()).await?;
         tracing::info!(
             step = study.step,

@@ -1,0 +1,47 @@
+//! The pace of a source of steps, as a simulation has one, and how fast it turned out.
+
+use crate::cli::Pace;
+use std::time::{Duration, Instant};
+
+/// Lets steps begin no faster than at a pace.
+pub struct Pacer {
+    interval: Duration,
+    next: Instant,
+    begun: Instant,
+    steps: u32,
+    computing: Duration,
+}
+
+impl Pacer {
+    /// The first step begins now.
+    pub fn new(pace: Pace) -> Self {
+        let interval = if pace.0 > 0.0 { Duration::from_secs_f64(1.0 / pace.0) } else { Duration::ZERO };
+        let now = Instant::now();
+        Self { interval, next: now, begun: now, steps: 0, computing: Duration::ZERO }
+    }
+
+    /// Waits until the next step is due, or `stopped`. A late step does not make the next ones early.
+    pub fn wait(&mut self, stopped: &impl Fn() -> bool) {
+        while !stopped() {
+            let Some(left) = self.next.checked_duration_since(Instant::now()).filter(|left| !left.is_zero()) else {
+                break;
+            };
+            std::thread::sleep(left.min(Duration::from_millis(50)));
+        }
+        self.next = self.next.max(Instant::now() - self.interval) + self.interval;
+    }
+
+    /// A step was computed in so much time.
+    pub fn computed(&mut self, time: Duration) {
+        self.steps += 1;
+        self.computing += time;
+    }
+
+    /// Steps a second, and milliseconds of computing a step.
+    pub fn speed(&self) -> String {
+        let steps = f64::from(self.steps.max(1));
+        let per_second = steps / self.begun.elapsed().as_secs_f64();
+        let ms = 1e3 * self.computing.as_secs_f64() / steps;
+        format!("{per_second:.1} steps a second, {ms:.0} ms of computing each")
+    }
+}

@@ -1,0 +1,122 @@
+//! What the pipeline and the control service share.
+
+use crate::overhead::{Coupling, Overhead};
+use crate::publish::Publisher;
+use crate::schedule::{Schedule, Setting};
+use crate::step::Step;
+use lamina_cast::Backend;
+use lamina_compute::CpuShare;
+use lamina_model::{GenerationParams, SamplePlan, Segmentation};
+use lamina_wire::codec::EncodeOptions;
+use lamina_wire::v1;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::sync::broadcast;
+
+/// Configuration in force, the newest step, and what is scheduled.
+pub struct NodeState {
+    /// How VDIs are encoded.
+    pub options: EncodeOptions,
+    /// What casts the rays.
+    pub backend: Backend,
+    /// How samples become supersegments.
+    pub segmentation: Segmentation,
+    /// Which pixels are reference samples.
+    pub plan: SamplePlan,
+    /// Processor time; one generation at a time, live or trial.
+    pub share: CpuShare,
+    /// What the node costs the simulation.
+    pub overhead: Arc<Overhead>,
+    /// Finished steps, as numbers.
+    pub reports: broadcast::Sender<v1::StepReport>,
+    /// Where frames go.
+    pub publisher: Arc<Publisher>,
+    state: Mutex<State>,
+}
+
+struct State {
+    schedule: Schedule,
+    newest: Option<Arc<Step>>,
+    last_report: Option<v1::StepReport>,
+}
+
+/// What a node works with.
+pub struct Parts {
+    /// Parameters before any are set, if the configuration states them.
+    pub params: Option<GenerationParams>,
+    /// As [`NodeState::options`].
+    pub options: EncodeOptions,
+    /// As [`NodeState::backend`].
+    pub backend: Backend,
+    /// As [`NodeState::segmentation`].
+    pub segmentation: Segmentation,
+    /// As [`NodeState::plan`].
+    pub plan: SamplePlan,
+    /// As [`NodeState::share`].
+    pub share: CpuShare,
+    /// As [`NodeState::overhead`].
+    pub overhead: Arc<Overhead>,
+    /// As [`NodeState::publisher`].
+    pub publisher: Arc<Publisher>,
+}
+
+impl NodeState {
+    /// Nothing generated yet.
+    pub fn new(parts: Parts) -> Self {
+        let Parts { params, options, backend, segmentation, plan, share, overhead, publisher } = parts;
+        let schedule = Schedule::new(params);
+        let state = Mutex::new(State { schedule, newest: None, last_report: None });
+        let reports = broadcast::Sender::new(256);
+        Self { options, backend, segmentation, plan, share, overhead, reports, publisher, state }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The newest step, held for as long as the caller keeps it.
+    pub fn newest(&self) -> Option<Arc<Step>> {
+        self.state().newest.clone()
+    }
+
+    /// The newest finished step, as numbers.
+    pub fn last_report(&self) -> Option<v1::StepReport> {
+        self.state().last_report.clone()
+    }
+
+    /// Takes `step` as the newest; gives what it is generated with.
+    pub fn begin(&self, step: &Arc<Step>) -> Setting {
+        let mut state = self.state();
+        state.newest = Some(step.clone());
+        state.schedule.begin(step.step)
+    }
+
+    /// A step is finished.
+    pub fn report(&self, report: v1::StepReport) {
+        self.state().last_report = Some(report.clone());
+        // No tuner listening is not an error.
+        let _ = self.reports.send(report);
+    }
+
+    /// Another run begins.
+    pub fn restart(&self) {
+        self.state().schedule.restart();
+        self.overhead.restart();
+    }
+
+    /// What the node costs the simulation, as far as it is known.
+    pub fn coupling(&self) -> Coupling {
+        self.overhead.coupling()
+    }
+
+    /// Gives what is scheduled other limits; says from which step on they hold.
+    pub fn limit(&self, limits: v1::Limits) -> u64 {
+        self.overhead.limit(limits.overhead);
+        self.state().schedule.limit(limits)
+    }
+
+    /// Schedules parameters; says from which step on they hold.
+    pub fn set(&self, from_step: u64, setting: Setting) -> u64 {
+        self.overhead.limit(setting.limits.overhead);
+        self.state().schedule.set(from_step, setting)
+    }
+}

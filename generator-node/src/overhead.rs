@@ -1,0 +1,313 @@
+//! Overhead control: how much longer the simulation's steps take beside the node than alone, and what keeps that to a limit.
+//!
+//! The client tells how long the simulation's steps and its pushes take. From time to time the node pauses its own work for a few
+//! steps: the mean step then, without its push, is the simulation alone; that of the steps before is the simulation beside the
+//! node. Above the limit the node takes every n-th step only and throttles its processor share, and where that is not enough takes
+//! cheaper parameters (time a step and bytes).
+
+use lamina_compute::CpuShare;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// What the node costs the simulation, as far as it is known, and what it does about it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Coupling {
+    /// By which share of its time a step of the simulation takes longer beside the node; `None`: not measured.
+    pub overhead: Option<f64>,
+    /// Share of its processor time that the node allows itself, at most 1.
+    pub throttle: f64,
+    /// Steps whose number is a multiple of this are pushed.
+    pub cadence: u32,
+    /// Steps down the ladder of cheaper parameters.
+    pub cheaper: usize,
+}
+
+/// Intervals of a pause that count.
+const PAUSE_STEPS: usize = 4;
+/// Those between two pauses, at least; for the first figure half as many.
+const WORK_STEPS: usize = 16;
+/// Work lasts so many times as long as the pauses.
+const WORK_PER_PAUSE: u32 = 9;
+/// Share of the limit aimed at.
+const AIM: f64 = 0.7;
+/// The least throttle: below it parameters become cheaper.
+const LEAST_THROTTLE: f64 = 0.03;
+/// The sparsest cadence.
+const SPARSEST: u32 = 16;
+/// The most steps down the ladder.
+const CHEAPEST: usize = 8;
+
+/// What is to happen now.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Change {
+    /// The node's work pauses, at most for so long.
+    Pause(Duration),
+    /// It goes on with so much of its share.
+    Work(f64),
+}
+
+/// The controller, as a plain state machine.
+#[derive(Debug)]
+struct Controller {
+    limit: Option<f64>,
+    pausing: bool,
+    since: Instant,
+    /// An interval across the change counts for neither side.
+    skip: bool,
+    /// Seconds, of the current phase.
+    intervals: Vec<f64>,
+    beside: Option<f64>,
+    /// How long the last pause took.
+    pause: Duration,
+    coupling: Coupling,
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+impl Controller {
+    fn new(now: Instant) -> Self {
+        let coupling = Coupling { overhead: None, throttle: 1.0, cadence: 1, cheaper: 0 };
+        Self {
+            limit: None,
+            pausing: false,
+            since: now,
+            skip: true,
+            intervals: Vec::new(),
+            beside: None,
+            pause: Duration::ZERO,
+            coupling,
+        }
+    }
+
+    /// The simulation's steps took `interval` each since its last push, which took `push` of the first of them.
+    fn step(&mut self, interval: Duration, push: Duration, now: Instant) -> Option<Change> {
+        let limit = self.limit?;
+        if std::mem::take(&mut self.skip) {
+            return None;
+        }
+        let alone = interval.saturating_sub(push / self.coupling.cadence);
+        self.intervals.push(if self.pausing { alone } else { interval }.as_secs_f64());
+        let elapsed = now.saturating_duration_since(self.since);
+        if self.pausing {
+            (self.intervals.len() >= PAUSE_STEPS).then(|| {
+                let alone = mean(&self.intervals);
+                self.pause = elapsed;
+                if let Some(beside) = self.beside {
+                    self.adapt((beside / alone - 1.0).max(0.0), limit);
+                }
+                self.begin(false, now);
+                Change::Work(self.coupling.throttle)
+            })
+        } else {
+            let first = self.coupling.overhead.is_none();
+            let enough = self.intervals.len() >= if first { WORK_STEPS / 2 } else { WORK_STEPS };
+            (enough && elapsed >= WORK_PER_PAUSE * self.pause).then(|| {
+                self.beside = Some(mean(&self.intervals));
+                self.begin(true, now);
+                // A simulation that falls silent leaves the pause to end by itself.
+                let pushes = self.coupling.cadence * (PAUSE_STEPS as u32 + 2);
+                Change::Pause(interval * pushes + Duration::from_millis(100))
+            })
+        }
+    }
+
+    fn begin(&mut self, pausing: bool, now: Instant) {
+        (self.pausing, self.since, self.skip) = (pausing, now, true);
+        self.intervals.clear();
+    }
+
+    /// Gives up cadence, then cost; takes back in the reverse order what the limit leaves.
+    fn adapt(&mut self, overhead: f64, limit: f64) {
+        let Coupling { mut throttle, mut cadence, mut cheaper, .. } = self.coupling;
+        let aim = AIM * limit;
+        if overhead > aim {
+            if throttle <= LEAST_THROTTLE && cadence == SPARSEST {
+                cheaper = (cheaper + 1).min(CHEAPEST);
+            }
+            cadence = (2 * cadence).min(SPARSEST);
+            throttle = (throttle * (aim / overhead).clamp(0.3, 0.95)).max(LEAST_THROTTLE);
+        } else if overhead < 0.5 * limit {
+            if throttle < 1.0 {
+                throttle = (1.3 * throttle).min(1.0);
+            } else if cheaper > 0 {
+                cheaper -= 1;
+            } else {
+                cadence = (cadence / 2).max(1);
+            }
+        }
+        self.coupling = Coupling { overhead: Some(overhead), throttle, cadence, cheaper };
+    }
+}
+
+/// The controller of a node, at work on its share.
+#[derive(Debug)]
+pub struct Overhead {
+    share: CpuShare,
+    controller: Mutex<Controller>,
+}
+
+impl Overhead {
+    /// No limit yet.
+    pub fn new(share: CpuShare) -> Arc<Self> {
+        Arc::new(Self { share, controller: Mutex::new(Controller::new(Instant::now())) })
+    }
+
+    fn controller(&self) -> MutexGuard<'_, Controller> {
+        self.controller.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What is known and done now.
+    pub fn coupling(&self) -> Coupling {
+        self.controller().coupling
+    }
+
+    /// Sets the limit, a share of the simulation's time; `None`: it is neither kept nor measured.
+    pub fn limit(&self, limit: Option<f64>) {
+        let mut controller = self.controller();
+        if controller.limit != limit {
+            *controller = Controller { limit, ..Controller::new(Instant::now()) };
+            self.share.throttle(1.0);
+            self.share.hold(Duration::ZERO);
+        }
+    }
+
+    /// Another simulation begins: what is known of the last one does not hold for it.
+    pub fn restart(&self) {
+        let mut controller = self.controller();
+        let limit = controller.limit;
+        *controller = Controller { limit, ..Controller::new(Instant::now()) };
+        self.share.throttle(1.0);
+    }
+
+    /// The simulation's steps took `interval` each since its last push, which took `push`.
+    pub fn step(&self, interval: Duration, push: Duration) {
+        let change = self.controller().step(interval, push, Instant::now());
+        match change {
+            Some(Change::Pause(most)) => self.share.hold(most),
+            Some(Change::Work(throttle)) => {
+                self.share.hold(Duration::ZERO);
+                self.share.throttle(throttle);
+            }
+            None => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A simulation whose steps take 100 ms alone, and `cost` of that longer per unit of the node's share beside it; a push takes
+    /// `push`.
+    struct Simulated {
+        controller: Controller,
+        now: Instant,
+        cost: f64,
+        push: Duration,
+        paused: bool,
+        throttle: f64,
+        /// Seconds of pauses, and of all.
+        time: [f64; 2],
+    }
+
+    impl Simulated {
+        fn new(limit: f64, cost: f64) -> Self {
+            let now = Instant::now();
+            let controller = Controller { limit: Some(limit), ..Controller::new(now) };
+            Self { controller, now, cost, push: Duration::ZERO, paused: false, throttle: 1.0, time: [0.0; 2] }
+        }
+
+        /// By how much the steps took longer than alone.
+        fn run(&mut self, pushes: u32) -> f64 {
+            let (mut sum, mut steps) = (0.0, 0);
+            for _ in 0..pushes {
+                let Coupling { cheaper, cadence, .. } = self.controller.coupling;
+                let beside = if self.paused { 0.0 } else { self.cost * self.throttle * 0.5_f64.powi(cheaper as i32) };
+                let interval = Duration::from_secs_f64(0.1 * (1.0 + beside)) + self.push / cadence;
+                self.now += interval * cadence;
+                self.time[usize::from(!self.paused)] += interval.as_secs_f64() * f64::from(cadence);
+                sum += (interval.as_secs_f64() / 0.1 - 1.0) * f64::from(cadence);
+                steps += cadence;
+                match self.controller.step(interval, self.push, self.now) {
+                    Some(Change::Pause(_)) => self.paused = true,
+                    Some(Change::Work(throttle)) => (self.paused, self.throttle) = (false, throttle),
+                    None => {}
+                }
+            }
+            sum / f64::from(steps)
+        }
+    }
+
+    #[test]
+    fn the_limit_is_kept_by_cadence_first_and_pauses_take_a_tenth_of_the_time() {
+        let mut simulated = Simulated::new(0.05, 0.4);
+        simulated.run(400);
+        simulated.time = [0.0; 2];
+        let overhead = simulated.run(2000);
+        assert!((0.015..=0.05).contains(&overhead), "{overhead}");
+        let Coupling { overhead: Some(measured), throttle, cheaper, .. } = simulated.controller.coupling else {
+            panic!()
+        };
+        assert!((0.02..=0.05).contains(&measured) && cheaper == 0);
+        assert!((throttle * 0.4 - measured).abs() < 0.02);
+        let paused = simulated.time[0] / (simulated.time[0] + simulated.time[1]);
+        assert!((0.05..0.15).contains(&paused), "{paused}");
+    }
+
+    #[test]
+    fn a_simulation_on_cores_of_its_own_costs_the_node_nothing() {
+        let mut simulated = Simulated::new(0.05, 0.0);
+        simulated.run(500);
+        let free = Coupling { overhead: Some(0.0), throttle: 1.0, cadence: 1, cheaper: 0 };
+        assert_eq!(simulated.controller.coupling, free);
+        let mut unlimited = Simulated::new(0.05, 0.5);
+        unlimited.controller.limit = None;
+        unlimited.run(500);
+        assert_eq!(unlimited.controller.coupling.overhead, None, "without a limit nothing pauses");
+    }
+
+    #[test]
+    fn where_cadence_is_not_enough_steps_become_cheaper_and_dear_again_when_there_is_room() {
+        let mut simulated = Simulated::new(0.01, 3.0);
+        simulated.run(3000);
+        let coupling = simulated.controller.coupling;
+        assert!(coupling.cheaper > 0 && coupling.throttle <= 0.1, "{coupling:?}");
+        let overhead = simulated.run(500);
+        assert!(overhead <= 0.0125, "{overhead}");
+        simulated.cost = 0.0;
+        simulated.run(6000);
+        let free = Coupling { overhead: Some(0.0), throttle: 1.0, cadence: 1, cheaper: 0 };
+        assert_eq!(simulated.controller.coupling, free);
+    }
+
+    #[test]
+    fn pushes_that_cost_too_much_by_themselves_become_rarer() {
+        let mut simulated = Simulated::new(0.05, 0.0);
+        simulated.push = Duration::from_millis(20);
+        simulated.run(1000);
+        let overhead = simulated.run(1000);
+        assert!((0.01..=0.06).contains(&overhead), "a fifth of a step each: {overhead}");
+        assert!((2..=16).contains(&simulated.controller.coupling.cadence));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_simulation_that_falls_silent_in_a_pause_holds_the_node_up_for_a_moment_only() {
+        let share = CpuShare::new(lamina_compute::CpuLimit::default()).unwrap();
+        let overhead = Overhead::new(share.clone());
+        overhead.limit(Some(0.05));
+        let step = Duration::from_millis(50);
+        // One that is skipped, and half as many as between two later pauses.
+        for _ in 0..=WORK_STEPS / 2 {
+            assert!(share.try_acquire(lamina_compute::Priority::LiveStep).is_some());
+            tokio::time::advance(step).await;
+            overhead.step(step, Duration::ZERO);
+        }
+        assert!(share.try_acquire(lamina_compute::Priority::LiveStep).is_none(), "a pause");
+        let begun = Instant::now();
+        drop(share.acquire(lamina_compute::Priority::LiveStep).await);
+        assert!(begun.elapsed() < Duration::from_secs(1));
+    }
+}

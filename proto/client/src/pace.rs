@@ -1,0 +1,73 @@
+//! The simulation's own pace as its pushes show it, and which of them the node does without.
+
+use std::time::{Duration, Instant};
+
+/// What a push tells the node of those before.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Timing {
+    /// Mean time of a step since the last push; zero if there was none.
+    pub interval: Duration,
+    /// What that push took.
+    pub push: Duration,
+}
+
+/// When the last push began and ended, and the calls since.
+#[derive(Debug, Default)]
+pub struct Pace {
+    begun: Option<Instant>,
+    took: Duration,
+    /// Calls since the last push began, this one among them.
+    calls: u32,
+    /// Only steps whose number is a multiple of this are wanted; 0: as 1.
+    cadence: u32,
+    timing: Timing,
+}
+
+impl Pace {
+    /// Counts a call; true if the node does without it.
+    pub fn passes_over(&mut self, step: u64) -> bool {
+        self.calls += 1;
+        !step.is_multiple_of(self.cadence.max(1).into())
+    }
+
+    /// A push begins; what it tells the node. A second try of the same call tells the same.
+    pub fn begin(&mut self, now: Instant) -> Timing {
+        if self.calls > 0 {
+            let since = self.begun.map_or(Duration::ZERO, |begun| now.saturating_duration_since(begun));
+            self.timing = Timing { interval: since / self.calls, push: self.took };
+            (self.begun, self.calls) = (Some(now), 0);
+        }
+        self.timing
+    }
+
+    /// A push ended, whatever came of it.
+    pub fn pushed(&mut self, now: Instant) {
+        self.took = self.begun.map_or(Duration::ZERO, |begun| now.saturating_duration_since(begun));
+    }
+
+    /// The node wants every `cadence`-th step.
+    pub fn set_cadence(&mut self, cadence: u32) {
+        self.cadence = cadence;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn intervals_are_means_over_the_steps_since_the_last_push() {
+        let (mut pace, start, ms) = (Pace::default(), Instant::now(), Duration::from_millis);
+        assert!(!pace.passes_over(6));
+        assert_eq!(pace.begin(start), Timing::default());
+        pace.pushed(start + ms(4));
+        assert!(!pace.passes_over(7));
+        assert_eq!(pace.begin(start + ms(100)), Timing { interval: ms(100), push: ms(4) });
+        pace.set_cadence(4);
+        pace.pushed(start + ms(110));
+        assert_eq!([9, 10, 11, 12].map(|step| pace.passes_over(step)), [true, true, true, false]);
+        // Four steps of 90 ms.
+        assert_eq!(pace.begin(start + ms(460)), Timing { interval: ms(90), push: ms(10) });
+        assert_eq!(pace.begin(start + ms(470)).interval, ms(90), "a second try");
+    }
+}

@@ -1,0 +1,202 @@
+//! Intake: live steps into the store as they arrive, the newest of them decoded and measured as processor time allows; trials to
+//! where they are measured when asked for.
+
+use crate::kernel::{Backend, Detail};
+use crate::store::{Run, StepRow, Store};
+use crate::trials::{ArrivedTrial, Trials};
+use lamina_compute::{Activity, CpuShare, Priority};
+use lamina_model::ReferenceSamples;
+use lamina_wire::codec::{self, DecodeLimits};
+use lamina_wire::reference;
+use lamina_wire::v1::{self, delivery::Part};
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::sync::watch;
+use tonic::Status;
+
+/// Reference samples remembered of live steps, and of trials' steps.
+const REFERENCES: usize = 8;
+
+/// Counters for `/metrics`.
+#[derive(Default)]
+pub struct Counters {
+    /// Live frames recorded.
+    pub frames: AtomicU64,
+    /// Bytes of live frames.
+    pub frame_bytes: AtomicU64,
+    /// Questions about trials answered with a measurement.
+    pub trials: AtomicU64,
+    /// Frames that could not be used.
+    pub refused: AtomicU64,
+    /// Connections made to the generator-node.
+    pub connections: AtomicU64,
+    /// Live steps whose quality was not measured for want of processor time.
+    pub unmeasured: AtomicU64,
+}
+
+/// Recorded, and to be decoded and measured.
+#[derive(Clone)]
+struct LiveStep {
+    step: u64,
+    reference: Option<Arc<ReferenceSamples>>,
+}
+
+type References = VecDeque<(String, Arc<ReferenceSamples>)>;
+
+/// Takes deliveries in.
+pub struct Intake {
+    /// Where live steps are recorded.
+    pub store: Arc<Store>,
+    /// What draws.
+    pub backend: Backend,
+    /// Processor time.
+    pub share: CpuShare,
+    limits: DecodeLimits,
+    /// What was done so far.
+    pub counters: Counters,
+    live_references: Mutex<References>,
+    trial_references: Mutex<References>,
+    newest: watch::Sender<Option<LiveStep>>,
+    /// Trials that can be asked for.
+    pub trials: Trials,
+}
+
+fn lock(references: &Mutex<References>) -> MutexGuard<'_, References> {
+    references.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn keep(references: &Mutex<References>, announcement: v1::Reference, payload: &[u8]) -> Result<(), String> {
+    let run_id = announcement.run_id.clone();
+    let samples = reference::decode(announcement, payload).map_err(|e| e.to_string())?;
+    let mut references = lock(references);
+    references.retain(|(run, r)| !(*run == run_id && r.step == samples.step));
+    references.push_back((run_id, Arc::new(samples)));
+    if references.len() > REFERENCES {
+        references.pop_front();
+    }
+    Ok(())
+}
+
+fn find(references: &Mutex<References>, frame: &v1::Frame) -> Option<Arc<ReferenceSamples>> {
+    let references = lock(references);
+    let found = references.iter().find(|(run, r)| *run == frame.run_id && r.step == frame.step);
+    found.map(|(_, samples)| samples.clone())
+}
+
+impl Intake {
+    /// Records into `store`; draws with `backend` within `share`; refuses what decodes to more than `limits` allow.
+    pub fn new(store: Arc<Store>, backend: Backend, share: CpuShare, limits: DecodeLimits) -> Self {
+        Self {
+            store,
+            backend,
+            share,
+            limits,
+            counters: Counters::default(),
+            live_references: Mutex::default(),
+            trial_references: Mutex::default(),
+            newest: watch::Sender::new(None),
+            trials: Trials::default(),
+        }
+    }
+
+    /// Takes one whole delivery of live steps. Blocking: writes files.
+    pub fn take_live(&self, part: Part, payload: Vec<u8>) {
+        let outcome = match part {
+            Part::Run(run) => self.store.begin(Run::from(&run)).map_err(|e| e.to_string()),
+            Part::Reference(announcement) => keep(&self.live_references, announcement, &payload),
+            Part::Frame(frame) => self.record(&frame, payload),
+            Part::Chunk(_) => Ok(()),
+        };
+        self.log(outcome);
+    }
+
+    /// Takes one whole delivery of trials.
+    pub fn take_trial(&self, part: Part, payload: Vec<u8>) {
+        match part {
+            Part::Reference(announcement) => self.log(keep(&self.trial_references, announcement, &payload)),
+            Part::Frame(frame) => {
+                let missing =
+                    || Status::failed_precondition(format!("no reference samples of step {} have arrived", frame.step));
+                let reference = find(&self.trial_references, &frame).ok_or_else(missing);
+                let (trial_id, limits) = (frame.trial_id, self.limits);
+                let arrived = reference.map(|r| Arc::new(ArrivedTrial::new(frame, payload, r, limits)));
+                self.trials.keep(trial_id, arrived);
+            }
+            Part::Run(_) | Part::Chunk(_) => {}
+        }
+    }
+
+    fn log(&self, outcome: Result<(), String>) {
+        if let Err(error) = outcome {
+            self.counters.refused.fetch_add(1, Ordering::Relaxed);
+            tracing::error!("{error}");
+        }
+    }
+
+    fn record(&self, frame: &v1::Frame, payload: Vec<u8>) -> Result<(), String> {
+        let step = frame.step;
+        codec::check_any(&payload, &self.limits).map_err(|e| format!("step {step}: {e}"))?;
+        let reference = find(&self.live_references, frame);
+        let (row, bytes) = (StepRow::live(frame, reference.is_some()), payload.len() as u64);
+        self.store.record(row, payload).map_err(|e| format!("step {step}: not recorded: {e}"))?;
+        self.counters.frames.fetch_add(1, Ordering::Relaxed);
+        self.counters.frame_bytes.fetch_add(bytes, Ordering::Relaxed);
+        tracing::info!(step, bytes, "recorded");
+        self.newest.send_replace(Some(LiveStep { step, reference }));
+        Ok(())
+    }
+
+    /// Decodes and measures the newest step, again and again. Steps that newer ones overtake are left out, and say so.
+    pub async fn follow_newest(self: Arc<Self>) {
+        let mut newest = self.newest.subscribe();
+        while newest.changed().await.is_ok() {
+            let permit = self.share.acquire(Priority::LiveStep).await;
+            // By now a newer one may be there.
+            let Some(LiveStep { step, reference }) = newest.borrow_and_update().clone() else { continue };
+            self.pass_over(step);
+            let store = self.store.clone();
+            let decoded = permit.run(Activity::Decode, move |_| store.prepared(step)).await;
+            let shown = match decoded {
+                Ok(Ok(shown)) => shown,
+                Ok(Err(error)) => {
+                    self.log(Err(error.to_string()));
+                    continue;
+                }
+                Err(panic) => {
+                    self.log(Err(format!("step {step}: not decoded: {panic}")));
+                    continue;
+                }
+            };
+            let Some(reference) = reference else { continue };
+            let permit = tokio::select! {
+                biased;
+                permit = self.share.acquire(Priority::Quality) => permit,
+                _ = newest.changed() => {
+                    newest.mark_changed();
+                    self.share.skip(Priority::Quality);
+                    self.pass_over(step + 1);
+                    continue;
+                }
+            };
+            let backend = self.backend.clone();
+            let measure = move |_: &mut _| backend.estimate(&shown, &reference, Detail::Blended);
+            match permit.run(Activity::Measure, measure).await {
+                Ok(Ok(estimate)) => {
+                    tracing::info!(step, psnr_db = estimate.quality.psnr_db(), "measured");
+                    self.log(self.store.measured(step, &estimate).map_err(|e| e.to_string()));
+                }
+                Ok(Err(error)) => self.log(Err(format!("step {step}: {error}"))),
+                Err(panic) => self.log(Err(format!("step {step}: not measured: {panic}"))),
+            }
+        }
+    }
+
+    /// Marks what waits for its measurement before `step` as left out.
+    fn pass_over(&self, step: u64) {
+        match self.store.pass_over(step) {
+            Ok(passed) => drop(self.counters.unmeasured.fetch_add(passed, Ordering::Relaxed)),
+            Err(error) => self.log(Err(error.to_string())),
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! The Quality service, towards the tuner: trials measured, and the quality of live steps.
+
+use crate::intake::Intake;
+use crate::kernel::Detail;
+use crate::store::{Event, Measured};
+use crate::trials::Study;
+use futures::{Stream, StreamExt};
+use lamina_compute::{Activity, Laps, Priority};
+use lamina_model::Quality;
+use lamina_wire::v1::{self, quality_server};
+use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::{Request, Response, Status};
+
+/// How often a question that is not answered yet hears so.
+const HEARTBEAT: Duration = Duration::from_secs(1);
+
+/// The gRPC face of [`Intake`].
+pub struct QualityService(pub Arc<Intake>);
+
+type Replies<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
+
+#[tonic::async_trait]
+impl quality_server::Quality for QualityService {
+    type MeasureStream = Replies<v1::QualityReply>;
+
+    async fn measure(&self, request: Request<v1::QualityRequest>) -> Result<Response<Self::MeasureStream>, Status> {
+        let (replies, stream) = mpsc::channel(4);
+        let request = request.into_inner();
+        let trial_id = request.trial_id;
+        let work = measure(self.0.clone(), request);
+        tokio::spawn(async move {
+            tokio::pin!(work);
+            let mut heartbeat = tokio::time::interval(HEARTBEAT);
+            loop {
+                tokio::select! {
+                    measured = &mut work => {
+                        let _ = replies.send(measured.map(|quality| v1::QualityReply::new(trial_id, &quality))).await;
+                        return;
+                    }
+                    // Whoever hangs up wants no answer any more; work that waits is given up with this task.
+                    () = replies.closed() => return,
+                    _ = heartbeat.tick() => drop(replies.try_send(Ok(v1::QualityReply { trial_id, ..Default::default() }))),
+                }
+            }
+        });
+        Ok(Response::new(ReceiverStream::new(stream).boxed()))
+    }
+
+    type StepsStream = Replies<v1::StepQuality>;
+
+    async fn steps(&self, _: Request<v1::StepsRequest>) -> Result<Response<Self::StepsStream>, Status> {
+        let measured = self.0.store.events().filter_map(|event| {
+            let quality = match event {
+                Event::Step(run_id, row) if row.measured == Measured::Yes => {
+                    row.psnr_db.map(|psnr_db| v1::StepQuality {
+                        run_id,
+                        step: row.step,
+                        psnr_db: psnr_db.into(),
+                        half_width_db: row.half_width_db.unwrap_or_default(),
+                        skipped: false,
+                    })
+                }
+                Event::Step(run_id, row) if row.measured == Measured::Skipped => {
+                    Some(v1::StepQuality { run_id, step: row.step, skipped: true, ..Default::default() })
+                }
+                _ => None,
+            };
+            std::future::ready(quality.map(Ok))
+        });
+        Ok(Response::new(measured.boxed()))
+    }
+}
+
+async fn measure(intake: Arc<Intake>, request: v1::QualityRequest) -> Result<Quality, Status> {
+    let v1::QualityRequest { trial_id, first_batch, batches, study } = request;
+    let trial = intake.trials.find(trial_id).await?;
+    let progress = study.unwrap_or_default();
+    intake.trials.set_study(Study { progress, step: trial.frame.step });
+    let end = if batches == 0 { trial.reference.plan.batches } else { first_batch.saturating_add(batches) };
+    let (backend, of) = (intake.backend.clone(), trial.clone());
+    let work = move |laps: &mut Laps| {
+        let shown = of.shown().map_err(|e| Status::invalid_argument(e.to_string()))?;
+        laps.lap(Activity::Decode);
+        let quality = backend.quality(shown, &of.reference, first_batch..end, Detail::Blended);
+        quality.map_err(|e| lamina_wire::invalid(&e))
+    };
+    let permit = intake.share.acquire(Priority::of_trial(progress.first)).await;
+    let quality = permit.run(Activity::Measure, work).await.map_err(|e| Status::internal(e.to_string()))??;
+    intake.trials.remember(&trial.frame, &quality);
+    intake.store.tried();
+    intake.counters.trials.fetch_add(1, Ordering::Relaxed);
+    Ok(quality)
+}
