@@ -376,6 +376,45 @@ fn bench_measures_a_volume_and_a_vdi() {
         }
     }
     refused(&["bench", &series, "--rounds", "0"], &["--rounds"]);
+    refused(&["bench"], &["give a volume", "--live"]);
+}
+
+#[test]
+fn bench_live_measures_a_simulation_alone_and_beside_the_nodes() {
+    let run = ["bench", "--live", "--cells", "16", "--pace", "20", "--seconds", "2", "--busy", "1"];
+    let printed = lamina(&run);
+    let row = |name: &str| -> Vec<f64> {
+        let line = printed.lines().find(|l| l.starts_with(name)).unwrap_or_else(|| panic!("no {name} in {printed}"));
+        line[name.len()..].split_whitespace().filter_map(|word| word.parse().ok()).collect()
+    };
+    assert_eq!(row("studies lost"), [0.0, 0.0]);
+    assert_eq!(row("steps above the limit"), [0.0, 0.0]);
+    assert!(row("steps made").iter().all(|&made| (20.0..=41.0).contains(&made)), "{printed}");
+    for name in ["simulate, cores", "generate, cores", "draw, cores", "pictures a second", "picture p95, ms"] {
+        let row = row(name);
+        assert!(row.len() == 2 && row.iter().all(|&value| value > 0.0), "{name}: {printed}");
+    }
+    refused(&["bench", "--live", "--seconds", "0"], &["--seconds"]);
+    refused(&["bench", "--live", "--pace", "-2"], &["--pace"]);
+}
+
+#[test]
+fn shares_paces_and_overheads_that_cannot_be_are_refused() {
+    let series = text(&recorded_series());
+    for (share, word) in [("0", "nothing to work with"), ("-1", "nothing"), ("9999", "more than"), ("x", "no number")] {
+        refused(&["live", "--cpu-share", share], &["cpu_share", word]);
+    }
+    for pace in ["-1", "nan", "inf", "fast"] {
+        refused(&["live", "--pace", pace], &["--pace", "steps a second"]);
+    }
+    for overhead in ["0%", "101%", "-3%", "nan%"] {
+        refused(&["live", "--contract", &format!("overhead <= {overhead}")], &["overhead"]);
+    }
+    let limited = ["--contract", "size <= 1MB, overhead <= 5%"];
+    refused(&[&["replay", &series, "--headless"][..], &limited].concat(), &["overhead", "--pace"]);
+    refused(&[&["replay", &series][..], &limited].concat(), &["overhead", "--pace"]);
+    refused(&[&["tune", &series][..], &limited].concat(), &["overhead", "no simulation"]);
+    refused(&["replay", &series, "--headless", "--pace", "2"], &["--pace", "--headless"]);
 }
 
 #[test]

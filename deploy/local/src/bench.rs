@@ -30,10 +30,11 @@ pub fn bench(arguments: &cli::Bench) -> anyhow::Result<()> {
     if arguments.coupled.live {
         return bench_live::bench(&arguments.coupled);
     }
+    ensure!(arguments.input.input != Path::new(cli::NO_INPUT), "bench: give a volume or a .vdi, or --live");
     for &size in &arguments.size {
         Image::check_size(size, size)?;
     }
-    let path = &arguments.input()?.input;
+    let path = &arguments.input.input;
     let is_vdi = path.extension().is_some_and(|e| e == "vdi");
     if arguments.effects {
         ensure!(!is_vdi, "--effects needs a volume: a VDI holds them already");
@@ -48,8 +49,8 @@ pub fn bench(arguments: &cli::Bench) -> anyhow::Result<()> {
         let bytes = read_vdi(path)?;
         clock.rounds(arguments.rounds, |clock| viewer_round(clock, &bytes, &arguments.size))?;
     } else {
-        let (volume, scene) = open(arguments.input()?)?;
-        let backend = Backend::open(arguments.input()?.backend)?;
+        let (volume, scene) = open(&arguments.input)?;
+        let backend = Backend::open(arguments.input.backend)?;
         clock.rounds(arguments.rounds, |clock| {
             let bytes = generator_round(clock, &backend, &volume, &scene, arguments)?;
             viewer_round(clock, &bytes, &arguments.size)
@@ -237,9 +238,9 @@ fn memory_at_first(backend: &Backend) -> anyhow::Result<u64> {
 
 /// While a VDI is generated. Reading the file took more for a moment; that is over and is not counted.
 fn generator_memory(arguments: &cli::Bench) -> anyhow::Result<Memory> {
-    let backend = Backend::open(arguments.input()?.backend)?;
+    let backend = Backend::open(arguments.input.backend)?;
     let first = memory_at_first(&backend)?;
-    let (volume, scene) = open(arguments.input()?)?;
+    let (volume, scene) = open(&arguments.input)?;
     let volume_bytes = volume.size_bytes() as u64;
     let field = prepare(volume, &scene);
     let params = params(arguments, arguments.resolution, &scene)?;
@@ -255,7 +256,7 @@ fn generator_memory(arguments: &cli::Bench) -> anyhow::Result<Memory> {
 fn viewer_memory(arguments: &cli::Bench) -> anyhow::Result<Memory> {
     let first = memory_at_first(&Backend::cpu())?;
     process::forget_peak()?;
-    let bytes = read_vdi(&arguments.input()?.input)?;
+    let bytes = read_vdi(&arguments.input.input)?;
     let vdi = codec::decode(&bytes, &DecodeLimits::default())?;
     drop(bytes);
     let (camera, size) = (vdi.header().camera.rotated_about_y(NOVEL_ANGLE_DEG)?, arguments.size[0]);

@@ -1,7 +1,6 @@
 //! The command line.
 
 use crate::dims::Dims;
-use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lamina_compute::CpuLimit;
 use lamina_device::Choice;
@@ -340,9 +339,10 @@ pub struct Compare {
 }
 
 #[derive(Args)]
+#[command(mut_arg("input", |input| input.required(false).default_value(NO_INPUT).hide_default_value(true)))]
 pub struct Bench {
     #[command(flatten)]
-    pub input: Option<Input>,
+    pub input: Input,
     #[command(flatten)]
     pub coupled: BenchLive,
     /// Rays per side of the VDI that is encoded and rendered
@@ -372,15 +372,8 @@ pub struct Bench {
     pub json: bool,
 }
 
-impl Bench {
-    /// The file to measure.
-    ///
-    /// # Errors
-    /// If none is given.
-    pub fn input(&self) -> anyhow::Result<&Input> {
-        self.input.as_ref().context("bench: give a volume or a .vdi, or --live")
-    }
-}
+/// Stands for a file that is not given.
+pub const NO_INPUT: &str = "-";
 
 /// A simulation beside the nodes.
 #[derive(Args)]

@@ -77,10 +77,10 @@ fn cost(arguments: &cli::Bench, backend: &Backend, volume: &Volume, scene: &Scen
 
 /// Prints the table: medians, and the PSNR of each picture against the one without effects.
 pub fn print(arguments: &cli::Bench) -> anyhow::Result<()> {
-    let (volume, scene) = open(arguments.input()?)?;
+    let (volume, scene) = open(&arguments.input)?;
     let itself = volume.voxels().clone();
     let volume = volume.with_color_field(ITSELF, itself)?;
-    let backend = Backend::open(arguments.input()?.backend)?;
+    let backend = Backend::open(arguments.input.backend)?;
     let with = |effects: Effects| Scene { effects, ..scene.clone() }.check();
     let none = cost(arguments, &backend, &volume, &with(Effects::default())?)?;
     say!("{:40} {:>12} {:>12} {:>12} {:>12}", "effects", "prepare_ms", "raycast_ms", "generate_ms", "psnr_db");
