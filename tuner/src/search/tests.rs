@@ -1,6 +1,6 @@
 //! The search against exhaustion, on a made-up response with the shape that measured ones have.
 
-use super::{Grid, candidates, search, search_with_margin};
+use super::{CandidateSet, Grid, SearchRequest, SearchResult, search, search_with_margin};
 use crate::Contract;
 use crate::trial::{Cost, Measured, Trial, TrialError};
 use crate::tune::{Row, Study, tune};
@@ -91,6 +91,16 @@ fn papers() -> Vec<GenerationParams> {
     Grid::paper().candidates(&GenerationParams::new(1, 0.0).unwrap()).unwrap()
 }
 
+/// A search among some parameters without end.
+async fn searched(response: &mut Response, contract: &Contract, all: Vec<GenerationParams>) -> SearchResult {
+    search(response, SearchRequest::new(contract, &mut all.into()), |_| {}).await.unwrap()
+}
+
+/// Volumes and the VDIs of the paper's grid.
+fn both() -> CandidateSet {
+    CandidateSet::new(512, &Representation::ALL, &Grid::paper(), &GenerationParams::new(1, 0.0).unwrap()).unwrap()
+}
+
 async fn exhaustive(contract: &Contract) -> Study {
     tune(&mut Response::default(), contract, &papers(), |_| {}).await.unwrap()
 }
@@ -111,7 +121,7 @@ async fn a_few_trials_find_what_thirteen_hundred_find() {
         let all = exhaustive(&contract).await;
         let best = &all.rows[all.best.unwrap()];
         let mut response = Response::default();
-        let found = search(&mut response, &contract, &papers(), None, None, |_| {}).await.unwrap();
+        let found = searched(&mut response, &contract, papers()).await;
         let row = &found.study.rows[found.study.best.unwrap_or_else(|| panic!("{text}: {found:?}"))];
         assert!(contract.excess(&row.measured.cost, row.measured.quality.psnr_db()) <= 0.0, "{text} is kept");
         // Within 0.1 dB; of what is no decibels, within 2 %.
@@ -150,7 +160,7 @@ async fn what_nothing_keeps_is_said_with_the_nearest() {
     for text in impossible {
         let contract: Contract = text.parse().unwrap();
         let mut response = Response::default();
-        let found = search(&mut response, &contract, &papers(), None, None, |_| {}).await.unwrap();
+        let found = searched(&mut response, &contract, papers()).await;
         assert_eq!(found.study.best, None, "{text}");
         assert!(response.measured <= 14, "{text}: {} trials", response.measured);
         assert!(found.hope < 0.05, "{text}: {}", found.hope);
@@ -226,7 +236,7 @@ async fn the_representation_that_serves_better_wins_and_the_other_is_soon_known_
     let contract: Contract = "size <= 150kB".parse().unwrap();
     let alone = {
         let mut response = Response::default();
-        search(&mut response, &contract, &papers(), None, None, |_| {}).await.unwrap();
+        searched(&mut response, &contract, papers()).await;
         response.measured
     };
     for (dearer, winner) in [(-3, Representation::Volume), (3, Representation::Vdi)] {

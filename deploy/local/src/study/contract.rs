@@ -12,7 +12,8 @@ use lamina_read::Series;
 use lamina_tuner::Contract;
 use lamina_tuner::interval::half_width_db;
 use lamina_tuner::pareto::{Offer, front, offers};
-use lamina_tuner::search::{Found, candidates, search};
+use lamina_tuner::search::{CandidateSet, SearchRequest, SearchResult, search};
+use lamina_tuner::trial::Trial as _;
 use lamina_tuner::tune::Row;
 use lamina_viz_node::kernel as viz;
 
@@ -32,13 +33,13 @@ pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
     let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
     let before = Used::now();
     let runtime = tokio::runtime::Builder::new_current_thread().build()?;
-    let all = runtime.block_on(candidates(&mut trial, &arguments.representation, &arguments.grid, &base))?;
-    let found =
-        runtime.block_on(search(&mut trial, contract, &all, None, None, |row| say!("  {}", line(contract, row))))?;
+    let mut all = CandidateSet::new(trial.longest_side(), &arguments.representation, &arguments.grid, &base)?;
+    let request = SearchRequest::new(contract, &mut all);
+    let found = runtime.block_on(search(&mut trial, request, |row| say!("  {}", line(contract, row))))?;
     say!("contract   {contract}");
     verdict(contract, &found)?;
     let time = before.secs().map_or_else(String::new, |s| format!(", {s:.1} s of processor time"));
-    say!("trials     {} of {} candidates{time}", found.study.rows.len(), all.len());
+    say!("trials     {} of {} candidates{time}", found.study.rows.len(), all.count());
     Ok(())
 }
 
@@ -55,7 +56,7 @@ fn line(contract: &Contract, row: &Row) -> String {
 }
 
 /// What was found, how sure that is, and what more would buy.
-fn verdict(contract: &Contract, found: &Found) -> anyhow::Result<()> {
+fn verdict(contract: &Contract, found: &SearchResult) -> anyhow::Result<()> {
     let rows = &found.study.rows;
     let Some(best) = found.study.best else {
         if let Some(nearest) = found.study.nearest(contract) {
@@ -67,7 +68,9 @@ fn verdict(contract: &Contract, found: &Found) -> anyhow::Result<()> {
         );
     };
     say!("best       {}", line(contract, &rows[best]));
-    say!("sure       no other candidate is expected to gain more than {:.3} ({})", found.left, contract.utility());
+    if let Some(left) = found.left {
+        say!("sure       no other candidate is expected to gain more than {left:.3} ({})", contract.utility());
+    }
     let (size, time) = offers(rows, best);
     let more = |o: Option<Offer>| {
         if let Some(o) = o {
