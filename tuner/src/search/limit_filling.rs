@@ -86,10 +86,13 @@ impl BayesianSearch<'_> {
         while done.len() < MOST_LINES && !self.tried.is_empty() {
             let Some(target) = self.next_target(limit, &done) else { break };
             done.push(target.line);
-            if let Some(n) = self.walk(trial, &target, limit, progress).await?
-                && trial.enough()
-            {
-                self.measure_quality(trial, n).await?;
+            let first_new = self.tried.len();
+            let fullest = self.walk(trial, &target, limit).await?.map(|n| self.tried[n].params);
+            self.tried[first_new..].iter().filter(|r| Some(r.params) != fullest).for_each(&mut *progress);
+            if let Some(n) = self.tried.iter().position(|r| Some(r.params) == fullest) {
+                if trial.enough() {
+                    self.measure_quality(trial, n).await?;
+                }
                 self.tried.get(n).into_iter().for_each(&mut *progress);
                 self.settle(trial).await?;
             }
@@ -109,7 +112,9 @@ impl BayesianSearch<'_> {
         let filled = best.is_some_and(|r| r.measured.cost.size_bytes as f64 >= ENOUGH * limit);
         let wanted = |t: &Target| {
             let params = t.line.at(t.guess);
-            let noticeable = params.is_some_and(|p| t.improvement > self.tolerance(&p, least));
+            // Another representation's best is beaten on the average, not by hope: each evaluation is an encoding.
+            let noticeable = params.is_some_and(|p| t.improvement > self.tolerance(&p, least))
+                && (best.is_some() || t.cost < least);
             let of_best = !filled && t.cost < least && best.is_some_and(|r| t.line.position(&r.params).is_some());
             noticeable || of_best
         };
@@ -165,7 +170,6 @@ impl BayesianSearch<'_> {
         trial: &mut Deadline<'_, impl Trial>,
         target: &Target,
         limit: f64,
-        progress: &mut (impl FnMut(&Row) + Send),
     ) -> Result<Option<usize>, TrialError> {
         let aim = (AIM * limit).ln();
         let position = |p: &GenerationParams| target.line.position(p);
@@ -176,7 +180,6 @@ impl BayesianSearch<'_> {
         for _ in 0..EVALUATIONS {
             let Some(params) = target.line.at(x.clamp(target.ends.0, target.ends.1)) else { break };
             let Some(n) = self.measure_cost(trial, &params).await? else { break };
-            progress(&self.tried[n]);
             let bytes = self.tried[n].measured.cost.size_bytes as f64;
             if (ENOUGH * limit..=limit).contains(&bytes) {
                 break;
@@ -195,19 +198,23 @@ impl BayesianSearch<'_> {
 }
 
 /// The next position at which a function that falls or rises all along may be 0, of (position, value) known: between the nearest
-/// ones on either side of 0 on the straight line through them, but not next to either; by a slope where all lie on one side.
+/// ones on either side of 0 on the straight line through them, but not next to either; where all lie on one side, beyond them on the
+/// line through the nearest two, as long as that is not much steeper or flatter than `slope`.
 fn next_position(known: &[(f64, f64)], slope: f64) -> f64 {
-    let nearest = |side: f64| {
-        let on_side = known.iter().filter(|(_, y)| y * side >= 0.0);
-        on_side.min_by(|a, b| a.1.abs().total_cmp(&b.1.abs())).copied()
-    };
-    match (nearest(1.0), nearest(-1.0)) {
-        (Some(above), Some(below)) if above.1 > below.1 => {
-            // A jump of the size leaves the nearer end where it is: then the interval is halved at least every other time.
+    let mut by_distance = known.to_vec();
+    by_distance.sort_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+    let nearest = |above: bool| by_distance.iter().find(|(_, y)| (*y >= 0.0) == above).copied();
+    match (nearest(true), nearest(false)) {
+        (Some(above), Some(below)) => {
+            // A jump of the size leaves one end where it is: then the interval shrinks all the same.
             let share = (above.1 / (above.1 - below.1)).clamp(0.1, 0.9);
             above.0 + share * (below.0 - above.0)
         }
-        (Some((x, y)), _) | (_, Some((x, y))) => x - y / slope,
+        (Some((x, y)), None) | (None, Some((x, y))) => {
+            let measured = by_distance.get(1).map(|next| (next.1 - y) / (next.0 - x)).filter(|s| s.is_finite());
+            let relative = measured.map_or(1.0, |measured| (measured / slope).clamp(0.25, 4.0));
+            x - y / (slope * relative)
+        }
         (None, None) => 0.0,
     }
 }

@@ -23,10 +23,10 @@ pub struct CostPrior {
 }
 
 impl CostPrior {
-    /// Sizes: near r^1.8, because neighbouring rays, or points, compress well together; how well points do is less sure.
+    /// Sizes: near r^1.8, because neighbouring rays compress well together; points do still better, how much is less sure.
     pub fn of_sizes(representation: Representation, ln_bytes: &[Observation]) -> GaussianProcess<Self> {
-        let doubt = if representation == Representation::Volume { 0.5 } else { PRICE[1] };
-        Self::through(ln_bytes, (1.8, doubt), ROUGH, 0.003)
+        let power = if representation == Representation::Volume { (1.7, 0.5) } else { (1.8, PRICE[1]) };
+        Self::through(ln_bytes, power, ROUGH, 0.003)
     }
 
     /// Times: near r^1.75, because a share does not depend on r; clocks are noisy.
@@ -100,7 +100,7 @@ const VOLUME_ERRORS: [f64; 4] = [-9.1, -2.5, -11.0, 2.0];
 /// Share of the error at a few points that is left with all of them.
 const ALL_POINTS: f64 = 1e-3;
 /// Standard deviations of (a0, a1, b0, b1).
-const DOUBT: [f64; 4] = [4.0, 0.6, 4.0, 0.6];
+const DOUBT: [f64; 4] = [2.5, 0.6, 2.5, 0.6];
 /// Standard deviation of what is not of that form, decibels; over how much in ln r and in ln gamma it changes; and that of one
 /// resolution beside its neighbours and of a measurement.
 const REST_DB: f64 = 0.8;

@@ -46,7 +46,8 @@ pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
 fn line(contract: &Contract, row: &Row) -> String {
     let width = half_width_db(&row.measured.quality);
     let doubt = if width.is_finite() { format!(" +- {width:.2}") } else { String::new() };
-    let kept = if row.cost < f64::INFINITY { "" } else { "  not kept" };
+    let excess = contract.excess(&row.measured.cost, row.measured.quality.psnr_db());
+    let kept = if excess <= 0.0 { "" } else { "  not kept" };
     let (r, gamma) = (row.params.resolution(), row.params.gamma());
     format!(
         "{:6}  r {r:4}  gamma {gamma:<8}  {}{doubt}{kept}",
