@@ -79,12 +79,20 @@ impl Prior for CostPrior {
     }
 }
 
+/// Size and length scales of a remainder.
+#[derive(Debug, Clone, Copy)]
+struct Remainder {
+    db: f64,
+    lengths: ParamPoint,
+}
+
 /// q in decibels: -10 log10(A + B), A = exp(a0 + a1 x(r)) for too few rays or points, B = exp(b0 + b1 (ln gamma - ..)) for
 /// merging or coding. Of rays x = ln r - ..; a volume with all points of the data has no error of the first kind, so that
 /// there A falls as (r / all)^a1 - 1.
 pub struct QualityPrior {
     /// Logarithm of all points on the longest side; `None` for VDIs.
     ln_all: Option<f64>,
+    rest: Remainder,
     /// (a0, a1, b0, b1), the likeliest.
     fitted: [f64; 4],
     /// What was expected of them, relative to `fitted`.
@@ -101,10 +109,11 @@ const VOLUME_ERRORS: [f64; 4] = [-9.1, -2.5, -11.0, 2.0];
 const ALL_POINTS: f64 = 1e-3;
 /// Standard deviations of (a0, a1, b0, b1).
 const DOUBT: [f64; 4] = [2.5, 0.6, 2.5, 0.6];
-/// Standard deviation of what is not of that form, decibels; over how much in ln r and in ln gamma it changes; and that of one
-/// resolution beside its neighbours and of a measurement.
-const REST_DB: f64 = 0.8;
-const REST_LENGTHS: ParamPoint = [0.8, 0.5];
+/// What is not of that form: its standard deviation, decibels, and over how much in ln r and in ln gamma it changes. In volumes
+/// errors of coding blur the more the more points there are.
+const VDI_REST: Remainder = Remainder { db: 0.8, lengths: [0.8, 0.5] };
+const VOLUME_REST: Remainder = Remainder { db: 1.2, lengths: [0.5, 0.5] };
+/// Standard deviation of a measurement.
 const NOISE_DB: f64 = 0.1;
 /// By how many decibels an earlier step's quality differs from this one's: all of it, and each beside that.
 const STEP_OFFSET_DB: f64 = 2.0;
@@ -120,11 +129,11 @@ impl QualityPrior {
         longest_side: u32,
         psnr_db: &[Observation],
     ) -> GaussianProcess<Self> {
-        let (mut expected, ln_all) = match representation {
-            Representation::Vdi => (VDI_ERRORS, None),
-            Representation::Volume => (VOLUME_ERRORS, Some(f64::from(longest_side.max(2)).ln())),
+        let (mut expected, rest, ln_all) = match representation {
+            Representation::Vdi => (VDI_ERRORS, VDI_REST, None),
+            Representation::Volume => (VOLUME_ERRORS, VOLUME_REST, Some(f64::from(longest_side.max(2)).ln())),
         };
-        let mut prior = Self { ln_all, fitted: expected, expected: [0.0; 4] };
+        let mut prior = Self { ln_all, rest, fitted: expected, expected: [0.0; 4] };
         if !psnr_db.is_empty() {
             // Both causes alike are larger or smaller on this data.
             let off = |o: &Observation| (o.value - prior.decibels(&expected, &o.at).0) / DB;
@@ -151,7 +160,7 @@ impl QualityPrior {
     /// The likeliest parameters: Levenberg and Marquardt's method on the misfit and the prior's.
     fn fit(&self, psnr_db: &[Observation], expected: [f64; 4]) -> [f64; 4] {
         let variance = |o: &Observation| {
-            REST_DB.powi(2) + if o.carried { STEP_OFFSET_DB.powi(2) + STEP_REMAINDER_DB.powi(2) } else { 0.0 }
+            self.rest.db.powi(2) + if o.carried { STEP_OFFSET_DB.powi(2) + STEP_REMAINDER_DB.powi(2) } else { 0.0 }
         };
         let misfit = |theta: &[f64; 4]| -> f64 {
             let data: f64 =
@@ -198,8 +207,8 @@ impl Prior for QualityPrior {
     fn covariance(&self, a: &ParamPoint, b: &ParamPoint) -> f64 {
         let (sa, sb) = (self.decibels(&self.fitted, a).1, self.decibels(&self.fitted, b).1);
         let form: f64 = (0..4).map(|k| sa[k] * sb[k] * DOUBT[k].powi(2)).sum();
-        let near = |k: usize| squared_exponential((a[k] - b[k]) / REST_LENGTHS[k]);
-        form + REST_DB.powi(2) * near(0) * near(1)
+        let near = |k: usize| squared_exponential((a[k] - b[k]) / self.rest.lengths[k]);
+        form + self.rest.db.powi(2) * near(0) * near(1)
     }
 
     fn noise(&self) -> f64 {

@@ -10,13 +10,19 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 /// sigma = 2 r^1.75 (gamma + 0.01)^-0.45 with a ripple, tau = r^1.6 us, squared error (245 / r)^2.2 2e-4 + (gamma / 0.03)^1.1
-/// 1e-4, with batches that scatter by a fifth.
+/// 1e-4, with batches that scatter by a fifth. Volumes with all 512 points have no error but that of their coding.
 #[derive(Default)]
 struct Response {
     /// Bytes of volumes are more than those of VDIs by this power of two.
     dearer: i32,
     /// No volume can stand for the step.
     irreducible: bool,
+    /// The size jumps by a factor of 8 where gamma falls below this.
+    jump: f64,
+    /// Batches of each trial scatter by this much of their own, beside what they share.
+    own_scatter: f64,
+    /// Every size and error is that of another step: larger by this share.
+    richer: f64,
     /// What a march or a measurement takes.
     takes: Duration,
     measured: usize,
@@ -39,17 +45,25 @@ impl Response {
         let (r, gamma) = (f64::from(p.resolution()), p.gamma());
         let dearer = if p.representation() == Representation::Volume { 2_f64.powi(self.dearer) } else { 1.0 };
         let ripple = 1.0 + 0.02 * (r / 50.0).sin() * (60.0 * gamma).cos();
-        let size_bytes = (2.0 * r.powf(1.75) * (gamma + 0.01).powf(-0.45) * ripple * dearer) as u64;
+        let jump = if gamma < self.jump { 8.0 } else { 1.0 } * (1.0 + self.richer);
+        let size_bytes = (2.0 * r.powf(1.75) * (gamma + 0.01).powf(-0.45) * ripple * dearer * jump) as u64;
         let generation_time = Duration::from_nanos((1e3 * r.powf(1.6)) as u64);
         Cost { size_bytes, generation_time, encode_time: generation_time, supersegments: 1 }
     }
 
     fn quality(&self, p: &GenerationParams, batches: u32) -> Quality {
         let (r, gamma) = (f64::from(p.resolution()), p.gamma());
-        let mse = 2e-4 * (245.0 / r).powf(2.2) + 1e-4 * (gamma / 0.03).powf(1.1);
+        let all_points = if p.representation() == Representation::Volume { (245.0 / 512.0_f64).powf(2.2) } else { 0.0 };
+        let sampling = 2e-4 * ((245.0 / r).powf(2.2) - all_points).max(0.0);
+        let mse = (sampling + 1e-4 * (gamma / 0.03).powf(1.1)) * (1.0 + self.richer);
         // The same for all parameters, as pixels that are hard are hard for all.
         let scatter = |b: u32| 1.0 + 0.2 * f64::from(b * 7919 % 16).mul_add(0.125, -0.9375);
-        let batch_mse = (0..batches).map(|b| mse * scatter(b)).collect();
+        let seed = u64::from(p.resolution()).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ gamma.to_bits();
+        let own = |b: u32| {
+            let mixed = (seed ^ u64::from(b).wrapping_mul(0xbf58_476d_1ce4_e5b9)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            1.0 + self.own_scatter * (2.0 * (mixed >> 40) as f64 / f64::from(1 << 24) - 1.0)
+        };
+        let batch_mse = (0..batches).map(|b| mse * scatter(b) * own(b)).collect();
         Quality { views: if batches == 0 { Vec::new() } else { vec![ViewError { angle_deg: 10.0, batch_mse }] } }
     }
 }
@@ -141,9 +155,9 @@ async fn a_few_trials_find_what_thirteen_hundred_find() {
 async fn where_no_volume_can_stand_for_the_step_none_is_tried() {
     let base = GenerationParams::new(1, 0.0).unwrap();
     let mut response = Response { irreducible: true, ..Response::default() };
-    let all = candidates(&mut response, &Representation::ALL, &Grid::paper(), &base).await.unwrap();
-    assert_eq!(all, papers());
-    let none = candidates(&mut response, &[Representation::Volume], &Grid::paper(), &base).await.unwrap_err();
+    let of = |kinds: &[Representation]| CandidateSet::new(response.longest_side(), kinds, &Grid::paper(), &base);
+    let (all, none) = (of(&Representation::ALL), of(&[Representation::Volume]).unwrap_err());
+    assert_eq!(all.unwrap().all(&mut response).await.unwrap(), papers());
     assert!(none.to_string().contains("second field") && none.to_string().contains("allow VDIs"), "{none}");
 }
 
@@ -181,7 +195,7 @@ async fn a_margin_is_kept_where_something_has_it_and_given_up_where_nothing_has(
     ] {
         let contract: Contract = text.parse().unwrap();
         let mut response = Response::default();
-        let found = search_with_margin(&mut response, &contract, &papers(), None, None, |_| {}).await.unwrap();
+        let found = search_with_margin(&mut response, SearchRequest::new(&contract, &mut papers().into()), |_| {}).await.unwrap();
         let row = &found.study.rows[found.study.best.unwrap_or_else(|| panic!("{text}: {found:?}"))];
         let ms = 1e3 * row.measured.cost.generation_time.as_secs_f64();
         assert!(ms <= most_ms && row.params.resolution() <= most_r, "{text}: {row:?}");
@@ -195,8 +209,9 @@ async fn a_margin_is_kept_where_something_has_it_and_given_up_where_nothing_has(
     let mut response = Response { takes, ..Response::default() };
     let (contract, until) = ("time <= 3.5ms".parse().unwrap(), Instant::now() + takes * 7);
     let in_use = papers()[0];
-    let found =
-        search_with_margin(&mut response, &contract, &papers(), Some(&in_use), Some(until), |_| {}).await.unwrap();
+    let mut all = papers().into();
+    let request = SearchRequest { in_use: Some(&in_use), until: Some(until), ..SearchRequest::new(&contract, &mut all) };
+    let found = search_with_margin(&mut response, request, |_| {}).await.unwrap();
     assert!(found.cut && found.study.best.is_some_and(|n| found.study.rows[n].cost < 0.0), "{found:?}");
 }
 
@@ -207,8 +222,8 @@ async fn timing_is_for_what_may_be_too_slow() {
         let mut response = Response { dearer: 6, ..Response::default() };
         let kinds = if to_beat { &Representation::ALL[..] } else { &[Representation::Vdi] };
         let base = GenerationParams::new(1, 0.0).unwrap();
-        let all = candidates(&mut response, kinds, &Grid::paper(), &base).await.unwrap();
-        let found = search(&mut response, &contract, &all, None, None, |_| {}).await.unwrap();
+        let all = CandidateSet::new(512, kinds, &Grid::paper(), &base).unwrap().all(&mut response).await.unwrap();
+        let found = searched(&mut response, &contract, all.clone()).await;
         let row = found.study.best.map(|n| found.study.rows[n].clone()).unwrap();
         assert!(contract.cost(&row.measured).is_finite(), "{text}");
         let best = tune(&mut Response { dearer: 6, ..Response::default() }, &contract, &all, |_| {}).await.unwrap();
@@ -226,13 +241,14 @@ async fn timing_is_for_what_may_be_too_slow() {
 async fn parameters_in_use_are_measured_with_the_others() {
     let in_use = GenerationParams::new(333, 0.0123).unwrap();
     let contract = Contract::size(200_000);
-    let found = search(&mut Response::default(), &contract, &papers(), Some(&in_use), None, |_| {}).await.unwrap();
+    let mut all = papers().into();
+    let request = SearchRequest { in_use: Some(&in_use), ..SearchRequest::new(&contract, &mut all) };
+    let found = search(&mut Response::default(), request, |_| {}).await.unwrap();
     assert!(found.study.rows.iter().any(|r| r.params == in_use));
 }
 
 #[tokio::test]
 async fn the_representation_that_serves_better_wins_and_the_other_is_soon_known_to_lose() {
-    let base = GenerationParams::new(1, 0.0).unwrap();
     let contract: Contract = "size <= 150kB".parse().unwrap();
     let alone = {
         let mut response = Response::default();
@@ -241,12 +257,11 @@ async fn the_representation_that_serves_better_wins_and_the_other_is_soon_known_
     };
     for (dearer, winner) in [(-3, Representation::Volume), (3, Representation::Vdi)] {
         let mut response = Response { dearer, ..Response::default() };
-        let grid = Grid::paper();
-        let all = candidates(&mut response, &Representation::ALL, &grid, &base).await.unwrap();
+        let all = both().all(&mut response).await.unwrap();
         assert_eq!(all.len(), 1300 + 7 * 28);
         let volumes: Vec<_> = all.iter().filter(|p| p.representation() == Representation::Volume).collect();
         assert_eq!(volumes.iter().map(|p| p.resolution()).max(), Some(512), "no more points than there are");
-        let found = search(&mut response, &contract, &all, None, None, |_| {}).await.unwrap();
+        let found = searched(&mut response, &contract, all.clone()).await;
         let best = &found.study.rows[found.study.best.unwrap()];
         assert_eq!(best.params.representation(), winner);
         let exhaustive = tune(&mut Response { dearer, ..Response::default() }, &contract, &all, |_| {}).await.unwrap();
@@ -260,24 +275,29 @@ async fn the_representation_that_serves_better_wins_and_the_other_is_soon_known_
 async fn gammas_come_from_the_data_where_none_are_stated() {
     let base = GenerationParams::new(1, 0.0).unwrap();
     let vdis = [Representation::Vdi];
-    let all = candidates(&mut Response::default(), &vdis, &Grid::default(), &base).await.unwrap();
-    assert_eq!(all.len(), 22 * 40);
+    let mut set = CandidateSet::new(512, &vdis, &Grid::default(), &base).unwrap();
+    let all = set.all(&mut Response::default()).await.unwrap();
+    assert_eq!((all.len(), set.count()), (22 * 40, 22 * 40));
+    assert!(set.spans(&all[77]) && !set.spans(&all[77].with_resolution(800).unwrap()));
+    assert!(!set.spans(&all[77].with_representation(Representation::Volume)));
     let gammas: Vec<f64> = all[..40].iter().map(GenerationParams::gamma).collect();
     assert!(gammas.is_sorted() && gammas[0] < 0.001 && gammas[39] > 0.26, "{gammas:?}");
 }
 
 #[tokio::test]
 async fn a_search_ends_in_time_with_the_best_so_far() {
-    let base = GenerationParams::new(1, 0.0).unwrap();
     let contract = Contract::size(200_000);
-    let all = candidates(&mut Response::default(), &Representation::ALL, &Grid::paper(), &base).await.unwrap();
     let in_use = *papers().iter().find(|p| p.resolution() == 160).unwrap();
     let takes = Duration::from_millis(10);
     for calls in [1, 2, 5, 12, 1_000_000] {
         let (mut response, mut first) = (Response { takes, ..Response::default() }, None);
         let progress = |row: &Row| _ = first.get_or_insert(row.clone());
         let until = Instant::now() + calls * takes + takes / 2;
-        let found = search(&mut response, &contract, &all, Some(&in_use), Some(until), progress).await.unwrap();
+        let mut all = both();
+        let request =
+            SearchRequest { in_use: Some(&in_use), until: Some(until), ..SearchRequest::new(&contract, &mut all) };
+        let found = search(&mut response, request, progress).await.unwrap();
+        assert_eq!(found.left.is_none(), found.cut, "what is left is not known of a search cut short");
         assert_eq!(found.cut, calls <= 12, "{calls}: {found:?}");
         // A trial is two calls, none of which takes less; the first one is begun whenever there is time at all.
         assert!(response.calls <= calls.max(2), "{calls}: {}", response.calls);
@@ -290,7 +310,154 @@ async fn a_search_ends_in_time_with_the_best_so_far() {
         let other = rows.iter().filter(|r| r.params.representation() == Representation::Volume).count();
         assert!(if calls > 12 { other > 0 } else { other == 0 }, "{calls}: the representation in use comes first");
     }
-    let late = Some(Instant::now() - Duration::from_secs(1));
-    let none = search(&mut Response::default(), &contract, &all, Some(&in_use), late, |_| {}).await.unwrap();
+    let (mut all, late) = (both(), Some(Instant::now() - Duration::from_secs(1)));
+    let request = SearchRequest { in_use: Some(&in_use), until: late, ..SearchRequest::new(&contract, &mut all) };
+    let none = search(&mut Response::default(), request, |_| {}).await.unwrap();
     assert!(none.study.rows.is_empty() && none.cut);
+}
+
+/// Twenty limits from 20 to 800 kB, evenly on a logarithmic scale.
+fn limits() -> impl Iterator<Item = u64> {
+    (0..20).map(|k| (20e3 * 40_f64.powf(f64::from(k) / 19.0)) as u64)
+}
+
+#[tokio::test]
+async fn a_limit_on_size_is_filled_and_never_broken() {
+    for limit in limits() {
+        for kinds in [&[Representation::Vdi][..], &[Representation::Volume], &Representation::ALL] {
+            let base = GenerationParams::new(1, 0.0).unwrap();
+            let mut all = CandidateSet::new(512, kinds, &Grid::default(), &base).unwrap();
+            let (mut response, contract) = (Response::default(), Contract::size(limit));
+            let found = search(&mut response, SearchRequest::new(&contract, &mut all), |_| {}).await.unwrap();
+            let best = &found.study.rows[found.study.best.unwrap()];
+            let share = best.measured.cost.size_bytes as f64 / limit as f64;
+            assert!((0.95..=1.0).contains(&share), "{limit} {kinds:?}: {share} by {best:?}");
+            assert_eq!(best.measured.quality.batches(), 16);
+            let digits = format!("{:.3e}", best.params.gamma()).parse::<f64>().unwrap();
+            assert_eq!(digits, best.params.gamma(), "a person can write it down");
+            assert!(response.measured <= 24, "{limit} {kinds:?}: {} trials", response.measured);
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_limit_is_filled_only_where_bytes_buy_what_is_wanted() {
+    // The optimum lies inside: a decibel more costs more bytes than it is worth. And sizes jump over the limit.
+    let contract: Contract = "size <= 400kB, maximise q - 0.2 * sigma".parse().unwrap();
+    let all = exhaustive(&contract).await;
+    let found = searched(&mut Response::default(), &contract, papers()).await;
+    let cost = |study: &Study| study.rows[study.best.unwrap()].cost;
+    assert!(cost(&found.study) <= cost(&all) + 0.02 * cost(&all).abs());
+    assert!(found.study.rows[found.study.best.unwrap()].measured.cost.size_bytes < 200_000);
+    let mut response = Response { jump: 0.02, ..Response::default() };
+    let base = GenerationParams::new(1, 0.0).unwrap();
+    let volumes = CandidateSet::new(512, &[Representation::Volume], &Grid::paper(), &base).unwrap();
+    let volumes = volumes.clone().all(&mut response).await.unwrap();
+    let contract = Contract::size(800_000);
+    let found = searched(&mut response, &contract, volumes.clone()).await;
+    let best = &found.study.rows[found.study.best.unwrap()];
+    let all = tune(&mut Response { jump: 0.02, ..Response::default() }, &contract, &volumes, |_| {}).await.unwrap();
+    assert!(best.measured.cost.size_bytes <= 800_000 && best.cost - cost(&all) <= 0.1, "{best:?}");
+    assert!(response.measured <= 24, "{} trials", response.measured);
+}
+
+#[tokio::test]
+async fn the_first_or_second_quality_measured_is_within_3_db_of_the_best() {
+    for limit in limits() {
+        for kinds in [&[Representation::Vdi][..], &Representation::ALL] {
+            let base = GenerationParams::new(1, 0.0).unwrap();
+            let mut all = CandidateSet::new(512, kinds, &Grid::default(), &base).unwrap();
+            let (contract, mut kept) = (Contract::size(limit), Vec::new());
+            let progress = |row: &Row| kept.extend(Some(row.measured.quality.psnr_db()).filter(|_| row.cost.is_finite()));
+            let found = search(&mut Response::default(), SearchRequest::new(&contract, &mut all), progress).await.unwrap();
+            let best = found.study.rows[found.study.best.unwrap()].measured.quality.psnr_db();
+            let soon = kept.iter().take(2).copied().fold(0.0, f64::max);
+            assert!(best - soon <= 3.0, "{limit} {kinds:?}: {kept:?}, but {best} in the end");
+        }
+    }
+}
+
+#[tokio::test]
+async fn the_range_of_vdis_is_looked_for_only_after_the_volumes() {
+    let base = GenerationParams::new(1, 0.0).unwrap();
+    let contract = Contract::size(200_000);
+    let takes = Duration::from_millis(10);
+    let mut all = CandidateSet::new(512, &Representation::ALL, &Grid::default(), &base).unwrap();
+    let mut response = Response { takes, ..Response::default() };
+    // A march, an encoding and a quality, and no time for more.
+    let request =
+        SearchRequest { until: Some(Instant::now() + takes * 4), ..SearchRequest::new(&contract, &mut all) };
+    let found = search(&mut response, request, |_| {}).await.unwrap();
+    assert_eq!(response.marches, 1, "that of the volumes");
+    assert!(found.cut && found.study.best.is_some(), "{found:?}");
+    // Nor again on the next step where there is no time for it.
+    let mut response = Response { takes, ..Response::default() };
+    search(&mut response, SearchRequest::new(&contract, &mut all), |_| {}).await.unwrap();
+    assert_eq!(response.marches, 2);
+    let next = CandidateSet::new(512, &[Representation::Vdi], &Grid::default(), &base).unwrap();
+    let (mut next, mut later) = (next.with_range_of(&all), Response { takes, ..Response::default() });
+    let request =
+        SearchRequest { until: Some(Instant::now() + takes * 3), ..SearchRequest::new(&contract, &mut next) };
+    search(&mut later, request, |_| {}).await.unwrap();
+    assert!(later.marches <= 1, "only that of the sizes");
+}
+
+#[tokio::test]
+async fn trials_of_an_earlier_step_decide_the_first_and_are_no_results() {
+    let contract = Contract::size(200_000);
+    let mut before = Response { richer: 0.1, ..Response::default() };
+    let earlier = searched(&mut before, &contract, papers()).await.study;
+    let (best, rows) = (earlier.rows[earlier.best.unwrap()].params, &earlier.rows);
+    let (mut response, mut order) = (Response::default(), Vec::new());
+    let mut all = papers().into();
+    let request = SearchRequest { carried: rows, ..SearchRequest::new(&contract, &mut all) };
+    let found = search(&mut response, request, |row| order.push(row.clone())).await.unwrap().study;
+    assert_eq!(order[0].params, best, "the best of the earlier step comes first");
+    // Another step has other figures: none of the earlier ones is among the results.
+    for row in &found.rows {
+        assert_eq!(row.measured.cost, response.cost(&row.params), "{row:?}");
+    }
+    let alone = searched(&mut Response::default(), &contract, papers()).await.study;
+    let cost = |study: &Study| study.rows[study.best.unwrap()].cost;
+    assert!(cost(&found) - cost(&alone) <= 0.1, "{} and {}", cost(&found), cost(&alone));
+    assert!(response.measured <= before.measured, "{} trials instead of {}", response.measured, before.measured);
+    // What broke the contract there is no choice.
+    let too_large: Vec<Row> = rows.iter().filter(|r| r.cost == f64::INFINITY).cloned().collect();
+    let request = SearchRequest { carried: &too_large, ..SearchRequest::new(&contract, &mut all) };
+    assert!(search(&mut Response::default(), request, |_| {}).await.unwrap().study.best.is_some());
+}
+
+#[tokio::test]
+async fn few_pixels_decide_where_they_can() {
+    // In the made-up response every batch tells the same of a difference: all but the best stay with the fewest.
+    for limit in limits().step_by(4) {
+        let found = searched(&mut Response::default(), &Contract::size(limit), papers()).await.study;
+        let batches = |r: &Row| r.measured.quality.batches();
+        let best = &found.rows[found.best.unwrap()];
+        assert_eq!(batches(best), 16);
+        let full = found.rows.iter().filter(|r| batches(r) == 16).count();
+        assert!(full <= 3, "{limit}: {full} trials on all pixels");
+        assert!(found.rows.iter().all(|r| [0, 2, 8, 16].contains(&batches(r))));
+        assert!(found.rows.iter().any(|r| batches(r) == 2));
+    }
+}
+
+#[tokio::test]
+async fn more_pixels_are_asked_for_where_few_do_not_decide() {
+    // Batches of one trial differ from another's by up to 15 % in squared error: two of them by 0.5 dB, all by 0.15.
+    let all_pixels = |row: &Row| row.measured.quality.batches() == 16;
+    for limit in limits().step_by(2) {
+        let mut response = Response { own_scatter: 0.15, ..Response::default() };
+        let contract = Contract::size(limit);
+        let found = searched(&mut response, &contract, papers()).await.study;
+        let best = &found.rows[found.best.unwrap()];
+        assert!(all_pixels(best));
+        // None of the other trials is better by more than all pixels can tell.
+        for row in found.rows.iter().filter(|r| r.measured.quality.batches() > 0) {
+            let whole = Measured { quality: response.quality(&row.params, 16), ..row.measured.clone() };
+            assert!(best.cost - contract.cost(&whole) <= 0.15, "{limit}: {row:?}, but {best:?}");
+        }
+        let whole = found.rows.len() * 16;
+        assert!(response.batches < whole, "{limit}: {} batches of {whole}", response.batches);
+    }
 }

@@ -69,6 +69,10 @@ fn verdict(contract: &Contract, found: &SearchResult) -> anyhow::Result<()> {
         );
     };
     say!("best       {}", line(contract, &rows[best]));
+    if let Some(limit) = contract.size_bytes {
+        let used = rows[best].measured.cost.size_bytes;
+        say!("used       {used} of {limit} bytes: {:.1} %", 100.0 * used as f64 / limit as f64);
+    }
     if let Some(left) = found.left {
         say!("sure       no other candidate is expected to gain more than {left:.3} ({})", contract.utility());
     }
