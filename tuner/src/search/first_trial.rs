@@ -54,6 +54,10 @@ impl BayesianSearch<'_> {
                 }
             }
             self.measure_cost(trial, &params).await?;
+            // Time for a quality is kept.
+            if !trial.enough_for(3) {
+                break;
+            }
         }
         self.measure_best(trial, progress).await
     }
@@ -78,7 +82,8 @@ impl BayesianSearch<'_> {
             return Ok(());
         };
         let params = self.tried[best].params;
-        if trial.enough() {
+        // Its cost is known: one measurement is all that it takes.
+        if trial.enough_for(1) {
             self.measure_quality(trial, best).await?;
         }
         let (best, others): (Vec<&Row>, Vec<&Row>) = self.tried.iter().partition(|r| r.params == params);

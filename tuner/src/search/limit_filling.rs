@@ -16,6 +16,8 @@ const ENOUGH: f64 = 0.97;
 const AIM: f64 = 0.985;
 /// The most resolutions whose limit is filled.
 const MOST_LINES: usize = 3;
+/// How much smaller an improvement is looked for than among the candidates, as this ends the search.
+const FINAL: f64 = 5.0;
 /// The most evaluations for one.
 const EVALUATIONS: usize = 5;
 /// How sizes change along a line before two of its points are known: per unit of ln gamma, of ln r.
@@ -113,7 +115,7 @@ impl BayesianSearch<'_> {
         let wanted = |t: &Target| {
             let params = t.line.at(t.guess);
             // Another representation's best is beaten on the average, not by hope: each evaluation is an encoding.
-            let noticeable = params.is_some_and(|p| t.improvement > self.tolerance(&p, least))
+            let noticeable = params.is_some_and(|p| t.improvement > self.tolerance(&p, least) / FINAL)
                 && (best.is_some() || t.cost < least);
             let of_best = !filled && t.cost < least && best.is_some_and(|r| t.line.position(&r.params).is_some());
             noticeable || of_best
@@ -225,8 +227,8 @@ mod tests {
 
     #[test]
     fn a_few_positions_find_the_zero_of_a_curve() {
-        // Falling and bent, 0 at x = -ln 2; one point known, far away.
-        let y = |x: f64| 2.0 * (-(x + 2_f64.ln())).exp_m1() / (1.0 + 0.2 * x * x);
+        // Falling and bent, 0 at x = -0.7; one point known, far away.
+        let y = |x: f64| -(x + 0.7) - 0.3 * (x + 0.7).powi(3);
         let mut known = vec![(-2.0, y(-2.0))];
         for _ in 0..6 {
             let x = next_position(&known, SLOPES[0]);
