@@ -32,7 +32,8 @@ pub struct Kept {
 impl Kept {
     fn new(study: Study, chosen: usize, cut: bool) -> Self {
         let of = |representation: Representation| {
-            let size = |r: &Row| Observation::new(param_point(&r.params), (r.measured.cost.size_bytes.max(1) as f64).ln());
+            let size =
+                |r: &Row| Observation::new(param_point(&r.params), (r.measured.cost.size_bytes.max(1) as f64).ln());
             let rows = study.rows.iter().filter(|r| r.params.representation() == representation);
             let sizes: Vec<Observation> = rows.map(size).collect();
             (!sizes.is_empty()).then(|| (representation, CostPrior::of_sizes(representation, &sizes)))

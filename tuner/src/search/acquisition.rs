@@ -54,7 +54,12 @@ impl<'a> ExpectedImprovement<'a> {
             }
         }
         let n = self.draws.len() as f64;
-        Acquisition { improvement: improvement / n, feasible: feasible / n, nearer: nearer / n, ..Acquisition::default() }
+        Acquisition {
+            improvement: improvement / n,
+            feasible: feasible / n,
+            nearer: nearer / n,
+            ..Acquisition::default()
+        }
     }
 }
 

@@ -102,7 +102,9 @@ impl CandidateSet {
     /// True if `params` differ from some candidates in resolution and gamma alone and lie between them.
     pub fn spans(&self, params: &GenerationParams) -> bool {
         let like = |c: &GenerationParams| {
-            c.with_resolution(params.resolution()).and_then(|c| c.with_gamma(params.gamma())).is_ok_and(|c| c == *params)
+            c.with_resolution(params.resolution())
+                .and_then(|c| c.with_gamma(params.gamma()))
+                .is_ok_and(|c| c == *params)
         };
         let between = |all: &[GenerationParams]| {
             let spanned = |of: fn(&GenerationParams) -> f64| {

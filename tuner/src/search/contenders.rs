@@ -97,14 +97,15 @@ impl BayesianSearch<'_> {
     fn may_cost_less(&self, n: usize, least: f64) -> bool {
         let row = &self.tried[n];
         let quality = &row.measured.quality;
-        let at_best = self.contract.cost_at(&row.measured.cost, self.estimated_db(row) + half_width_db(quality).min(10.0));
+        let at_best =
+            self.contract.cost_at(&row.measured.cost, self.estimated_db(row) + half_width_db(quality).min(10.0));
         at_best < least
     }
 
     /// True if the pixels seen so far leave it open whether a row keeps a limit on quality.
     fn limit_is_open(&self, row: &Row) -> bool {
-        self.contract.psnr_db.is_some_and(|least| {
-            (self.estimated_db(row) - least).abs() <= half_width_db(&row.measured.quality)
-        })
+        self.contract
+            .psnr_db
+            .is_some_and(|least| (self.estimated_db(row) - least).abs() <= half_width_db(&row.measured.quality))
     }
 }

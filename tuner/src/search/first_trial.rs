@@ -167,7 +167,9 @@ impl BayesianSearch<'_> {
         let kept = self.tried.iter().filter(|r| self.contract.excess(&r.measured.cost, f64::NAN) <= 0.0);
         let known = kept.map(|r| (rank(&r.params).1, r.params)).min_by(|a, b| a.0.total_cmp(&b.0));
         match (best, known) {
-            (Some(((excess, cost), _)), Some((known, params))) if excess > 0.0 || cost > known - self.worth_another(known) => {
+            (Some(((excess, cost), _)), Some((known, params)))
+                if excess > 0.0 || cost > known - self.worth_another(known) =>
+            {
                 Some(params)
             }
             (None, Some((_, params))) | (Some((_, params)), _) => Some(params),

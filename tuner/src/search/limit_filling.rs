@@ -108,8 +108,12 @@ impl BayesianSearch<'_> {
         let models = self.surrogates();
         let least = self.least_cost()?;
         let best = self.tried.iter().find(|r| r.cost == least);
-        let mut targets: Vec<Target> =
-            self.lines().into_iter().filter(|l| !done.contains(l)).filter_map(|l| self.target(l, &models, limit)).collect();
+        let mut targets: Vec<Target> = self
+            .lines()
+            .into_iter()
+            .filter(|l| !done.contains(l))
+            .filter_map(|l| self.target(l, &models, limit))
+            .collect();
         targets.sort_by(|a, b| b.improvement.total_cmp(&a.improvement));
         let filled = best.is_some_and(|r| r.measured.cost.size_bytes as f64 >= ENOUGH * limit);
         let wanted = |t: &Target| {
@@ -177,7 +181,8 @@ impl BayesianSearch<'_> {
         let position = |p: &GenerationParams| target.line.position(p);
         let marched = self.marched.iter().filter_map(|(p, bytes)| Some((position(p)?, *bytes)));
         let tried = self.tried.iter().filter_map(|r| Some((position(&r.params)?, r.measured.cost.size_bytes)));
-        let mut known: Vec<(f64, f64)> = marched.chain(tried).map(|(x, bytes)| (x, (bytes as f64).ln() - aim)).collect();
+        let mut known: Vec<(f64, f64)> =
+            marched.chain(tried).map(|(x, bytes)| (x, (bytes as f64).ln() - aim)).collect();
         let (mut x, first_new) = (target.guess, self.tried.len());
         for _ in 0..EVALUATIONS {
             let Some(params) = target.line.at(x.clamp(target.ends.0, target.ends.1)) else { break };

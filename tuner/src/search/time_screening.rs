@@ -95,7 +95,9 @@ mod tests {
         let near = |found: Option<f64>, ms: f64| found.is_some_and(|f| (f - ms).abs() < 1e-6 && f <= 20.0);
         let predicts = |ms: f64, deviation| Some(Prediction { mean: ms.ln(), deviation });
         assert!(screening.want(&params(100), None) && !screening.too_slow(&params(100)));
-        assert!(screening.want(&params(100), predicts(17.0, 0.1)) && !screening.want(&params(100), predicts(15.0, 0.1)));
+        assert!(
+            screening.want(&params(100), predicts(17.0, 0.1)) && !screening.want(&params(100), predicts(15.0, 0.1))
+        );
         assert!(near(expected(&screening, 100, 15.0, 0.3), 15.0));
         assert!(near(expected(&screening, 100, 24.0, 0.1), 20.0), "a chance of one in thirty");
         assert_eq!(expected(&screening, 100, 26.0, 0.1), None, "of one in two hundred");
