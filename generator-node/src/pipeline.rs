@@ -3,7 +3,7 @@
 use crate::ingest::{CompleteStep, Ingest};
 use crate::node_state::NodeState;
 use crate::overhead::Coupling;
-use crate::rate_control::{generate_within, start_params};
+use crate::rate_control::{Rung, generate_within, start_params};
 use crate::step::{Purpose, Step};
 use lamina_cast::Field;
 use lamina_compute::{Activity, Laps, Priority};
@@ -20,11 +20,13 @@ struct Pipeline {
     run: Option<(Arc<v1::Run>, Scene)>,
     /// What steps are generated with until the tuner sends parameters.
     start: Option<GenerationParams>,
+    rung: Rung,
 }
 
 /// Turns steps into frames for ever.
 pub async fn run(ingest: Arc<Ingest>, node: Arc<NodeState>, reference_every: u64, live_batches: u32) {
-    let pipeline = Pipeline { node: node.clone(), reference_every, live_batches, run: None, start: None };
+    let pipeline =
+        Pipeline { node: node.clone(), reference_every, live_batches, run: None, start: None, rung: Rung::default() };
     let pipeline = Arc::new(Mutex::new(pipeline));
     loop {
         ingest.complete().await;
@@ -54,7 +56,7 @@ impl Pipeline {
             .or(setting.params)
             .or(self.start)
             .unwrap_or_else(|| start_params(&step, setting.limits.only_vdis));
-        let (params, bytes, cost) = generate_within(&step, first, &setting, &self.node.options, laps)?;
+        let (params, bytes, cost) = generate_within(&step, first, &setting, &self.node.options, laps, &mut self.rung)?;
         if setting.params.is_none() {
             // The next step begins with what fitted.
             self.start = Some(params);

@@ -26,6 +26,30 @@ pub fn start_params(step: &Step, only_vdis: bool) -> GenerationParams {
     }
 }
 
+/// Where on a setting's ladder of fallbacks the last step was: the next one begins there, since series change little from step to
+/// step.
+#[derive(Debug, Default)]
+pub struct Rung {
+    first: Option<GenerationParams>,
+    at: usize,
+}
+
+/// A step this far below the limit lets the next one begin a rung higher.
+const ROOM: f64 = 0.88;
+
+impl Rung {
+    /// Where a step whose ladder begins with `first` begins.
+    fn start(&self, first: &GenerationParams) -> usize {
+        if self.first == Some(*first) { self.at } else { 0 }
+    }
+
+    /// It came to rest `at` a rung, with so large a share of the limit.
+    fn rest(&mut self, first: GenerationParams, at: usize, share: f64) {
+        let up = usize::from(at > 0 && share < ROOM);
+        *self = Self { first: Some(first), at: at - up };
+    }
+}
+
 /// The step with parameters `first`, or with the first of the setting's fallbacks that keeps the size limit. Where none of them can be
 /// used, as volumes cannot where voxels are missing, or there are no fallbacks yet, the first that keeps the limit of ever coarser
 /// ones of the same representation, then of VDIs.
@@ -35,10 +59,17 @@ pub fn generate_within(
     setting: &Setting,
     options: &EncodeOptions,
     laps: &mut Laps,
+    rung: &mut Rung,
 ) -> Result<Generated, Invalid> {
     let limit = setting.limits.size_bytes;
     let mut search = Search { step, options, limit, spent_ns: [0; 2], best: Err(None), laps };
-    search.until_one_fits(std::iter::once(first).chain(setting.fallbacks.iter().copied()));
+    let ladder: Vec<GenerationParams> = std::iter::once(first).chain(setting.fallbacks.iter().copied()).collect();
+    let start = rung.start(&first).min(ladder.len() - 1);
+    search.until_one_fits(ladder[start..].iter().copied());
+    if let Ok((params, _, cost)) = &search.best {
+        let at = ladder.iter().position(|p| p == params).unwrap_or(0);
+        rung.rest(first, at, limit.map_or(0.0, |limit| cost.size_bytes as f64 / limit as f64));
+    }
     // Before the first study there are no fallbacks; those of a study go as far down as it has found worth sending.
     if search.best.is_err() || (setting.fallbacks.is_empty() && !search.fits()) {
         search.until_one_fits(coarser(&first).filter(|p| *p != first));
@@ -106,5 +137,34 @@ impl Search<'_> {
             }
             tracing::info!(step, bytes = cost.size_bytes, "above the size limit; trying smaller parameters");
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_begins_where_the_last_one_ended_and_goes_up_again_where_there_is_room() {
+        let params = |resolution| GenerationParams::new(resolution, 0.02).unwrap();
+        let mut rung = Rung::default();
+        assert_eq!(rung.start(&params(64)), 0);
+        rung.rest(params(64), 3, 0.97);
+        assert_eq!((rung.start(&params(64)), rung.start(&params(65))), (3, 0), "another setting begins at its own");
+        rung.rest(params(64), 3, 0.8);
+        assert_eq!(rung.start(&params(64)), 2);
+        rung.rest(params(64), 0, 0.1);
+        assert_eq!(rung.start(&params(64)), 0);
+    }
+
+    #[test]
+    fn coarser_parameters_fall_in_size_and_end_with_vdis() {
+        let volume = GenerationParams::new(96, 0.01).unwrap().with_representation(Representation::Volume);
+        let all: Vec<GenerationParams> = coarser(&volume).collect();
+        let volumes = all.iter().take_while(|p| p.representation() == Representation::Volume).count();
+        assert_eq!((volumes, all.len()), (12, 24));
+        assert!(all[..12].windows(2).all(|w| w[1].resolution() < w[0].resolution() && w[1].gamma() >= w[0].gamma()));
+        assert!(all[12..].windows(2).all(|w| w[1].resolution() < w[0].resolution() && w[1].gamma() > w[0].gamma()));
+        assert_eq!(coarser(&GenerationParams::default()).count(), 12);
     }
 }

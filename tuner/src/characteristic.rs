@@ -5,7 +5,7 @@
 //! where there are too many, the older of the two most alike is forgotten.
 
 use crate::Contract;
-use crate::search::{Price, Process, place};
+use crate::search::{CostPrior, GaussianProcess, Observation, param_point};
 use crate::tune::{Row, Study};
 use crate::utility::Utility;
 use lamina_model::{GenerationParams, Representation};
@@ -26,16 +26,17 @@ pub struct Kept {
     /// The study was cut short: something better may be found.
     pub cut: bool,
     /// By representation.
-    sizes: Vec<(Representation, Process<Price>)>,
+    sizes: Vec<(Representation, GaussianProcess<CostPrior>)>,
 }
 
 impl Kept {
     fn new(study: Study, chosen: usize, cut: bool) -> Self {
         let of = |representation: Representation| {
-            let size = |r: &Row| (place(&r.params), (r.measured.cost.size_bytes.max(1) as f64).ln());
+            let size =
+                |r: &Row| Observation::new(param_point(&r.params), (r.measured.cost.size_bytes.max(1) as f64).ln());
             let rows = study.rows.iter().filter(|r| r.params.representation() == representation);
-            let (places, sizes): (Vec<_>, Vec<f64>) = rows.map(size).unzip();
-            (!sizes.is_empty()).then(|| (representation, Price::of_sizes(representation, places, &sizes)))
+            let sizes: Vec<Observation> = rows.map(size).collect();
+            (!sizes.is_empty()).then(|| (representation, CostPrior::of_sizes(representation, &sizes)))
         };
         Self { sizes: Representation::ALL.into_iter().filter_map(of).collect(), study, chosen, cut }
     }
@@ -43,7 +44,7 @@ impl Kept {
     /// How far a step of this size is from this one: the difference of the logarithms; `None` where the table does not tell.
     fn distance(&self, params: &GenerationParams, size_bytes: u64) -> Option<f64> {
         let (_, sizes) = self.sizes.iter().find(|(r, _)| *r == params.representation())?;
-        let expected = sizes.predict(&place(params));
+        let expected = sizes.predict(&param_point(params));
         (expected.deviation < KNOWN).then(|| ((size_bytes.max(1) as f64).ln() - expected.mean).abs())
     }
 

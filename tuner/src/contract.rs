@@ -3,7 +3,7 @@
 use crate::trial::{Cost, Measured};
 use crate::units::{Bytes, Millis, show_bytes};
 use crate::utility::Utility;
-use lamina_model::{GenerationParams, Invalid, Representation};
+use lamina_model::{Invalid, Representation};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
@@ -112,10 +112,10 @@ impl Contract {
         1e3 * time.as_secs_f64()
     }
 
-    /// The longest that generation with these parameters may take by itself, milliseconds; `None` where that is not limited,
+    /// The longest that generation may take by itself, milliseconds; `None` where that is not limited,
     /// or counts encoding: always for volumes, which lose accuracy there.
-    pub(crate) fn generation_limit_ms(&self, params: &GenerationParams) -> Option<f64> {
-        let alone = !self.with_encoding && params.representation() == Representation::Vdi;
+    pub(crate) fn generation_limit_ms(&self, representation: Representation) -> Option<f64> {
+        let alone = !self.with_encoding && representation == Representation::Vdi;
         self.time_ms.filter(|_| alone)
     }
 
@@ -157,14 +157,15 @@ impl Contract {
     /// alpha: lower is better; +infinity breaks a limit or measures nothing.
     #[doc(alias = "alpha")]
     pub fn cost(&self, measured: &Measured) -> f64 {
-        let indicators = measured.indicators();
-        let kept = self.excess(&measured.cost, indicators.psnr_db) <= 0.0;
-        if kept && !indicators.psnr_db.is_nan() {
-            let ms = self.time_of(measured.cost.generation_time, measured.cost.encode_time);
-            self.utility().cost(measured.cost.size_bytes, indicators.psnr_db, ms)
-        } else {
-            f64::INFINITY
+        self.cost_at(&measured.cost, measured.quality.psnr_db())
+    }
+
+    /// alpha of what generation cost and so many decibels.
+    pub(crate) fn cost_at(&self, cost: &Cost, psnr_db: f64) -> f64 {
+        if psnr_db.is_nan() || self.excess(cost, psnr_db) > 0.0 {
+            return f64::INFINITY;
         }
+        self.utility().cost(cost.size_bytes, psnr_db, self.time_of(cost.generation_time, cost.encode_time))
     }
 
     /// What these figures are against the limits, for people: `312.0 kB (limit 300.0 kB), 31.2 ms`.

@@ -6,7 +6,7 @@ use crate::provisional::{ProvisionalChoice, follow};
 use crate::push::{limits_alone, push, setting};
 use crate::remote::{Remote, connect};
 use crate::run::{End, Run, cost, read};
-use crate::search::{candidates, search_with_margin};
+use crate::search::{CandidateSet, SearchRequest, search_with_margin};
 use crate::trial::{Cost, Trial as _, TrialError};
 use crate::tune::Row;
 use crate::{Config, status::Status};
@@ -192,38 +192,8 @@ impl Daemon {
 
     /// The parameters that the step was made with: those pushed, or what the generator-node fell back to; those that it has of
     /// itself, if they lie among `candidates`.
-    fn in_use(&self, report: &v1::StepReport, candidates: &[GenerationParams]) -> Option<GenerationParams> {
-        let own = read(report.params)?;
-        if self.setting.is_some() {
-            return Some(own);
-        }
-        // But for these they are like it.
-        let like = |c: &GenerationParams| {
-            c.with_resolution(own.resolution()).and_then(|c| c.with_gamma(own.gamma())).is_ok_and(|c| c == own)
-        };
-        let spanned = |of: fn(&GenerationParams) -> f64| {
-            let values = || candidates.iter().filter(|c| like(c)).map(of);
-            values().any(|v| v <= of(&own)) && values().any(|v| v >= of(&own))
-        };
-        (spanned(|p| p.resolution().into()) && spanned(GenerationParams::gamma)).then_some(own)
-    }
-
-    /// What there is to choose from; and true if that is what an earlier study found, because finding it again would take more
-    /// than a quarter of the time.
-    async fn candidates(
-        &mut self,
-        remote: &mut Remote,
-        until: Option<Instant>,
-    ) -> Result<(Vec<GenerationParams>, bool), TrialError> {
-        let begun = Instant::now();
-        let short = until.is_some_and(|until| until.saturating_duration_since(begun) < 4 * self.run.finding);
-        let old = short && !self.run.candidates.is_empty();
-        if !old {
-            let Config { representations, grid, .. } = &self.config;
-            self.run.candidates = candidates(remote, representations, grid, &self.base).await?;
-            self.run.finding = begun.elapsed();
-        }
-        Ok((self.run.candidates.clone(), old))
+    fn in_use(&self, report: &v1::StepReport, candidates: &CandidateSet) -> Option<GenerationParams> {
+        read(report.params).filter(|own| self.setting.is_some() || candidates.spans(own))
     }
 
     async fn measure(&mut self, control: &ControlClient<Channel>, report: &v1::StepReport) -> Result<End, TrialError> {
@@ -233,7 +203,9 @@ impl Daemon {
         let given = until.map_or(Duration::ZERO, |until| until - Instant::now());
         let first = self.run.studied_step.is_none();
         let mut remote = Remote::open(control, &self.config.generator, first).await?;
-        let (all, old) = self.candidates(&mut remote, until).await?;
+        let Config { representations, grid, .. } = &self.config;
+        let all = CandidateSet::new(remote.longest_side(), representations, grid, &self.base)?;
+        let mut all = all.with_range_of(&self.run.candidates);
         // Before any study the parameters in use are nobody's choice.
         let mut in_use = if first { None } else { self.in_use(report, &all) };
         let (mut provisional, chosen) = ProvisionalChoice::new(&contract, remote.progress());
@@ -247,27 +219,35 @@ impl Daemon {
             rows.push(row.clone());
             provisional.add(row);
         };
-        let searching = search_with_margin(&mut remote, &contract, &all, in_use.as_ref(), until, progress);
+        // `in_use` as it is now: what is chosen meanwhile changes it.
+        let (searched, used, carried) = (&mut all, in_use, std::mem::take(&mut self.run.carried));
+        let request = SearchRequest {
+            in_use: used.as_ref(),
+            until,
+            carried: &carried,
+            ..SearchRequest::new(&contract, searched)
+        };
+        let searching = search_with_margin(&mut remote, request, progress);
         let (found, pushed) =
             if first { tokio::join!(searching, follow(control, status, chosen)) } else { (searching.await, None) };
         if let Some((setting, from)) = pushed {
             in_use = read(setting.params);
             (self.setting, self.holds_from) = (Some(setting), from);
         }
+        self.run.candidates = all;
         // A study that nodes cut short has measured something all the same: it stays in use, and the next one goes on from it.
         let found = found.inspect_err(|_| {
             if tried.is_empty() {
                 status.lost_study();
+                self.run.carried = carried;
             } else {
                 status.measured(step, &tried, None);
                 self.run.carried.clone_from(&tried);
             }
         })?;
-        self.run.carried.clear();
         let study = found.study;
         let studied = study.step.max(report.step);
-        // "Nothing keeps the contract" is no knowledge of a search that was cut short, nor of one among old candidates.
-        let cut = found.cut || (old && study.best.is_none());
+        let cut = found.cut;
         let end = if cut { End::Cut(given) } else { End::Whole };
         let Some(chosen) = choose(&study, &contract, in_use.as_ref()) else {
             tracing::warn!(step = study.step, cut, "nothing could be tried");

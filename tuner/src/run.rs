@@ -2,6 +2,7 @@
 
 use crate::Contract;
 use crate::characteristic::{Characteristic, Kept};
+use crate::search::CandidateSet;
 use crate::trial::Cost;
 use crate::tune::Row;
 use lamina_model::GenerationParams;
@@ -20,9 +21,8 @@ pub struct Run {
     pub first: Duration,
     pub later: Duration,
     next: Duration,
-    /// What studies choose from, and how long finding it took.
-    pub candidates: Vec<GenerationParams>,
-    pub finding: Duration,
+    /// What the last study chose from.
+    pub candidates: CandidateSet,
     pub pace: Pace,
     /// Trials of a study that nodes cut short.
     pub carried: Vec<Row>,
@@ -65,8 +65,7 @@ impl Run {
             first: none,
             later: none,
             next: none,
-            candidates: Vec::new(),
-            finding: none,
+            candidates: CandidateSet::default(),
             pace: Pace::default(),
             carried: Vec::new(),
         }

@@ -1,20 +1,26 @@
-//! Which parameters are tried.
+//! Bayesian optimization of generation parameters: which are tried on a step, in which order, and on how many pixels.
 
-mod aimed;
-mod gauss;
+mod acquisition;
+mod bayesian;
+mod candidates;
+mod contenders;
+mod deadline;
+mod first_trial;
+mod gamma_range;
+mod gaussian_process;
 mod grid;
-mod models;
-mod promise;
-mod racing;
-mod range;
+mod limit_filling;
+mod priors;
+mod request;
+mod surrogates;
 #[cfg(test)]
 mod tests;
-mod timed;
-mod timings;
+mod time_screening;
+mod with_margin;
 
-pub use aimed::search_with_margin;
-pub use gauss::{Process, place};
+pub use candidates::CandidateSet;
+pub use gaussian_process::{GaussianProcess, Observation, param_point};
 pub use grid::{Axis, Grid};
-pub use models::Price;
-pub use racing::{Found, search};
-pub use range::candidates;
+pub use priors::CostPrior;
+pub use request::{SearchRequest, SearchResult, search};
+pub use with_margin::search_with_margin;

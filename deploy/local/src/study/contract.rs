@@ -12,13 +12,15 @@ use lamina_read::Series;
 use lamina_tuner::Contract;
 use lamina_tuner::interval::half_width_db;
 use lamina_tuner::pareto::{Offer, front, offers};
-use lamina_tuner::search::{Found, candidates, search};
+use lamina_tuner::search::{CandidateSet, SearchRequest, SearchResult, search};
+use lamina_tuner::trial::Trial as _;
 use lamina_tuner::tune::Row;
 use lamina_viz_node::kernel as viz;
 
 /// `lamina tune`.
 pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
     let contract = &arguments.contract;
+    anyhow::ensure!(contract.overhead.is_none(), "contract: overhead: there is no simulation to measure here; leave it out");
     let input = &arguments.input;
     let series = Series::open(&input.input, &read_options(&input.raw))?;
     let volume = read_step(&series, input)?;
@@ -32,20 +34,21 @@ pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
     let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
     let before = Used::now();
     let runtime = tokio::runtime::Builder::new_current_thread().build()?;
-    let all = runtime.block_on(candidates(&mut trial, &arguments.representation, &arguments.grid, &base))?;
-    let found =
-        runtime.block_on(search(&mut trial, contract, &all, None, None, |row| say!("  {}", line(contract, row))))?;
+    let mut all = CandidateSet::new(trial.longest_side(), &arguments.representation, &arguments.grid, &base)?;
+    let request = SearchRequest::new(contract, &mut all);
+    let found = runtime.block_on(search(&mut trial, request, |row| say!("  {}", line(contract, row))))?;
     say!("contract   {contract}");
     verdict(contract, &found)?;
     let time = before.secs().map_or_else(String::new, |s| format!(", {s:.1} s of processor time"));
-    say!("trials     {} of {} candidates{time}", found.study.rows.len(), all.len());
+    say!("trials     {} of {} candidates{time}", found.study.rows.len(), all.count());
     Ok(())
 }
 
 fn line(contract: &Contract, row: &Row) -> String {
     let width = half_width_db(&row.measured.quality);
     let doubt = if width.is_finite() { format!(" +- {width:.2}") } else { String::new() };
-    let kept = if row.cost < f64::INFINITY { "" } else { "  not kept" };
+    let excess = contract.excess(&row.measured.cost, row.measured.quality.psnr_db());
+    let kept = if excess <= 0.0 { "" } else { "  not kept" };
     let (r, gamma) = (row.params.resolution(), row.params.gamma());
     format!(
         "{:6}  r {r:4}  gamma {gamma:<8}  {}{doubt}{kept}",
@@ -55,7 +58,7 @@ fn line(contract: &Contract, row: &Row) -> String {
 }
 
 /// What was found, how sure that is, and what more would buy.
-fn verdict(contract: &Contract, found: &Found) -> anyhow::Result<()> {
+fn verdict(contract: &Contract, found: &SearchResult) -> anyhow::Result<()> {
     let rows = &found.study.rows;
     let Some(best) = found.study.best else {
         if let Some(nearest) = found.study.nearest(contract) {
@@ -67,7 +70,13 @@ fn verdict(contract: &Contract, found: &Found) -> anyhow::Result<()> {
         );
     };
     say!("best       {}", line(contract, &rows[best]));
-    say!("sure       no other candidate is expected to gain more than {:.3} ({})", found.left, contract.utility());
+    if let Some(limit) = contract.size_bytes {
+        let used = rows[best].measured.cost.size_bytes;
+        say!("used       {used} of {limit} bytes: {:.1} %", 100.0 * used as f64 / limit as f64);
+    }
+    if let Some(left) = found.left {
+        say!("sure       no other candidate is expected to gain more than {left:.3} ({})", contract.utility());
+    }
     let (size, time) = offers(rows, best);
     let more = |o: Option<Offer>| {
         if let Some(o) = o {

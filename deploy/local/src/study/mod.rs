@@ -26,7 +26,7 @@ use lamina_cast::Backend;
 use lamina_model::{GenerationParams, Representation, SamplePlan, Scene, Segmentation, Volume};
 use lamina_read::Series;
 use lamina_tuner::Contract;
-use lamina_tuner::search::Grid;
+use lamina_tuner::search::{CandidateSet, Grid};
 use lamina_tuner::trial::Trial as _;
 use lamina_tuner::tune::{Row, tune};
 use lamina_viz_node::kernel as viz;
@@ -113,8 +113,8 @@ fn open(
 fn measure(name: String, step: u64, scene: &Scene, mut trial: Local, grid: &Grid) -> anyhow::Result<Measured> {
     let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
     let runtime = tokio::runtime::Builder::new_current_thread().build()?;
-    let candidates =
-        runtime.block_on(lamina_tuner::search::candidates(&mut trial, &[Representation::Vdi], grid, &base))?;
+    let mut candidates = CandidateSet::new(trial.longest_side(), &[Representation::Vdi], grid, &base)?;
+    let candidates = runtime.block_on(candidates.all(&mut trial))?;
     let known = candidates.iter().filter(|p| trial.cache().get(p).is_some()).count();
     let bar = bar(&format!("{name} {step}"), &candidates);
     if known > 0 {

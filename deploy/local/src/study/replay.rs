@@ -6,7 +6,7 @@ use super::{Local, Measured};
 use crate::process::Used;
 use lamina_model::{GenerationParams, Invalid, ParamsKey};
 use lamina_tuner::Contract;
-use lamina_tuner::search::search;
+use lamina_tuner::search::{CandidateSet, SearchRequest, search};
 use lamina_tuner::trial::{self, Cost, Trial, TrialError};
 use lamina_tuner::tune::Row;
 use std::collections::{HashMap, HashSet};
@@ -142,7 +142,9 @@ pub fn outcomes(all: &mut [Measured], contracts: &[&Contract]) -> anyhow::Result
             let (study, march_secs) = (&mut m.trial, &mut march_secs);
             let mut replay =
                 Replay { study, march_secs, given: HashMap::new(), asked: HashSet::new(), spent_secs: 0.0 };
-            let found = runtime.block_on(search(&mut replay, contract, &candidates, None, None, |_| {}))?;
+            let mut candidates = CandidateSet::from(candidates.clone());
+            let request = SearchRequest::new(contract, &mut candidates);
+            let found = runtime.block_on(search(&mut replay, request, |_| {}))?;
             let (spent_secs, trials) = (replay.spent_secs, replay.asked.len());
             let march = march_secs.filter(|_| !marched).unwrap_or(0.0);
             let own_secs = (before.secs().unwrap_or(0.0) - march).max(0.0);

@@ -1,6 +1,7 @@
-//! What a candidate may be worth, by what the models say of it.
+//! Expected improvement: what a candidate may be worth, by what the models say of it (Jones, Schonlau and Welch, Efficient Global
+//! Optimization of Expensive Black-Box Functions, 1998), with the probability that it keeps the contract.
 
-use super::gauss::Prediction;
+use super::gaussian_process::Prediction;
 use crate::Contract;
 use crate::utility::Utility;
 use lamina_model::GenerationParams;
@@ -10,7 +11,7 @@ const DRAWS: usize = 48;
 
 /// The candidate most worth trying.
 #[derive(Default)]
-pub struct Promise {
+pub struct Acquisition {
     /// Which one.
     pub params: Option<GenerationParams>,
     /// Generation has to be timed first, as it may be too slow.
@@ -23,14 +24,14 @@ pub struct Promise {
     pub nearer: f64,
 }
 
-/// What a search hopes for.
-pub struct Hopes<'a> {
+/// Expectations under a contract.
+pub struct ExpectedImprovement<'a> {
     contract: &'a Contract,
     utility: Utility,
     draws: Vec<[f64; 3]>,
 }
 
-impl<'a> Hopes<'a> {
+impl<'a> ExpectedImprovement<'a> {
     /// Under `contract`.
     pub fn new(contract: &'a Contract) -> Self {
         Self { contract, utility: contract.utility(), draws: draws() }
@@ -38,7 +39,7 @@ impl<'a> Hopes<'a> {
 
     /// Of a candidate whose logarithms of bytes and milliseconds and whose decibels are `of`: the mean improvement on
     /// `least`, the share of draws that keep the contract, and by how much they are nearer to it than `nearest`.
-    pub fn expectation(&self, of: &[Prediction; 3], least: Option<f64>, nearest: f64) -> Promise {
+    pub fn expectation(&self, of: &[Prediction; 3], least: Option<f64>, nearest: f64) -> Acquisition {
         let (mut improvement, mut feasible, mut nearer) = (0.0, 0.0, 0.0);
         for draw in &self.draws {
             let [size, time, q] = std::array::from_fn(|k| of[k].mean + of[k].deviation * draw[k]);
@@ -53,7 +54,12 @@ impl<'a> Hopes<'a> {
             }
         }
         let n = self.draws.len() as f64;
-        Promise { improvement: improvement / n, feasible: feasible / n, nearer: nearer / n, ..Promise::default() }
+        Acquisition {
+            improvement: improvement / n,
+            feasible: feasible / n,
+            nearer: nearer / n,
+            ..Acquisition::default()
+        }
     }
 }
 

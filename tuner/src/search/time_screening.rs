@@ -1,9 +1,9 @@
 //! Generation timed by itself, where a contract limits it. That takes a fraction of a whole trial, most of which is coding and
 //! drawing: so candidates that may break the limit are timed first, and those that do are not encoded.
 
-use super::gauss::{Place, Prediction, place};
+use super::gaussian_process::{ParamPoint, Prediction, param_point};
 use crate::Contract;
-use lamina_model::GenerationParams;
+use lamina_model::{GenerationParams, Representation};
 use std::time::Duration;
 
 /// The most candidates timed.
@@ -12,15 +12,15 @@ const MOST: usize = 24;
 const ONE_IN_HUNDRED: f64 = 2.3;
 
 /// Generation times taken by themselves, and the limit they have to keep.
-pub struct Timings {
+pub struct TimeScreening {
     limit_ms: Option<f64>,
     known: Vec<(GenerationParams, f64)>,
 }
 
-impl Timings {
-    /// None yet. `some` is any of the candidates, which are all of one representation.
-    pub fn new(contract: &Contract, some: &GenerationParams) -> Self {
-        Self { limit_ms: contract.generation_limit_ms(some), known: Vec::new() }
+impl TimeScreening {
+    /// None yet, of candidates that are all of one representation.
+    pub fn new(contract: &Contract, representation: Representation) -> Self {
+        Self { limit_ms: contract.generation_limit_ms(representation), known: Vec::new() }
     }
 
     /// True if `params` should be timed before they are measured: where a model predicts the logarithm of their milliseconds, if
@@ -66,8 +66,8 @@ impl Timings {
     }
 
     /// Where they were taken, and milliseconds.
-    pub fn all(&self) -> impl Iterator<Item = (Place, f64)> {
-        self.known.iter().map(|(params, ms)| (place(params), *ms))
+    pub fn all(&self) -> impl Iterator<Item = (ParamPoint, f64)> {
+        self.known.iter().map(|(params, ms)| (param_point(params), *ms))
     }
 
     fn of(&self, params: &GenerationParams) -> Option<f64> {
@@ -86,46 +86,48 @@ mod tests {
     #[test]
     fn what_may_be_fast_enough_counts_as_fast_until_it_is_timed() {
         let limited: Contract = "time <= 20ms".parse().unwrap();
-        let mut timings = Timings::new(&limited, &params(100));
-        let expected = |timings: &Timings, r, ms: f64, deviation| {
-            let found = timings.expected(&params(r), Prediction { mean: ms.ln(), deviation })?;
+        let mut screening = TimeScreening::new(&limited, Representation::Vdi);
+        let expected = |screening: &TimeScreening, r, ms: f64, deviation| {
+            let found = screening.expected(&params(r), Prediction { mean: ms.ln(), deviation })?;
             assert_eq!(found.deviation, 0.0);
             Some(found.mean.exp())
         };
         let near = |found: Option<f64>, ms: f64| found.is_some_and(|f| (f - ms).abs() < 1e-6 && f <= 20.0);
         let predicts = |ms: f64, deviation| Some(Prediction { mean: ms.ln(), deviation });
-        assert!(timings.want(&params(100), None) && !timings.too_slow(&params(100)));
-        assert!(timings.want(&params(100), predicts(17.0, 0.1)) && !timings.want(&params(100), predicts(15.0, 0.1)));
-        assert!(near(expected(&timings, 100, 15.0, 0.3), 15.0));
-        assert!(near(expected(&timings, 100, 24.0, 0.1), 20.0), "a chance of one in thirty");
-        assert_eq!(expected(&timings, 100, 26.0, 0.1), None, "of one in two hundred");
-        timings.add(&params(100), Duration::from_millis(19));
-        timings.add(&params(110), Duration::from_millis(21));
-        assert!(!timings.want(&params(100), None) && !timings.want(&params(110), None));
-        assert_eq!(timings.fastest(), Some(params(100)));
-        assert!(near(expected(&timings, 100, 26.0, 0.1), 19.0) && !timings.too_slow(&params(100)));
-        assert!(expected(&timings, 110, 15.0, 0.3).is_none() && timings.too_slow(&params(110)));
+        assert!(screening.want(&params(100), None) && !screening.too_slow(&params(100)));
+        assert!(
+            screening.want(&params(100), predicts(17.0, 0.1)) && !screening.want(&params(100), predicts(15.0, 0.1))
+        );
+        assert!(near(expected(&screening, 100, 15.0, 0.3), 15.0));
+        assert!(near(expected(&screening, 100, 24.0, 0.1), 20.0), "a chance of one in thirty");
+        assert_eq!(expected(&screening, 100, 26.0, 0.1), None, "of one in two hundred");
+        screening.add(&params(100), Duration::from_millis(19));
+        screening.add(&params(110), Duration::from_millis(21));
+        assert!(!screening.want(&params(100), None) && !screening.want(&params(110), None));
+        assert_eq!(screening.fastest(), Some(params(100)));
+        assert!(near(expected(&screening, 100, 26.0, 0.1), 19.0) && !screening.too_slow(&params(100)));
+        assert!(expected(&screening, 110, 15.0, 0.3).is_none() && screening.too_slow(&params(110)));
         for r in 200..222 {
-            timings.add(&params(r), Duration::from_millis(50));
+            screening.add(&params(r), Duration::from_millis(50));
         }
         let predicted = Prediction { mean: 9.0, deviation: 0.3 };
         assert!(
-            !timings.want(&params(300), None) && timings.expected(&params(300), predicted) == Some(predicted),
+            !screening.want(&params(300), None) && screening.expected(&params(300), predicted) == Some(predicted),
             "enough"
         );
-        assert!(timings.too_slow(&params(200)) && timings.expected(&params(200), predicted).is_none());
+        assert!(screening.too_slow(&params(200)) && screening.expected(&params(200), predicted).is_none());
     }
 
     #[test]
     fn nothing_is_timed_where_generation_alone_is_not_limited() {
-        let volume = params(64).with_representation(lamina_model::Representation::Volume);
+        let volume = params(64).with_representation(Representation::Volume);
         for (contract, params) in
             [("size <= 20kB", params(64)), ("time+encoding <= 20ms", params(64)), ("time <= 20ms", volume)]
         {
-            let timings = Timings::new(&contract.parse().unwrap(), &params);
+            let screening = TimeScreening::new(&contract.parse().unwrap(), params.representation());
             let predicted = Prediction { mean: 9.0, deviation: 0.1 };
             assert!(
-                !timings.want(&params, None) && timings.expected(&params, predicted) == Some(predicted),
+                !screening.want(&params, None) && screening.expected(&params, predicted) == Some(predicted),
                 "{contract}"
             );
         }

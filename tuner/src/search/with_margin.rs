@@ -1,34 +1,30 @@
 //! A search that keeps off the limits, and goes up to them only where it has to.
 
-use super::racing::{Found, search};
+use super::request::{SearchRequest, SearchResult, search};
 use crate::Contract;
 use crate::trial::{Trial, TrialError};
 use crate::tune::{Row, Study};
-use lamina_model::GenerationParams;
-use tokio::time::Instant;
 
-/// Searches under what `contract` [aims](Contract::aim) at, and if nothing comes up to that, under the contract itself; see
-/// [`search`] for the rest. Trials of both are passed to `progress`.
+/// Searches under what the contract of `request` [aims](Contract::aim) at, and if nothing comes up to that, under the contract
+/// itself; see [`search`] for the rest. Trials of both are passed to `progress`.
 ///
 /// # Errors
 /// Those of [`search`].
 pub async fn search_with_margin(
     trial: &mut impl Trial,
-    contract: &Contract,
-    candidates: &[GenerationParams],
-    in_use: Option<&GenerationParams>,
-    until: Option<Instant>,
+    mut request: SearchRequest<'_>,
     mut progress: impl FnMut(&Row) + Send,
-) -> Result<Found, TrialError> {
+) -> Result<SearchResult, TrialError> {
+    let contract = request.contract;
     let aim = contract.aim();
-    let found = search(trial, &aim, candidates, in_use, until, &mut progress).await?;
+    let found = search(trial, request.under(&aim), &mut progress).await?;
     if found.study.best.is_some() || aim == *contract {
         return Ok(found);
     }
     if found.cut {
-        return Ok(Found { study: judged(found.study, contract), ..found });
+        return Ok(SearchResult { study: judged(found.study, contract), ..found });
     }
-    let nearer = search(trial, contract, candidates, in_use, until, progress).await?;
+    let nearer = search(trial, request, progress).await?;
     if !nearer.cut {
         return Ok(nearer);
     }
@@ -37,7 +33,7 @@ pub async fn search_with_margin(
     let new = found.study.rows.into_iter().filter(|row| study.rows.iter().all(|known| known.params != row.params));
     let new: Vec<Row> = new.collect();
     study.rows.extend(new);
-    Ok(Found { study: judged(study, contract), ..nearer })
+    Ok(SearchResult { study: judged(study, contract), ..nearer })
 }
 
 /// `study` with costs under `contract`.

@@ -1,11 +1,11 @@
 //! Trials that end in time.
 
-use crate::trial::{Cost, Measured, Trial, TrialError};
+use crate::trial::{Measured, Trial, TrialError};
 use lamina_model::{GenerationParams, Invalid};
 use tokio::time::{Duration, Instant};
 
 /// Trials until a time.
-pub struct Timed<'a, T> {
+pub struct Deadline<'a, T> {
     trial: &'a mut T,
     until: Option<Instant>,
     /// The measurement or timing that took longest so far.
@@ -14,10 +14,20 @@ pub struct Timed<'a, T> {
     pub cut: bool,
 }
 
-impl<'a, T: Trial> Timed<'a, T> {
+impl<'a, T: Trial> Deadline<'a, T> {
     /// Those of `trial`, `until` then or without end.
     pub fn new(trial: &'a mut T, until: Option<Instant>) -> Self {
         Self { trial, until, longest: Duration::ZERO, cut: false }
+    }
+
+    /// Time there is; `None` without end.
+    pub fn left(&self) -> Option<Duration> {
+        self.until.map(|until| until.saturating_duration_since(Instant::now()))
+    }
+
+    /// What measures.
+    pub fn inner(&mut self) -> &mut T {
+        self.trial
     }
 
     /// True if there is time for so many measurements.
@@ -30,11 +40,6 @@ impl<'a, T: Trial> Timed<'a, T> {
         let enough = self.enough_for(2);
         self.cut |= !enough;
         enough
-    }
-
-    /// See [`Trial::sizes`].
-    pub async fn sizes(&mut self, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {
-        self.trial.sizes(params, gammas).await
     }
 
     /// See [`Trial::time`].
