@@ -83,8 +83,7 @@ fn configuration_files_of_the_deployment_are_the_defaults() {
     let generator: lamina_generator_node::Config = toml::from_str(&read("generator-node.toml")).unwrap();
     assert_eq!(generator.check().unwrap(), lamina_generator_node::Config::default());
     let viz: lamina_viz_node::Config = toml::from_str(&read("viz-node.toml")).unwrap();
-    let store = Some(PathBuf::from("lamina-store"));
-    assert_eq!(viz.check().unwrap(), lamina_viz_node::Config { store, ..Default::default() });
+    assert_eq!(viz.check().unwrap(), lamina_viz_node::Config::default());
     let tuner: lamina_tuner::Config = toml::from_str(&read("tuner.toml")).unwrap();
     tuner.base().unwrap();
     assert_eq!(tuner, lamina_tuner::Config::default());

@@ -20,6 +20,9 @@ struct Arguments {
     /// The generator-node, instead of the configuration's.
     #[arg(long, value_name = "http://HOST:PORT")]
     generator: Option<String>,
+    /// Folder in which every step is recorded, instead of the configuration's.
+    #[arg(long, value_name = "DIR")]
+    store: Option<PathBuf>,
     /// What draws, instead of the configuration's: auto, cpu or gpu.
     #[arg(long, value_name = "auto|cpu|gpu")]
     backend: Option<Choice>,
@@ -37,6 +40,7 @@ async fn start() -> anyhow::Result<()> {
     let config = Config {
         listen: arguments.listen.unwrap_or(config.listen),
         generator: arguments.generator.unwrap_or(config.generator),
+        store: arguments.store.or(config.store),
         backend: arguments.backend.unwrap_or(config.backend),
         ..config
     }

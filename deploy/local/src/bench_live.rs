@@ -18,7 +18,7 @@ use lamina_viz_node::store::{Measured, StepRow, TuningState};
 use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// Side of the pictures that pages ask for, pixels.
@@ -87,7 +87,7 @@ pub fn bench(arguments: &cli::BenchLive) -> anyhow::Result<()> {
 fn measure(arguments: &cli::BenchLive, busy: u16) -> anyhow::Result<Figures> {
     let mut runs = Vec::new();
     for n in 0..arguments.runs {
-        let run = beside_busy(busy, || one_run(arguments))?;
+        let run = beside_busy(busy, |burnt| one_run(arguments, burnt))?;
         tracing::info!(run = n, ?run, "measured");
         runs.push(run);
     }
@@ -103,19 +103,27 @@ fn measure(arguments: &cli::BenchLive, busy: u16) -> anyhow::Result<Figures> {
     Ok(medians)
 }
 
-/// `work` beside threads that compute without end.
-fn beside_busy<T>(busy: u16, work: impl FnOnce() -> anyhow::Result<T>) -> anyhow::Result<T> {
-    let done = AtomicBool::new(false);
+/// Processor time of busy threads, nanoseconds.
+type Burnt = AtomicU64;
+
+/// `work` beside threads that compute without end; it is told what they have used so far.
+fn beside_busy<T>(busy: u16, work: impl FnOnce(&Burnt) -> anyhow::Result<T>) -> anyhow::Result<T> {
+    let (done, burnt) = (AtomicBool::new(false), Burnt::new(0));
     std::thread::scope(|scope| {
         for _ in 0..busy {
             scope.spawn(|| {
-                let mut x = 1_u64;
+                let (mut x, mut before) = (1_u64, Duration::ZERO);
                 while !done.load(Ordering::Relaxed) {
-                    x = std::hint::black_box(x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1));
+                    for _ in 0..1 << 20 {
+                        x = std::hint::black_box(x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1));
+                    }
+                    let used = lamina_compute::thread_cpu_time();
+                    burnt.fetch_add((used - before).as_nanos() as u64, Ordering::Relaxed);
+                    before = used;
                 }
             });
         }
-        let outcome = work();
+        let outcome = work(&burnt);
         done.store(true, Ordering::Relaxed);
         outcome
     })
@@ -149,12 +157,12 @@ fn steps(
     Ok(took)
 }
 
-fn one_run(arguments: &cli::BenchLive) -> anyhow::Result<Figures> {
+fn one_run(arguments: &cli::BenchLive, burnt: &Burnt) -> anyhow::Result<Figures> {
     let time = Duration::from_secs_f64(arguments.seconds);
     let pace = arguments.pace;
     let alone = |share: f64| steps(&mut *source(arguments)?, pace, time.mul_f64(share), |_, _, _| Ok(()));
     let before = alone(0.5)?;
-    let (mut figures, coupled) = coupled(arguments, time)?;
+    let (mut figures, coupled) = coupled(arguments, time, burnt)?;
     let after = alone(0.5)?;
     let common = before.len().min(coupled.len()).min(after.len());
     // The first step has no computing behind it.
@@ -167,7 +175,7 @@ fn one_run(arguments: &cli::BenchLive) -> anyhow::Result<Figures> {
 }
 
 /// The simulation beside the nodes.
-fn coupled(arguments: &cli::BenchLive, time: Duration) -> anyhow::Result<(Figures, Vec<f64>)> {
+fn coupled(arguments: &cli::BenchLive, time: Duration, burnt: &Burnt) -> anyhow::Result<(Figures, Vec<f64>)> {
     let mut source = source(arguments)?;
     let (mut figures, scene) = (Figures::new(), source.scene().clone());
     let first = source.next()?.context("the series is empty")?.1;
@@ -178,6 +186,8 @@ fn coupled(arguments: &cli::BenchLive, time: Duration) -> anyhow::Result<(Figure
     let mut source = self::source(arguments)?;
     let (done, begun) = (AtomicBool::new(false), Instant::now());
     let (used, pages) = (Used::now(), Mutex::new(Pages::default()));
+    let busy = || burnt.load(Ordering::Relaxed) as f64 / 1e9;
+    let busy_before = busy();
     let (took, picks) = std::thread::scope(|scope| {
         for page in 0..arguments.pages {
             let (done, pages, viewer) = (&done, &pages, nodes.viewer);
@@ -196,7 +206,8 @@ fn coupled(arguments: &cli::BenchLive, time: Duration) -> anyhow::Result<(Figure
     let (took, wall) = (took?, begun.elapsed().as_secs_f64());
     let picks = picks.map_err(|_| anyhow::anyhow!("the thread that watches picks panicked"))??;
     picks.fill(&mut figures);
-    processor_time(&mut figures, &share, used.secs(), source.cpu_time(), wall);
+    let without_busy = used.secs().map(|secs| secs - (busy() - busy_before));
+    processor_time(&mut figures, &share, without_busy, source.cpu_time(), wall);
     pages.into_inner().unwrap_or_default().fill(&mut figures, wall);
     let rows = nodes.store.rows();
     let part = |count: usize, of: usize| 100.0 * count as f64 / of.max(1) as f64;

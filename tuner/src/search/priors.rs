@@ -238,7 +238,7 @@ mod tests {
         let q = |p: &ParamPoint| {
             DB * (2e-4 * (-2.2 * (p[0] - ORIGIN[0])).exp() + 1e-4 * (1.2 * (p[1] - ORIGIN[1])).exp()).ln()
         };
-        let points = vec![at(160.0, 0.004), at(160.0, 0.05), at(256.0, 0.012), at(256.0, 0.1), at(384.0, 0.02)];
+        let points = [at(160.0, 0.004), at(160.0, 0.05), at(256.0, 0.012), at(256.0, 0.1), at(384.0, 0.02)];
         let known: Vec<Observation> = points.iter().map(|p| Observation::new(*p, q(p))).collect();
         let model = QualityPrior::through(Representation::Vdi, 0, &known);
         for p in [at(512.0, 0.01), at(320.0, 0.03), at(700.0, 0.2)] {

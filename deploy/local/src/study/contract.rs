@@ -20,7 +20,10 @@ use lamina_viz_node::kernel as viz;
 /// `lamina tune`.
 pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
     let contract = &arguments.contract;
-    anyhow::ensure!(contract.overhead.is_none(), "contract: overhead: there is no simulation to measure here; leave it out");
+    anyhow::ensure!(
+        contract.overhead.is_none(),
+        "contract: overhead: there is no simulation to measure here; leave it out"
+    );
     let input = &arguments.input;
     let series = Series::open(&input.input, &read_options(&input.raw))?;
     let volume = read_step(&series, input)?;
