@@ -163,6 +163,11 @@ fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
     let metrics = get("/metrics");
     assert!(metrics.contains(&format!("\nlamina_vdi_size_bytes {}\n", last.size_bytes)), "{metrics}");
     assert!(metrics.contains(&format!("\nlamina_frames_total {}\n", 2 * rows.len())), "{metrics}");
+    for name in
+        ["cpu_share_cores", "cpu_seconds_total{activity=\"decode\"}", "work_skipped_total{priority=\"quality\"}"]
+    {
+        assert!(metrics.contains(&format!("\nlamina_{name} ")), "{metrics}");
+    }
     // What is not there is said not to be, to browsers and to callers.
     let nowhere = ureq::get(format!("{}/nowhere", cluster.url(1)));
     assert!(matches!(nowhere.call(), Err(ureq::Error::StatusCode(404))));

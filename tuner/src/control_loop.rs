@@ -102,7 +102,13 @@ impl Daemon {
             };
             self.status.failed(outcome.as_ref().err());
             if let Err(error) = outcome {
-                tracing::warn!("tuning for step {} gave nothing: {error}", report.step);
+                match self.run.carried.len() {
+                    0 => tracing::warn!("nothing was tuned for step {}: {error}", report.step),
+                    n => tracing::warn!(
+                        "the study for step {} was cut short: {error}; the best of its {n} trials stays in use, and the next study goes on from them",
+                        report.step
+                    ),
+                }
             }
             self.status.seen(report.step);
         }

@@ -28,7 +28,10 @@ impl Pacer {
             };
             std::thread::sleep(left.min(Duration::from_millis(50)));
         }
-        self.next = self.next.max(Instant::now() - self.interval) + self.interval;
+        let now = Instant::now();
+        // Less than an interval is caught up with.
+        let late = now.saturating_duration_since(self.next) > self.interval;
+        self.next = if late { now } else { self.next } + self.interval;
     }
 
     /// A step was computed in so much time.
@@ -43,5 +46,28 @@ impl Pacer {
         let per_second = steps / self.begun.elapsed().as_secs_f64();
         let ms = 1e3 * self.computing.as_secs_f64() / steps;
         format!("{per_second:.1} steps a second, {ms:.0} ms of computing each")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_begin_no_earlier_than_the_pace_says_and_a_late_one_does_not_hurry_the_next() {
+        let mut pacer = Pacer::new(Pace(50.0));
+        let begun = Instant::now();
+        pacer.wait(&|| false);
+        std::thread::sleep(Duration::from_millis(70));
+        (0..3).for_each(|_| pacer.wait(&|| false));
+        // 70 ms, at once, and two intervals of 20 ms.
+        assert!(begun.elapsed() >= Duration::from_millis(109), "{:?}", begun.elapsed());
+        let begun = Instant::now();
+        pacer.wait(&|| true);
+        (0..1000).for_each(|_| Pacer::new(Pace(0.0)).wait(&|| false));
+        assert!(begun.elapsed() < Duration::from_secs(5), "stopped, or without a pace");
+        pacer.computed(Duration::from_millis(30));
+        pacer.computed(Duration::from_millis(10));
+        assert!(pacer.speed().ends_with("20 ms of computing each"), "{}", pacer.speed());
     }
 }

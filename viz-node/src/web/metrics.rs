@@ -4,6 +4,7 @@ use super::Web;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::IntoResponse;
+use lamina_compute::{Activity, Priority, Usage};
 use std::fmt::Write;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -24,6 +25,10 @@ pub async fn metrics(State(web): State<Web>) -> impl IntoResponse {
     say("unmeasured_total", "counter", "Live steps not measured for want of processor time.", count(&c.unmeasured));
     let connected = f64::from(u8::from(web.connected.load(Ordering::Relaxed)));
     say("connected", "gauge", "1 while subscribed to the generator-node.", connected);
+    let share = &web.intake.share;
+    say("cpu_share_cores", "gauge", "Cores that this node may use.", share.cores());
+    say("cpu_share_throttle", "gauge", "Share of them in use to keep a limit on overhead.", share.throttled_to());
+    say("cpu_share_waiting", "gauge", "Pieces of heavy work that wait.", share.waiting() as f64);
     if let Some(row) = web.store.rows().last() {
         say("step", "gauge", "Newest step.", row.step as f64);
         say("dropped_steps", "gauge", "Steps of the run that the generator-node dropped.", row.dropped_steps as f64);
@@ -31,11 +36,37 @@ pub async fn metrics(State(web): State<Web>) -> impl IntoResponse {
         say("vdi_supersegments", "gauge", "Supersegments of the newest step.", row.supersegments as f64);
         say("generation_seconds", "gauge", "Generation time of the newest step.", row.generation_ms / 1e3);
         say("encode_seconds", "gauge", "Encoding time of the newest step.", row.encode_ms / 1e3);
+        if let Some(overhead) = row.overhead {
+            say(
+                "overhead_ratio",
+                "gauge",
+                "By which share longer the simulation's steps take beside the nodes.",
+                overhead,
+            );
+        }
         say("resolution", "gauge", "Rays per side of the newest step.", f64::from(row.resolution));
         say("gamma", "gauge", "Interrupt parameter of the newest step.", row.gamma);
         if let Some(psnr_db) = row.psnr_db {
             say("psnr_db", "gauge", "Pooled PSNR of the newest step.", psnr_db.into());
         }
     }
+    say_usage(&mut text, &share.usage());
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text.replace(" inf\n", " +Inf\n"))
+}
+
+/// Processor time by activity, and work by priority.
+fn say_usage(text: &mut String, usage: &Usage) {
+    let mut family = |name: &str, help: &str, label: &str, values: &[(&str, f64)]| {
+        // Writing to a String cannot fail.
+        let _ = write!(text, "# HELP lamina_{name} {help}\n# TYPE lamina_{name} counter\n");
+        for (value, count) in values {
+            let _ = writeln!(text, "lamina_{name}{{{label}=\"{value}\"}} {count}");
+        }
+    };
+    let spent = Activity::ALL.map(|a| (a.name(), usage.cpu(a).as_secs_f64()));
+    family("cpu_seconds_total", "Processor time of heavy work.", "activity", &spent);
+    let admitted = Priority::ALL.map(|p| (p.name(), usage.admitted(p) as f64));
+    family("work_admitted_total", "Pieces of heavy work that were admitted.", "priority", &admitted);
+    let skipped = Priority::ALL.map(|p| (p.name(), usage.skipped(p) as f64));
+    family("work_skipped_total", "Pieces of heavy work left out for want of processor time.", "priority", &skipped);
 }
