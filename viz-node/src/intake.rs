@@ -103,12 +103,20 @@ impl Intake {
     /// Takes one whole delivery of live steps. Blocking: writes files.
     pub fn take_live(&self, part: Part, payload: Vec<u8>) {
         let outcome = match part {
-            Part::Run(run) => self.store.begin(Run::from(&run)).map_err(|e| e.to_string()),
+            Part::Run(run) => self.begin(Run::from(&run)),
             Part::Reference(announcement) => keep(&self.live_references, announcement, &payload),
             Part::Frame(frame) => self.record(&frame, payload),
             Part::Chunk(_) => Ok(()),
         };
         self.log(outcome);
+    }
+
+    fn begin(&self, run: Run) -> Result<(), String> {
+        // The same run is announced again after a connection was lost; its study goes on.
+        if self.store.run().is_none_or(|known| known.id != run.id) {
+            self.trials.forget_study();
+        }
+        self.store.begin(run).map_err(|e| e.to_string())
     }
 
     /// Takes one whole delivery of trials.

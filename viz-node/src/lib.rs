@@ -16,6 +16,7 @@ mod web;
 pub use config::Config;
 pub use store::Store;
 
+use axum::serve::ListenerExt as _;
 use kernel::Backend;
 use lamina_compute::CpuShare;
 use lamina_wire::codec::DecodeLimits;
@@ -74,6 +75,8 @@ pub async fn run(
         tokio::spawn(intake.follow_newest()),
     ];
     let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
+    // A page waits for the last packet of each picture.
+    let listener = listener.tap_io(|connection| drop(connection.set_nodelay(true)));
     let serve = axum::serve(listener, web.merge(grpc).fallback(web::nowhere)).with_graceful_shutdown(async {
         let _ = stopped.await;
     });

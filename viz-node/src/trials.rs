@@ -156,6 +156,11 @@ impl Trials {
         *self.study.lock().unwrap_or_else(PoisonError::into_inner) = Some(study);
     }
 
+    /// A run began: the study before was of another.
+    pub fn forget_study(&self) {
+        *self.study.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+
     /// How far the newest study is.
     pub fn study(&self) -> Option<Study> {
         *self.study.lock().unwrap_or_else(PoisonError::into_inner)

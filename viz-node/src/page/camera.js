@@ -17,7 +17,8 @@ function moving() {
     motion.timer = 0;
     refresh();
   }, IDLE_MS);
-  refresh();
+  pumpSoon();
+  refreshStatus();
 }
 
 /** No draft on the way to a place that is already final. */
@@ -25,6 +26,7 @@ function jumpTo(azimuth, elevation, zoom) {
   setCamera(azimuth, elevation, zoom);
   clearTimeout(motion.timer);
   motion.timer = 0;
+  refresh();
 }
 
 const resetCamera = () => jumpTo(0, 0, 1);

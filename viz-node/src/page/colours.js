@@ -104,6 +104,7 @@ function drawCurve() {
 function setPoints(points, selected = colours.selected) {
   Object.assign(colours, { points, selected: points === null ? 0 : clamp(selected, 0, points.length - 1) });
   moving();
+  refresh();
 }
 
 function changeSelected(change) {

@@ -1,69 +1,112 @@
 // The picture on the stage: which one is wanted, how it is fetched and shown.
 "use strict";
 
+const draftSize = new DraftSize();
+
 function fullSize() {
   const side = byId("picture").clientWidth * (window.devicePixelRatio || 1);
   return clamp(Math.round(side), 64, LARGEST_SIZE);
 }
 
+const inMotion = () => Boolean(motion.held || motion.timer);
+
 function wantedPicture() {
   const row = shownRow();
   if (!row || !store.run) return null;
   const { azimuth, elevation, zoom } = view;
-  const draft = Boolean(motion.held || motion.timer);
-  const size = draft ? DRAFT_SIZE : fullSize();
+  // An empty stage is filled by a draft first.
+  const draft = inMotion() || picture.shown === null;
+  const size = draft ? draftSize.side : fullSize();
   const points = wishedPoints();
   return { run: store.run.id, step: row.step, live: view.step === null, azimuth, elevation, zoom, size, points, draft };
 }
 
 /**
- * Whether picture `have` is what `want` asks for, as large and as well drawn, or better. The newest picture may be of a step whose
- * event has not come yet; asking again would only bring it once more.
+ * Whether picture `have` is what `want` asks for, as well drawn or better. The newest picture may be of a step whose event has not
+ * come yet; asking again would only bring it once more. The size of a draft does not matter: it is whatever was affordable.
  */
 function satisfies(have, want) {
   if (have === null) return false;
   const sameStep = have.step === want.step || (want.live && have.step > want.step);
   const sameView = ["run", "azimuth", "elevation", "zoom", "points"].every((key) => have[key] === want[key]);
-  return sameStep && sameView && have.size >= want.size && have.draft <= want.draft;
+  return sameStep && sameView && have.draft <= want.draft && (want.draft || have.size >= want.size);
+}
+
+let pumpQueued = false;
+
+/** Pumps after the running event handler: the camera may change more than once in it. */
+function pumpSoon() {
+  if (pumpQueued) return;
+  pumpQueued = true;
+  queueMicrotask(() => {
+    pumpQueued = false;
+    pumpPicture();
+  });
 }
 
 /**
- * Asks for the wanted picture unless one is on its way; whatever is wanted when that one lands comes next. Only hands that move do
- * not wait for a picture that is drawn well.
+ * Asks for the wanted picture unless one is on its way; whatever is wanted when that one lands comes next. Only motion does not
+ * wait for a still.
  */
-async function pumpPicture() {
+function pumpPicture() {
   const want = wantedPicture();
   if (picture.coming) {
-    const serves = want === null || [picture.shown, picture.coming.want].some((have) => satisfies(have, want));
+    const serves = want === null || [picture.shown, picture.decoding, picture.coming.want].some((have) => satisfies(have, want));
     if (want?.draft && !picture.coming.want.draft && !serves) picture.coming.stop.abort();
     return;
   }
-  if (!want || link.phase !== "live" || performance.now() < picture.retryAt) return;
-  if (satisfies(picture.refused, want)) return;
+  if (!want || link.phase !== "live" || performance.now() < picture.retryAt) return showBusy();
+  if (satisfies(picture.refused, want)) return showBusy();
+  if (satisfies(picture.decoding, want)) return;
   if (satisfies(picture.shown, want)) {
     // Back from a step that had no picture to the one still on the stage.
     if (picture.notice) refresh();
     picture.notice = "";
-    return;
+    return showBusy();
   }
   const rest = want.draft ? 0 : picture.restUntil - performance.now();
   if (rest > 0) {
     setTimeout(refresh, rest);
     return;
   }
-  picture.coming = { want, stop: new AbortController() };
-  byId("stage").setAttribute("aria-busy", "true");
-  try {
-    await fetchPicture(want, picture.coming.stop.signal);
-  } catch {
-    if (!picture.coming.stop.signal.aborted) retryPicture();
-  }
-  picture.coming = null;
-  byId("stage").removeAttribute("aria-busy");
-  refresh();
+  bringPicture(want);
 }
 
-async function fetchPicture(want, signal) {
+/** Fetches and shows a picture. The next one is asked for while this one is decoded. */
+async function bringPicture(want) {
+  const askedAt = performance.now();
+  const stop = new AbortController();
+  picture.coming = { want, stop };
+  showBusy();
+  let received = null;
+  try {
+    received = await receivePicture(want, stop.signal);
+  } catch {
+    if (!stop.signal.aborted) retryPicture();
+  }
+  picture.coming = null;
+  if (received) picture.decoding = { ...want, step: received.step };
+  const decoding = picture.decoding;
+  pumpPicture();
+  if (received) {
+    try {
+      const bitmap = await createImageBitmap(received.blob);
+      // A new run may have begun meanwhile, and this picture would pass for its step.
+      const overtaken = picture.shown?.askedAt > askedAt;
+      if (want.run === store.run?.id && !overtaken) showPicture(bitmap, { ...want, askedAt }, received);
+      bitmap.close();
+      if (want.draft && inMotion()) draftSize.record(want.size, performance.now() - askedAt);
+    } catch {
+      retryPicture();
+    }
+    if (picture.decoding === decoding) picture.decoding = null;
+  }
+  pumpPicture();
+  showBusy();
+}
+
+/** The picture's bytes and what the server says of them; nothing where it refuses. */
+async function receivePicture(want, signal) {
   const query = new URLSearchParams({
     // Colours are those of the step they were chosen for, or one like it: the newest may be a VDI.
     step: want.live && !want.points ? "newest" : want.step,
@@ -77,15 +120,15 @@ async function fetchPicture(want, signal) {
   const answer = await fetch(`api/image?${query}`, { cache: "no-store", signal });
   if (!answer.ok) {
     picture.notice = `No picture of step ${want.step}: ${(await answer.text()).trim() || answer.status}`;
+    refresh();
     // What is unknown or refused stays so; a fault of the server's may pass.
     if (answer.status < 500) picture.refused = { ...want, size: Infinity, draft: false };
     else retryPicture();
-    return;
+    return null;
   }
-  const bitmap = await createImageBitmap(await answer.blob());
-  // A new run may have begun meanwhile, and this picture would pass for its step.
-  if (want.run === store.run?.id) showPicture(bitmap, want, answer.headers);
-  bitmap.close();
+  const step = Number(answer.headers.get("X-Lamina-Step") ?? want.step);
+  const renderMs = Number(answer.headers.get("X-Lamina-Render-Ms") ?? NaN);
+  return { step, renderMs, blob: await answer.blob() };
 }
 
 function retryPicture() {
@@ -93,20 +136,30 @@ function retryPicture() {
   setTimeout(refresh, RETRY_MS + 10);
 }
 
-function showPicture(bitmap, want, headers) {
-  const step = Number(headers.get("X-Lamina-Step") ?? want.step);
-  const renderMs = Number(headers.get("X-Lamina-Render-Ms") ?? NaN);
+function showPicture(bitmap, want, { step, renderMs }) {
   const canvas = byId("picture");
-  [canvas.width, canvas.height] = [bitmap.width, bitmap.height];
+  // Setting the size, even to what it is, makes the browser allocate the canvas again.
+  if (canvas.width !== bitmap.width) canvas.width = bitmap.width;
+  if (canvas.height !== bitmap.height) canvas.height = bitmap.height;
   const context = canvas.getContext("2d", { willReadFrequently: true });
   context.drawImage(bitmap, 0, 0);
-  continueBackground(context, bitmap.width, bitmap.height);
-  Object.assign(canvas.dataset, { step, size: want.size, renderMs });
+  const first = picture.shown === null;
+  if (first || !want.draft) continueBackground(context, bitmap.width, bitmap.height);
+  Object.assign(canvas.dataset, { step, size: want.size, draft: want.draft, renderMs });
   for (const key of ["azimuth", "elevation", "zoom"]) canvas.dataset[key] = Number(want[key].toFixed(4));
-  // What is drawn well takes half of the time at most: a simulation may need the same processor.
+  // A still takes half of the time at most: a simulation may need the same processor.
   const restUntil = want.draft ? picture.restUntil : performance.now() + (renderMs || 0);
-  Object.assign(picture, { shown: { ...want, step }, refused: null, retryAt: 0, restUntil, notice: "" });
-  byId("rendered").textContent = `step ${step}, ${want.size} px in ${fixed(renderMs, 1)} ms${want.points ? ", own colours" : ""}`;
+  Object.assign(picture, { shown: { ...want, step, renderMs }, refused: null, retryAt: 0, restUntil, notice: "" });
+  refreshStatus();
+}
+
+/** Says while pictures are on their way, without a break between the drafts of one motion. */
+function showBusy() {
+  const stage = byId("stage");
+  const busy = Boolean(picture.coming || picture.decoding);
+  if (busy === stage.hasAttribute("aria-busy")) return;
+  if (busy) stage.setAttribute("aria-busy", "true");
+  else stage.removeAttribute("aria-busy");
 }
 
 /** The stage takes the picture's background, if its corners agree on one, so that the square does not look cut out. */

@@ -41,16 +41,20 @@ impl Web {
 
     /// All routes.
     pub fn router(self) -> Router {
-        let text =
+        let file =
             |mime: &'static str, body: &'static str| get(move || async move { ([(header::CONTENT_TYPE, mime)], body) });
+        let script = |body| file("text/javascript; charset=utf-8", body);
         Router::new()
-            .route("/", text("text/html; charset=utf-8", include_str!("../page/index.html")))
-            .route("/page.js", text("text/javascript; charset=utf-8", include_str!("../page/page.js")))
-            .route("/picture.js", text("text/javascript; charset=utf-8", include_str!("../page/picture.js")))
-            .route("/camera.js", text("text/javascript; charset=utf-8", include_str!("../page/camera.js")))
-            .route("/plots.js", text("text/javascript; charset=utf-8", include_str!("../page/plots.js")))
-            .route("/colours.js", text("text/javascript; charset=utf-8", include_str!("../page/colours.js")))
-            .route("/page.css", text("text/css; charset=utf-8", include_str!("../page/page.css")))
+            .route("/", file("text/html; charset=utf-8", include_str!("../page/index.html")))
+            .route("/page.css", file("text/css; charset=utf-8", include_str!("../page/page.css")))
+            .route("/camera.js", script(include_str!("../page/camera.js")))
+            .route("/colours.js", script(include_str!("../page/colours.js")))
+            .route("/draft_size.js", script(include_str!("../page/draft_size.js")))
+            .route("/page.js", script(include_str!("../page/page.js")))
+            .route("/picture.js", script(include_str!("../page/picture.js")))
+            .route("/plots.js", script(include_str!("../page/plots.js")))
+            .route("/readout.js", script(include_str!("../page/readout.js")))
+            .route("/status.js", script(include_str!("../page/status.js")))
             .route("/api/state", get(state))
             .route("/api/trials", get(trials))
             .route("/api/events", get(events))
