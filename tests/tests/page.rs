@@ -76,20 +76,44 @@ impl Browser {
         self.post("/actions", &json!({"actions": [{"type": "key", "id": "keys", "actions": keys}]}));
     }
 
-    /// Presses the mouse in the middle of `selector`, moves by (`dx`, `dy`), releases.
-    fn drag(&self, selector: &str, dx: i32, dy: i32) {
-        // Places on the page, not in the element: it may be drawn anew while the mouse is on its way.
-        let middle = self.js(&format!(
-            "(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{block: 'nearest'}}); \
-             const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2].map(Math.round) }})()"
-        ));
-        let [x0, y0] = [0, 1].map(|i| middle[i].as_i64().unwrap() as i32);
-        let mouse = |x: i32, y: i32| json!({"type": "pointerMove", "duration": 50, "origin": "viewport", "x": x0 + x, "y": y0 + y});
-        let actions = json!([mouse(0, 0), {"type": "pointerDown", "button": 0}, mouse(dx / 2, dy / 2), mouse(dx, dy), {"type": "pointerUp", "button": 0}]);
+    /// What the mouse does.
+    fn mouse(&self, actions: &[Value]) {
         let pointer =
             json!({"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": actions});
         self.post("/actions", &json!({"actions": [pointer]}));
     }
+
+    /// The middle of `selector` on the page, not in the element: it may be drawn anew while the mouse is on its way.
+    fn middle(&self, selector: &str) -> [i32; 2] {
+        let middle = self.js(&format!(
+            "(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{block: 'nearest'}}); \
+             const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2].map(Math.round) }})()"
+        ));
+        [0, 1].map(|i| middle[i].as_i64().unwrap() as i32)
+    }
+
+    /// Presses the mouse in the middle of `selector`, moves by (`dx`, `dy`), releases.
+    fn drag(&self, selector: &str, dx: i32, dy: i32) {
+        let [x, y] = self.middle(selector);
+        let moves = [move_to(x + dx / 2, y + dy / 2, 50), move_to(x + dx, y + dy, 50)];
+        let [down, up] = ["pointerDown", "pointerUp"].map(|kind| json!({"type": kind, "button": 0}));
+        self.mouse(&[&[move_to(x, y, 50), down][..], &moves, &[up]].concat());
+    }
+
+    /// Presses the mouse in the middle of `selector` and moves to and fro for about `seconds`, with an event every 16 ms.
+    fn drag_on(&self, selector: &str, seconds: u32) {
+        let [x, y] = self.middle(selector);
+        self.mouse(&[move_to(x, y, 0), json!({"type": "pointerDown", "button": 0})]);
+        for second in 0..seconds {
+            let side = if second % 2 == 0 { 3 } else { -3 };
+            let moves: Vec<Value> = (-30..30).map(|i| move_to(x + side * i, y + i, 16)).collect();
+            self.mouse(&moves);
+        }
+    }
+}
+
+fn move_to(x: i32, y: i32, duration_ms: u32) -> Value {
+    json!({"type": "pointerMove", "duration": duration_ms, "origin": "viewport", "x": x, "y": y})
 }
 
 impl Drop for Browser {
@@ -128,7 +152,7 @@ fn end(browser: &Browser, lamina: Daemon) {
 const PICTURE: &str = "(() => { const c = document.querySelector('#picture'); \
     return c.getContext('2d').getImageData(0, 0, c.width, c.height).data.reduce((h, x) => (31 * h + x) | 0, 7) })()";
 /// The chosen step is drawn, not as a draft.
-const DRAWN: &str = "(() => { const c = document.querySelector('#picture').dataset; return Number(c.size) > 256 && \
+const DRAWN: &str = "(() => { const c = document.querySelector('#picture').dataset; return c.draft === 'false' && \
     c.step === document.querySelector('#timeline').ariaValueNow && !document.querySelector('#stage').ariaBusy })()";
 
 #[test]
@@ -193,5 +217,60 @@ fn the_page_shows_the_newest_step_and_the_mouse_turns_it() {
     browser.wait_js("!document.querySelector('#fixed').hidden && document.querySelector('#editor').hidden");
     // What the tuner tried is marked beside the steps.
     browser.wait_js("document.querySelector('#accuracy path.trial').getAttribute('d').includes('M')");
+    end(&browser, lamina);
+}
+
+#[test]
+fn drafts_keep_coming_while_the_camera_turns_and_a_study_runs() {
+    let (lamina, browser, _profile) = watched(&[]);
+    browser.wait_js("document.querySelector('#picture').dataset.step !== undefined");
+    browser.js(
+        "(window.drafts = [], new MutationObserver(() => { const c = document.querySelector('#picture').dataset; \
+         if (c.draft === 'true') drafts.push(Number(c.size)) }).observe(document.querySelector('#picture'), \
+         {attributes: true, attributeFilter: ['data-azimuth']}))",
+    );
+    browser.wait_js("document.querySelector('#study').textContent.startsWith('tuning: trial ')");
+    browser.drag_on("#picture", 4);
+    // Counted, not timed: the machine may be busy.
+    let drafts = browser.js("drafts").as_array().unwrap().iter().map(|d| d.as_u64().unwrap()).collect::<Vec<_>>();
+    assert!(drafts.len() >= 12, "{drafts:?}");
+    assert!(drafts.iter().all(|side| (96..=512).contains(side) && side % 32 == 0), "{drafts:?}");
+    assert_eq!(browser.js("document.querySelector('#notice').hidden"), json!(true));
+    // The hand still holds the picture; released, it is drawn well.
+    assert_eq!(browser.js("document.querySelector('#picture').dataset.draft"), json!("true"));
+    browser.mouse(&[json!({"type": "pointerUp", "button": 0})]);
+    browser.wait_js(DRAWN);
+    browser.wait_js("document.querySelector('#readout').innerText.includes('provisional')");
+    end(&browser, lamina);
+}
+
+/// A controller that saw `count` drafts, each of which took `c` ms a pixel and `overhead` ms.
+fn draft_side(browser: &Browser, c: f64, overhead: f64, count: u32) -> Value {
+    browser.js(&format!(
+        "fetch('draft_size.js').then(r => r.text()).then(text => {{ const d = new (new Function(text + '; return DraftSize'))(); \
+         let changes = 0; for (let i = 0; i < {count}; i++) {{ const side = d.side; \
+         d.record(side, ({overhead} + {c} * side ** 2) * (i % 2 ? 1.15 : 1 / 1.15)); \
+         if (i >= {count} / 2) changes += d.side !== side; }} return {{side: d.side, changes}} }})"
+    ))
+}
+
+#[test]
+fn the_side_of_a_draft_settles_where_it_takes_the_target() {
+    let (lamina, browser, _profile) = watched(&["--cells", "24", "--steps", "2"]);
+    // At c ms a pixel, 33 ms are taken by a side of sqrt(33 / c), within the hysteresis of 24 pixels.
+    for c in [2e-4, 4e-4, 8e-4, 1.6e-3, 3e-3] {
+        let settled = draft_side(&browser, c, 0.0, 200);
+        let side = settled["side"].as_f64().unwrap();
+        assert!((side - (33.0 / c).sqrt()).abs() <= 26.0 && side % 32.0 == 0.0, "{c}: {settled}");
+        assert_eq!(settled["changes"], json!(0), "{c}: the size flickers");
+    }
+    // A constant time leaves less for the pixels; bounds hold.
+    let side = draft_side(&browser, 4e-4, 13.0, 200)["side"].as_f64().unwrap();
+    assert!((side - (20.0_f64 / 4e-4).sqrt()).abs() <= 34.0, "{side}");
+    assert_eq!(draft_side(&browser, 1e-6, 0.0, 200)["side"], json!(512));
+    assert_eq!(draft_side(&browser, 1.0, 0.0, 200)["side"], json!(96));
+    // Drafts that take too long are left within five.
+    let side = draft_side(&browser, 4e-3, 0.0, 5)["side"].as_f64().unwrap();
+    assert!(4e-3 * side * side < 80.0, "{side}");
     end(&browser, lamina);
 }

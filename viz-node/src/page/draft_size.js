@@ -14,8 +14,8 @@ class DraftSize {
   static TARGET_MS = 33;
   /** No draft should take longer; one that does counts more. */
   static LONGEST_MS = 80;
-  static WEIGHT = 0.2;
-  static WEIGHT_TOO_LONG = 0.4;
+  static WEIGHT = 0.1;
+  static WEIGHT_TOO_LONG = 0.3;
   /** The side changes when the best one is farther away than this: more than half a step, or it would flicker. */
   static HYSTERESIS = 24;
 
