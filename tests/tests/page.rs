@@ -247,7 +247,7 @@ fn drafts_keep_coming_while_the_camera_turns_and_a_study_runs() {
 /// A controller that saw `count` drafts, each of which took `c` ms a pixel and `overhead` ms.
 fn draft_side(browser: &Browser, c: f64, overhead: f64, count: u32) -> Value {
     browser.js(&format!(
-        "fetch('draft_size.js').then(r => r.text()).then(text => {{ const d = new (new Function(text + '; return DraftSize'))(); \
+        "fetch('draft_size.js').then(r => r.text()).then(text => {{ const d = new (new Function(text + '; return DraftSize')())(); \
          let changes = 0; for (let i = 0; i < {count}; i++) {{ const side = d.side; \
          d.record(side, ({overhead} + {c} * side ** 2) * (i % 2 ? 1.15 : 1 / 1.15)); \
          if (i >= {count} / 2) changes += d.side !== side; }} return {{side: d.side, changes}} }})"

@@ -16,7 +16,7 @@ const view = { step: null, azimuth: 0, elevation: 0, zoom: 1 };
 const link = { phase: "connecting", loading: null, arrivedWhileLoading: [], lastStepAt: performance.now() };
 const motion = { held: false, timer: 0 };
 /** `coming`: what was asked for, and what stops the asking; `decoding`: what has come and is not shown yet. */
-const picture = { coming: null, decoding: null, shown: null, refused: null, retryAt: 0, restUntil: 0, notice: "" };
+const picture = { coming: null, decoding: null, shown: null, refused: null, retryAt: 0, restUntil: 0, restTimer: 0, notice: "" };
 
 const byId = (id) => document.getElementById(id);
 const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
@@ -111,7 +111,8 @@ function accept(state) {
   link.arrivedWhileLoading.forEach(upsert);
   if (!sameRun) store.trials = [];
   // Of a later study it is not known when it spoke last: it is shown when it speaks again.
-  store.study = state.study?.first ? state.study : sameRun ? store.study : null;
+  if (state.study?.first) Object.assign(store, { study: state.study, studyAt: performance.now() });
+  else if (!sameRun) store.study = null;
   loadTrials();
   if (!sameRun || store.steps[lowerBound(view.step ?? 0)]?.step !== view.step) view.step = null;
   refresh();

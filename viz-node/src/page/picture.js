@@ -66,7 +66,9 @@ function pumpPicture() {
   }
   const rest = want.draft ? 0 : picture.restUntil - performance.now();
   if (rest > 0) {
-    setTimeout(refresh, rest);
+    showBusy();
+    clearTimeout(picture.restTimer);
+    picture.restTimer = setTimeout(pumpPicture, rest);
     return;
   }
   bringPicture(want);

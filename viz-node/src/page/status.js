@@ -1,8 +1,9 @@
 // Status in words: the run, the connection, a study under way, and how far the picture is behind.
 "use strict";
 
-/** A study that says nothing for longer has ended or stopped. */
+/** A study without a trial for longer has ended; a run's first, whose end is told by the steps, has stopped. */
 const STUDY_QUIET_MS = 10_000;
+const FIRST_STUDY_QUIET_MS = 60_000;
 /** A picture of every step takes a moment; only one that is late for longer is said to be behind. */
 const BEHIND_MS = 600;
 
@@ -28,7 +29,7 @@ function drawRun() {
   if (store.run && link.phase === "live" && quiet > QUIET_MS) facts.push(`no new step for ${duration(quiet)}`);
   const [name, rest] = byId("run").children;
   setText(name, store.run?.name ?? "");
-  setText(rest, facts.length ? `  ${facts.filter(Boolean).join(" · ")}` : "");
+  setText(rest, facts.length ? facts.filter(Boolean).join(" · ") : "");
   const title = store.run ? `${store.run.name} – Lamina` : "Lamina";
   if (document.title !== title) document.title = title;
 }
@@ -42,11 +43,9 @@ function drawRun() {
 function currentStudy() {
   const { study, studyAt } = store;
   if (study === null || !store.run || link.phase !== "live") return null;
-  if (study.first) {
-    const last = newest();
-    return last && last.step > study.step && last.tuning === "done" ? null : study;
-  }
-  return performance.now() - studyAt < STUDY_QUIET_MS ? study : null;
+  const last = newest();
+  if (study.first && last?.step > study.step && last.tuning === "done") return null;
+  return performance.now() - studyAt < (study.first ? FIRST_STUDY_QUIET_MS : STUDY_QUIET_MS) ? study : null;
 }
 
 function studyText() {
