@@ -50,9 +50,8 @@ impl Rung {
     }
 }
 
-/// The step with parameters `first`, or with the first of the setting's fallbacks that keeps the size limit. Where none of them can be
-/// used, as volumes cannot where voxels are missing, or there are no fallbacks yet, the first that keeps the limit of ever coarser
-/// ones of the same representation, then of VDIs.
+/// The step with parameters `first`, or with the first of the setting's fallbacks that keeps the size limit; after them ever coarser
+/// ones of the same representation, then VDIs, which can stand for any step. The smallest, where none keeps the limit.
 pub fn generate_within(
     step: &Step,
     first: GenerationParams,
@@ -63,16 +62,15 @@ pub fn generate_within(
 ) -> Result<Generated, Invalid> {
     let limit = setting.limits.size_bytes;
     let mut search = Search { step, options, limit, spent_ns: [0; 2], best: Err(None), laps };
-    let ladder: Vec<GenerationParams> = std::iter::once(first).chain(setting.fallbacks.iter().copied()).collect();
+    let stated = std::iter::once(first).chain(setting.fallbacks.iter().copied());
+    let last = setting.fallbacks.last().unwrap_or(&first);
+    // Data may grow far beyond what a study has seen.
+    let ladder: Vec<GenerationParams> = stated.chain(coarser(last).skip(1)).collect();
     let start = rung.start(&first).min(ladder.len() - 1);
     search.until_one_fits(ladder[start..].iter().copied());
     if let Ok((params, _, cost)) = &search.best {
         let at = ladder.iter().position(|p| p == params).unwrap_or(0);
         rung.rest(first, at, limit.map_or(0.0, |limit| cost.size_bytes as f64 / limit as f64));
-    }
-    // Before the first study there are no fallbacks; those of a study go as far down as it has found worth sending.
-    if search.best.is_err() || (setting.fallbacks.is_empty() && !search.fits()) {
-        search.until_one_fits(coarser(&first).filter(|p| *p != first));
     }
     // The step's cost is that of everything generated for it.
     let [generation_ns, encode_ns] = search.spent_ns;
@@ -108,12 +106,6 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// True if one of them keeps the limit.
-    fn fits(&self) -> bool {
-        let kept = |cost: &v1::Cost| self.limit.is_none_or(|limit| cost.size_bytes <= limit);
-        self.best.as_ref().is_ok_and(|(_, _, cost)| kept(cost))
-    }
-
     fn until_one_fits(&mut self, all: impl Iterator<Item = GenerationParams>) {
         let step = self.step.step;
         for params in all {

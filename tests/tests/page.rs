@@ -180,7 +180,8 @@ fn a_volume_is_drawn_in_the_colours_chosen_on_the_page() {
 
 #[test]
 fn the_page_shows_the_newest_step_and_the_mouse_turns_it() {
-    let (lamina, browser, _profile) = watched(&["--cells", "48", "--representation", "vdi"]);
+    let (lamina, browser, _profile) =
+        watched(&["--cells", "32", "--representation", "vdi", "--pace", "1", "--cpu-share", "100%"]);
     browser.wait_js("document.querySelector('#picture').dataset.step !== undefined");
     browser.wait_js("document.querySelector('#psnr').textContent.includes('dB')");
     assert!(browser.js(LIT).as_f64().unwrap() > 0.02, "the blast is seen");

@@ -7,7 +7,7 @@ use lamina_model::{GenerationParams, Intermediate, Representation, SamplePlan, S
 use lamina_read::{Options, Series};
 use lamina_tests::processes::{Daemon, free_port, recorded_series, run, wait_for};
 use lamina_viz_node::kernel::{self as viz, Detail, Prepared};
-use lamina_viz_node::store::StepRow;
+use lamina_viz_node::store::{Measured, StepRow};
 use lamina_wire::codec;
 use lamina_wire::v1::{TunerStatusRequest, tuning_client::TuningClient};
 use std::path::{Path, PathBuf};
@@ -145,8 +145,14 @@ fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
         let field = Field::new(series.read(n).unwrap(), &scene);
         let reference = Backend::cpu().reference_samples(&field, &plan, row.step).unwrap();
         let q = viz::Backend::default().quality(&Prepared::new(shown), &reference, 0..1, Detail::Blended).unwrap();
-        assert!((f64::from(row.psnr_db.unwrap()) - q.psnr_db()).abs() < 0.01, "step {n}: {row:?} but {q:?}");
-        assert_eq!(row.views.len(), 3);
+        match row.psnr_db {
+            Some(psnr_db) => {
+                assert!((f64::from(psnr_db) - q.psnr_db()).abs() < 0.01, "step {n}: {row:?} but {q:?}");
+                assert_eq!((row.measured, row.views.len()), (Measured::Yes, 3));
+            }
+            // On a busy machine a newer step may have come before there was processor time, never for the last one.
+            None => assert!(row.measured == Measured::Skipped && n + 1 < rows.len(), "{row:?}"),
+        }
         assert_eq!(row.size_limit_bytes, Some(LIMIT_BYTES), "the tuner's limit reaches the frames");
         assert!(row.limit_kept && row.size_bytes <= LIMIT_BYTES, "{row:?}");
     }
