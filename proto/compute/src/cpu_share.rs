@@ -221,14 +221,6 @@ impl CpuShare {
         self.state().usage.skip(priority);
     }
 
-    /// Runs `work`, which is short, on this thread, and debits what it took.
-    pub fn account<T>(&self, activity: Activity, work: impl FnOnce() -> T) -> T {
-        let begun = crate::threads::thread_cpu_time();
-        let done = work();
-        self.spend(Lane::Background, &[(activity, crate::threads::thread_cpu_time().saturating_sub(begun))]);
-        done
-    }
-
     fn spend(&self, lane: Lane, spent: &[(Activity, Duration)]) {
         let (mut state, now) = (self.state(), Instant::now());
         for (activity, time) in spent {

@@ -14,15 +14,13 @@ pub enum Activity {
     Decode,
     /// Quality against reference samples.
     Measure,
-    /// Models of the tuner.
-    Tune,
     /// Pictures for people.
     Draw,
 }
 
 impl Activity {
     /// All of them.
-    pub const ALL: [Self; 6] = [Self::Generate, Self::Encode, Self::Decode, Self::Measure, Self::Tune, Self::Draw];
+    pub const ALL: [Self; 5] = [Self::Generate, Self::Encode, Self::Decode, Self::Measure, Self::Draw];
 
     /// Its name in metrics and tables.
     pub fn name(self) -> &'static str {
@@ -31,7 +29,6 @@ impl Activity {
             Self::Encode => "encode",
             Self::Decode => "decode",
             Self::Measure => "measure",
-            Self::Tune => "tune",
             Self::Draw => "draw",
         }
     }
