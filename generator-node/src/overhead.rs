@@ -30,6 +30,8 @@ const PAUSE_STEPS: usize = 4;
 const WORK_STEPS: usize = 8;
 /// Work lasts so many times as long as the pauses, once the limit is kept; before that a third of it.
 const WORK_PER_PAUSE: u32 = 9;
+/// The throttle that a limit begins with: the first steps are to keep it, too, and nothing has been measured yet.
+const FIRST_THROTTLE: f64 = 0.3;
 /// Share of the limit aimed at.
 const AIM: f64 = 0.7;
 /// The least throttle: below it parameters become cheaper.
@@ -73,10 +75,11 @@ fn mean(values: &[f64]) -> f64 {
 }
 
 impl Controller {
-    fn new(now: Instant) -> Self {
-        let coupling = Coupling { overhead: None, throttle: 1.0, cadence: 1, cheaper: 0 };
+    fn new(limit: Option<f64>, now: Instant) -> Self {
+        let throttle = if limit.is_some() { FIRST_THROTTLE } else { 1.0 };
+        let coupling = Coupling { overhead: None, throttle, cadence: 1, cheaper: 0 };
         Self {
-            limit: None,
+            limit,
             pausing: false,
             since: now,
             skip: true,
@@ -153,7 +156,7 @@ impl Controller {
             throttle = (throttle * (aim / least).clamp(0.3, 0.95)).max(LEAST_THROTTLE);
         } else if most < 0.5 * limit {
             if throttle < 1.0 {
-                throttle = (1.3 * throttle).min(1.0);
+                throttle = (1.5 * throttle).min(1.0);
             } else if cheaper > 0 {
                 cheaper -= 1;
             } else {
@@ -174,7 +177,7 @@ pub struct Overhead {
 impl Overhead {
     /// No limit yet.
     pub fn new(share: CpuShare) -> Arc<Self> {
-        Arc::new(Self { share, controller: Mutex::new(Controller::new(Instant::now())) })
+        Arc::new(Self { share, controller: Mutex::new(Controller::new(None, Instant::now())) })
     }
 
     fn controller(&self) -> MutexGuard<'_, Controller> {
@@ -190,8 +193,8 @@ impl Overhead {
     pub fn limit(&self, limit: Option<f64>) {
         let mut controller = self.controller();
         if controller.limit != limit {
-            *controller = Controller { limit, ..Controller::new(Instant::now()) };
-            self.share.throttle(1.0);
+            *controller = Controller::new(limit, Instant::now());
+            self.share.throttle(controller.coupling.throttle);
             self.share.hold(Duration::ZERO);
         }
     }
@@ -199,9 +202,8 @@ impl Overhead {
     /// Another simulation begins: what is known of the last one does not hold for it.
     pub fn restart(&self) {
         let mut controller = self.controller();
-        let limit = controller.limit;
-        *controller = Controller { limit, ..Controller::new(Instant::now()) };
-        self.share.throttle(1.0);
+        *controller = Controller::new(controller.limit, Instant::now());
+        self.share.throttle(controller.coupling.throttle);
     }
 
     /// The simulation's steps took `interval` each since its last push, which took `push`.
@@ -238,8 +240,9 @@ mod tests {
     impl Simulated {
         fn new(limit: f64, cost: f64) -> Self {
             let now = Instant::now();
-            let controller = Controller { limit: Some(limit), ..Controller::new(now) };
-            Self { controller, now, cost, push: Duration::ZERO, paused: false, throttle: 1.0, time: [0.0; 2] }
+            let controller = Controller::new(Some(limit), now);
+            let throttle = controller.coupling.throttle;
+            Self { controller, now, cost, push: Duration::ZERO, paused: false, throttle, time: [0.0; 2] }
         }
 
         /// By how much the steps took longer than alone.
@@ -292,7 +295,7 @@ mod tests {
         simulated.run(500);
         assert!(is_free(&simulated), "{:?}", simulated.controller.coupling);
         let mut unlimited = Simulated::new(0.05, 0.5);
-        unlimited.controller.limit = None;
+        unlimited.controller = Controller::new(None, unlimited.now);
         unlimited.run(500);
         assert_eq!(unlimited.controller.coupling.overhead, None, "without a limit nothing pauses");
     }

@@ -101,10 +101,7 @@ fn push_only(
             Ok(()) => say!("step {step:4}  time {time:.4}  pushed"),
             Err(error @ (ClientError::Invalid(_) | ClientError::Refused(_))) => return Err(error.into()),
             // The simulation goes on; the client tries again by itself.
-            Err(error) => {
-                say!("step {step:4}  time {time:.4}  lost: {error}");
-                std::thread::sleep(Duration::from_millis(100));
-            }
+            Err(error) => say!("step {step:4}  time {time:.4}  lost: {error}"),
         }
         step += 1;
         next = timed(source, &mut pacer)?;

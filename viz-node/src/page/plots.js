@@ -145,7 +145,7 @@ function drawAccuracy() {
   ].join("");
   const [name, detail] = byId("accuracy").querySelectorAll("figcaption span");
   name.innerHTML = `PSNR by time <b>${known ? decibelText(row.psnr_db) : "–"}</b> dB`;
-  detail.textContent = (known ? `in ${fixed(row.generation_ms, 1)} ms` : "") + (trials.length ? `, ${trials.length} trials (+)` : "");
+  detail.textContent = [known && `in ${fixed(row.generation_ms, 1)} ms`, trials.length && `${trials.length} trials (+)`].filter(Boolean).join(", ");
 }
 
 /** Steps as ticks, one a pixel column at most; a step that broke the limit is taller, coloured and pointed. */
