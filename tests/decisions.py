@@ -1,4 +1,4 @@
-"""A range coder's numbers, chances and bits by a single chance, from the section "Range coder" of proto/VOLUME-FORMAT.md: what both
+"""A range coder's numbers, chances and bits by a single chance, from the section "Range coder" of proto/formats/volume.md: what both
 readers share."""
 from bisect import bisect_left
 

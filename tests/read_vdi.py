@@ -1,4 +1,4 @@
-"""Reads a VDI file, from the page proto/VDI-FORMAT.md alone, and prints it as JSON.
+"""Reads a VDI file, from the page proto/formats/vdi.md alone, and prints it as JSON.
 Usage: read_vdi.py FILE [--segments]    (adds [ray, start, end, red, green, blue, opacity code] of every supersegment)"""
 import bz2, json, struct, sys, zlib
 from decisions import SQUASH, STRETCH, Coder, clamp

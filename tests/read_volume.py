@@ -1,4 +1,4 @@
-"""Reads a reduced volume's file, from the page proto/VOLUME-FORMAT.md alone, and prints its points (`nx ny nz`), its error
+"""Reads a reduced volume's file, from the page proto/formats/volume.md alone, and prints its points (`nx ny nz`), its error
 bound, then a value a line, x fastest.
 Usage: read_volume.py FILE"""
 import struct, sys, zlib

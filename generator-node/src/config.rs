@@ -1,9 +1,9 @@
 //! The generator-node's configuration file.
 
+use lamina_codec::{Codec, EncodeOptions, Layout};
 use lamina_compute::CpuLimit;
-use lamina_device::Choice;
+use lamina_compute::gpu::Choice;
 use lamina_model::{GenerationParams, Invalid, SamplePlan, Scene, Segmentation};
-use lamina_wire::codec::{Codec, EncodeOptions, Layout};
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
 

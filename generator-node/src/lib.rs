@@ -18,10 +18,10 @@ mod trials;
 
 pub use config::Config;
 
-use lamina_cast::Backend;
 use lamina_compute::CpuShare;
-use lamina_wire::node::{NodeError, Shutdown, serve};
-use lamina_wire::{MAX_MESSAGE_BYTES, v1};
+use lamina_raycast::Backend;
+use lamina_rpc::daemon::{NodeError, Shutdown, serve};
+use lamina_rpc::{MAX_MESSAGE_BYTES, v1};
 use std::{sync::Arc, time::Duration};
 use tokio::net::TcpListener;
 

@@ -1,11 +1,11 @@
 //! The generator-node as a daemon.
 
 use clap::Parser;
-use lamina_cast::Backend;
 use lamina_compute::CpuShare;
-use lamina_device::Choice;
+use lamina_compute::gpu::Choice;
 use lamina_generator_node::{Config, run};
-use lamina_wire::node::{exit_code, listen, load_config, log_to_stderr, stop_signal};
+use lamina_raycast::Backend;
+use lamina_rpc::daemon::{exit_code, listen, load_config, log_to_stderr, stop_signal};
 use std::{net::SocketAddr, path::PathBuf};
 
 /// Stands beside a simulation: takes its time steps and publishes them as Volumetric Depth Images.

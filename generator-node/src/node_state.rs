@@ -4,11 +4,11 @@ use crate::overhead::{Coupling, Overhead};
 use crate::publish::Publisher;
 use crate::schedule::{Schedule, Setting};
 use crate::step::Step;
-use lamina_cast::Backend;
+use lamina_codec::EncodeOptions;
 use lamina_compute::CpuShare;
 use lamina_model::{GenerationParams, SamplePlan, Segmentation};
-use lamina_wire::codec::EncodeOptions;
-use lamina_wire::v1;
+use lamina_raycast::Backend;
+use lamina_rpc::v1;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::broadcast;
 

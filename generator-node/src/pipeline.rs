@@ -5,10 +5,10 @@ use crate::node_state::NodeState;
 use crate::overhead::Coupling;
 use crate::rate_control::{Rung, generate_within, start_params};
 use crate::step::{Purpose, Step};
-use lamina_cast::Field;
 use lamina_compute::{Activity, Laps, Priority};
 use lamina_model::{GenerationParams, Invalid, Scene, suggest::suggest};
-use lamina_wire::v1;
+use lamina_raycast::Field;
+use lamina_rpc::v1;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The pipeline's own memory from step to step.

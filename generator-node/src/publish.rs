@@ -4,9 +4,9 @@
 
 use crate::subscribers::{Subscribers, reachable, trim};
 use futures::{Stream, StreamExt, stream};
-use lamina_wire::chunks::deliver;
-use lamina_wire::invalid;
-use lamina_wire::v1::{self, delivery::Part, frames_server};
+use lamina_rpc::chunks::deliver;
+use lamina_rpc::invalid;
+use lamina_rpc::v1::{self, delivery::Part, frames_server};
 use std::collections::VecDeque;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -2,10 +2,10 @@
 
 use crate::schedule::Setting;
 use crate::step::Step;
+use lamina_codec::EncodeOptions;
 use lamina_compute::Laps;
 use lamina_model::{GenerationParams, Invalid, Representation};
-use lamina_wire::codec::EncodeOptions;
-use lamina_wire::v1;
+use lamina_rpc::v1;
 
 /// A step generated: its parameters, its bytes, what they cost.
 pub type Generated = (GenerationParams, Vec<u8>, v1::Cost);

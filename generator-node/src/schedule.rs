@@ -1,7 +1,7 @@
 //! Which parameters hold for which step.
 
 use lamina_model::GenerationParams;
-use lamina_wire::v1;
+use lamina_rpc::v1;
 
 /// Parameters and what to do when a step's VDI exceeds the size limit.
 #[derive(Debug, Clone, PartialEq)]

@@ -2,12 +2,12 @@
 
 use crate::publish::Delivery;
 use crate::schedule::Setting;
-use lamina_cast::{Backend, Field, most_points};
+use lamina_codec::{self, EncodeOptions};
 use lamina_compute::{Activity, Laps};
 use lamina_model::{GenerationParams, Intermediate, Invalid, ReferenceSamples, SamplePlan, Segmentation};
-use lamina_wire::codec::{self, EncodeOptions};
-use lamina_wire::reference;
-use lamina_wire::v1::{self, delivery::Part};
+use lamina_raycast::{Backend, Field, most_points};
+use lamina_rpc::reference;
+use lamina_rpc::v1::{self, delivery::Part};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 use tonic::codegen::Bytes;
@@ -173,7 +173,7 @@ pub fn encode(
     generation_time: Duration,
     options: &EncodeOptions,
 ) -> Result<(Vec<u8>, v1::Cost), Invalid> {
-    let (bytes, [generation_time, encode_time]) = codec::encode_timed(intermediate, generation_time, options)?;
+    let (bytes, [generation_time, encode_time]) = lamina_codec::encode_timed(intermediate, generation_time, options)?;
     let cost = v1::Cost {
         size_bytes: bytes.len() as u64,
         generation_ns: generation_time.as_nanos() as u64,

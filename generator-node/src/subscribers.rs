@@ -2,8 +2,8 @@
 
 use crate::publish::Delivery;
 use lamina_model::Invalid;
-use lamina_wire::node::host_and_port;
-use lamina_wire::v1;
+use lamina_rpc::daemon::host_and_port;
+use lamina_rpc::v1;
 use std::collections::VecDeque;
 use std::net::IpAddr;
 use tokio::sync::watch;

@@ -4,7 +4,7 @@ use crate::node_state::NodeState;
 use crate::step::{Purpose, Step, encode};
 use lamina_compute::{Activity, Laps, Permit, Priority};
 use lamina_model::{GenerationParams, Invalid};
-use lamina_wire::{required, v1};
+use lamina_rpc::{required, v1};
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};

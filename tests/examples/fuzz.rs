@@ -4,11 +4,11 @@
 //! case's number, which with the seed repeats it. Checksums are made right again, so that what is behind them is met.
 
 use glam::DVec3;
+use lamina_codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode_any, encode_any};
 use lamina_model::{
     Aabb, Camera, ControlPoint, Effects, GenerationParams, Grid, Intermediate, ReducedVolume, Representation,
     ScalarRange, Scale, Scene, Supersegment, TransferFunction, Vdi, VdiHeader,
 };
-use lamina_wire::codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode_any, encode_any};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;

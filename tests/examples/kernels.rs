@@ -2,12 +2,12 @@
 //! `kernels KERNEL LEVEL`; without arguments it lists them. Everything runs on one thread, inside [`measured`].
 
 use glam::DVec3;
-use lamina_cast::Field;
-use lamina_cast::lanes::{self, Level, Shot};
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
 use lamina_model::{GenerationParams, Scene, Segmentation, Vdi, Volume};
+use lamina_raycast::Field;
+use lamina_raycast::simd::{self, Level, Shot};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
-use lamina_viz_node::kernel::PreparedVdi;
+use lamina_vdi_render::PreparedVdi;
 use std::hint::black_box;
 
 /// Voxels a side.
@@ -59,16 +59,16 @@ fn run(kernel: &str, level: Level, volume: Volume, scene: &Scene) -> Result<(), 
     }
     let field = Field::new(volume, scene);
     let params = GenerationParams::new(SIDE, 0.02).map_err(|e| e.to_string())?;
-    let generate = || lanes::generate(level, &field, &params, Segmentation::Greedy).map_err(|e| e.to_string());
+    let generate = || simd::generate(level, &field, &params, Segmentation::Greedy).map_err(|e| e.to_string());
     match kernel {
         "raycast" => {
             let shot = Shot { camera: &scene.camera, size: [SIDE; 2], floor: TRANSMITTANCE_FLOOR as f32 };
-            measured(|| lanes::raycast(level, &field, &shot));
+            measured(|| simd::raycast(level, &field, &shot));
         }
         "generate" => drop(measured(generate)?),
         "generate-all" => {
             let all = measured(|| {
-                lanes::generate_all(level, &field, &params, &[0.001, 0.005, 0.021, 0.085, 0.257], Segmentation::Greedy)
+                simd::generate_all(level, &field, &params, &[0.001, 0.005, 0.021, 0.085, 0.257], Segmentation::Greedy)
             });
             drop(all.map_err(|e| e.to_string())?);
         }

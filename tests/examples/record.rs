@@ -1,9 +1,9 @@
 //! Records the series that the suites replay: `cargo run --release -p lamina-tests --example record -- tests/data`.
 
 use glam::DVec3;
-use lamina_example::{Config, Simulation};
+use lamina_blast::{Config, Simulation};
 use lamina_model::{Grid, Volume, Voxels};
-use lamina_read::{write_pvd, write_vti};
+use lamina_volume_io::{write_pvd, write_vti};
 use std::path::PathBuf;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

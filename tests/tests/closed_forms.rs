@@ -3,10 +3,10 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
-use lamina_cast::{Backend, Field};
 use lamina_model::{GenerationParams, Image, Scene, Segmentation, SquaredError};
+use lamina_raycast::{Backend, Field};
 use lamina_tests::{front_scene, sampled_cube, transfer};
-use lamina_viz_node::kernel::render;
+use lamina_vdi_render::render;
 
 const SIZE: u32 = 64;
 const COLOR: [f64; 3] = [0.9, 0.5, 0.2];

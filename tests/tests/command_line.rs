@@ -187,14 +187,14 @@ fn effects_of_a_scene_are_seen_everywhere() {
 fn a_second_field_colours_what_is_shown() {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str| text(&folder.path().join(name));
-    let config = lamina_example::Config { cells: 32, tracer: true, ..Default::default() };
-    let mut simulation = lamina_example::Simulation::new(config).unwrap();
+    let config = lamina_blast::Config { cells: 32, tracer: true, ..Default::default() };
+    let mut simulation = lamina_blast::Simulation::new(config).unwrap();
     (0..6).for_each(|_| simulation.advance());
     let grid = Grid::new([32; 3], DVec3::splat(simulation.spacing()), DVec3::splat(simulation.origin())).unwrap();
     let volume = Volume::new(grid, Voxels::F32(simulation.density())).unwrap();
     let volume = volume.with_color_field("gas", Voxels::F32(simulation.tracer().unwrap().to_vec())).unwrap();
     let data = file("blast.vti");
-    lamina_read::write_vti(Path::new(&data), &volume, "density").unwrap();
+    lamina_volume_io::write_vti(Path::new(&data), &volume, "density").unwrap();
     let scene = file("scene.toml");
     let body = "[effects.color_field]\nname = \"gas\"\nrange = { lo = 0.0, hi = 1.0, scale = \"linear\" }\n\
                 points = [{ at = 0.0, color = [0.0, 1.0, 0.0] }, { at = 1.0, color = [1.0, 0.0, 1.0] }]\n";

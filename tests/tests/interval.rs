@@ -2,12 +2,12 @@
 
 #![allow(clippy::unwrap_used)]
 
-use lamina_cast::{Backend, Field};
 use lamina_model::{GenerationParams, Quality, SamplePlan, Segmentation, ViewError, decibels, suggest::suggest};
-use lamina_read::{Options, Series};
+use lamina_raycast::{Backend, Field};
 use lamina_tests::processes::recorded_series;
 use lamina_tuner::interval::half_width_db;
-use lamina_viz_node::kernel::render;
+use lamina_vdi_render::render;
+use lamina_volume_io::{Options, Series};
 
 const SIZE: u32 = 256;
 const ANGLES_DEG: [f64; 2] = [20.0, 50.0];

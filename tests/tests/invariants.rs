@@ -3,10 +3,8 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
-use lamina_cast::gpu::GpuKernels as CastKernels;
-use lamina_cast::lanes::{self, Level, Shot};
-use lamina_cast::{Backend, Field, scalar};
-use lamina_device::testing;
+use lamina_codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode, encode, quantize};
+use lamina_compute::gpu::testing;
 use lamina_model::camera::CameraFields;
 use lamina_model::composite::{Accumulator, TRANSMITTANCE_FLOOR};
 use lamina_model::effects::{ClipPlane, DepthCue, Effects, Isosurface, Shading};
@@ -14,10 +12,12 @@ use lamina_model::{
     Camera, ControlPoint, GenerationParams, Grid, Image, Intermediate, ScalarRange, Scale, Scene, Segmentation,
     Supersegment, TransferFunction, Vdi, Volume, Voxels, psnr,
 };
+use lamina_raycast::gpu::GpuKernels as CastKernels;
+use lamina_raycast::simd::{self, Level, Shot};
+use lamina_raycast::{Backend, Field, reference};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
-use lamina_viz_node::kernel::gpu::GpuKernels as DrawKernels;
-use lamina_viz_node::kernel::{PreparedVdi, scalar as drawn};
-use lamina_wire::codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode, encode, quantize};
+use lamina_vdi_render::gpu::GpuKernels as DrawKernels;
+use lamina_vdi_render::{PreparedVdi, reference as drawn};
 use proptest::prelude::*;
 use std::sync::LazyLock;
 
@@ -221,7 +221,7 @@ proptest! {
         let (field, vdi, [w, h]) = (world.field(), world.vdi(), SIZE);
         let camera = &world.scene.camera;
         for picture in [
-            scalar::raycast(&field, camera, w, h).unwrap(),
+            reference::raycast(&field, camera, w, h).unwrap(),
             Backend::cpu().raycast(&field, camera, w, h).unwrap(),
             drawn::render(&vdi, camera, w, h).unwrap(),
             drawn::render(&vdi, &world.novel, w, h).unwrap(),
@@ -266,18 +266,18 @@ proptest! {
         let (field, pixels, [w, h]) = (world.field(), all_pixels(), SIZE);
         // A prime beside 273 = 21 x 13 and any start visit every pixel once.
         let order: Vec<usize> = (0..pixels.len()).map(|n| (turn + 101 * n) % pixels.len()).collect();
-        let vdi = with_threads(1, || lanes::generate(Level::Portable, &field, &world.params, Segmentation::Greedy).unwrap());
-        let cast = with_threads(1, || lanes::raycast(Level::Portable, &field, &world.shot()));
+        let vdi = with_threads(1, || simd::generate(Level::Portable, &field, &world.params, Segmentation::Greedy).unwrap());
+        let cast = with_threads(1, || simd::raycast(Level::Portable, &field, &world.shot()));
         let novel = with_threads(1, || PreparedVdi::new(&vdi).at_level(Level::Portable).render(&world.novel, w, h).unwrap());
         for level in Level::available() {
             let prepared = PreparedVdi::new(&vdi).at_level(level);
-            let other = with_threads(3, || lanes::generate(level, &field, &world.params, Segmentation::Greedy).unwrap());
+            let other = with_threads(3, || simd::generate(level, &field, &world.params, Segmentation::Greedy).unwrap());
             prop_assert!(other == vdi, "{:?}", level);
-            prop_assert!(with_threads(3, || lanes::raycast(level, &field, &world.shot())) == cast, "{:?}", level);
+            prop_assert!(with_threads(3, || simd::raycast(level, &field, &world.shot())) == cast, "{:?}", level);
             prop_assert!(with_threads(3, || prepared.render(&world.novel, w, h).unwrap()) == novel, "{:?}", level);
             for some in order.chunks(chunk) {
                 let listed: Vec<_> = some.iter().map(|&n| pixels[n]).collect();
-                let these = lanes::raycast_pixels(level, &field, &world.shot(), &listed);
+                let these = simd::raycast_pixels(level, &field, &world.shot(), &listed);
                 prop_assert!(these.into_iter().eq(some.iter().map(|&n| cast[n])), "{:?}", level);
                 let these = prepared.render_pixels(&world.novel, w, h, &listed);
                 prop_assert!(these.into_iter().eq(some.iter().map(|&n| novel.pixels()[n])), "{:?}", level);
@@ -338,7 +338,7 @@ proptest! {
         let (other, [w, h]) = (scaled(&world, 2.0_f64.powi(power)), SIZE);
         let lists = |world: &World| (world.vdi().offsets().to_vec(), world.vdi().segments().to_vec());
         prop_assert!(lists(&world) == lists(&other));
-        let slow = |world: &World| scalar::generate(&world.field(), &world.params, Segmentation::Greedy).unwrap().segments().to_vec();
+        let slow = |world: &World| reference::generate(&world.field(), &world.params, Segmentation::Greedy).unwrap().segments().to_vec();
         prop_assert!(slow(&world) == slow(&other));
         let cast = |world: &World| Backend::cpu().raycast(&world.field(), &world.scene.camera, w, h).unwrap();
         prop_assert!(cast(&world) == cast(&other));

@@ -3,13 +3,13 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
-use lamina_cast::{Backend, Field};
 use lamina_model::effects::Isosurface;
 use lamina_model::{
     Camera, GenerationParams, Image, ReferenceSamples, SamplePlan, Scene, Segmentation, SquaredError, Vdi, psnr,
 };
+use lamina_raycast::{Backend, Field};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
-use lamina_viz_node::kernel::{self as viz, Detail, PreparedVdi, render, scalar};
+use lamina_vdi_render::{self as viz, Detail, PreparedVdi, reference, render};
 
 const SIZE: u32 = 96;
 
@@ -60,7 +60,7 @@ fn linear_db(vdi: &Vdi, reference: &ReferenceSamples) -> f64 {
     let mut error = SquaredError::default();
     for (view, camera) in plan.test_cameras(&reference.scene.camera).unwrap().iter().enumerate() {
         let pixels = plan.pixels(view, 0);
-        let draw = |by| scalar::displaced_pixels(vdi, camera, [SIZE; 2], &pixels, by);
+        let draw = |by| reference::displaced_pixels(vdi, camera, [SIZE; 2], &pixels, by);
         let four = [[0.375, 0.125], [-0.125, 0.375], [-0.375, -0.125], [0.125, -0.375]].map(draw);
         let mean = |n: usize| std::array::from_fn(|c| four.iter().map(|drawn| 0.25 * drawn[n][c]).sum());
         let mean: Vec<[f32; 3]> = (0..pixels.len()).map(mean).collect();

@@ -2,14 +2,14 @@
 
 #![allow(clippy::unwrap_used)]
 
-use lamina_cast::{Backend, Field};
+use lamina_codec;
 use lamina_model::{GenerationParams, Intermediate, Representation, SamplePlan, Scene, Segmentation, suggest::suggest};
-use lamina_read::{Options, Series};
+use lamina_raycast::{Backend, Field};
+use lamina_rpc::v1::{TunerStatusRequest, tuning_client::TuningClient};
 use lamina_tests::processes::{Daemon, free_port, recorded_series, run, wait_for};
-use lamina_viz_node::kernel::{self as viz, Detail, Prepared};
+use lamina_vdi_render::{self as viz, Detail, Prepared};
 use lamina_viz_node::store::{Measured, StepRow};
-use lamina_wire::codec;
-use lamina_wire::v1::{TunerStatusRequest, tuning_client::TuningClient};
+use lamina_volume_io::{Options, Series};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tonic_health::pb::{HealthCheckRequest, health_check_response::ServingStatus, health_client::HealthClient};
@@ -123,12 +123,12 @@ fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
     let last = Field::new(series.read(series.len() - 1).unwrap(), &scene);
     let params = GenerationParams::default();
     let (untuned, _) = Backend::cpu().represent(&last, &params, Segmentation::Fitted).unwrap();
-    let bytes = codec::encode_any(&untuned, &codec::EncodeOptions::default()).unwrap().len() as u64;
+    let bytes = lamina_codec::encode_any(&untuned, &lamina_codec::EncodeOptions::default()).unwrap().len() as u64;
     assert!(bytes > LIMIT_BYTES, "without a limit it would be broken: {bytes}");
     let plan = SamplePlan { image_size: 256, tile: 4, batches: 1, angles_deg: vec![10.0, 30.0, 60.0] };
     for (n, row) in rows.iter().enumerate() {
         let bytes = std::fs::read(folder.join(format!("step_{n:06}.vdi"))).unwrap();
-        let shown = codec::decode_any(&bytes, &codec::DecodeLimits::default()).unwrap();
+        let shown = lamina_codec::decode_any(&bytes, &lamina_codec::DecodeLimits::default()).unwrap();
         assert_eq!((row.step, row.time), (n as u64, series.time(n)));
         assert_eq!(row.size_bytes, bytes.len() as u64, "sigma is the file's size");
         assert_eq!(row.supersegments, shown.elements());
@@ -254,7 +254,7 @@ fn killing_each_daemon_in_turn_stops_nobody_and_loses_nothing_recorded() {
     for row in cluster.rows() {
         let bytes = std::fs::read(folder.join(format!("step_{:06}.vdi", row.step))).unwrap();
         assert_eq!(bytes.len() as u64, row.size_bytes);
-        codec::decode_any(&bytes, &codec::DecodeLimits::default()).unwrap();
+        lamina_codec::decode_any(&bytes, &lamina_codec::DecodeLimits::default()).unwrap();
     }
 }
 

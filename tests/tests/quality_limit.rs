@@ -3,16 +3,16 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
-use lamina_cast::{Backend, Field};
 use lamina_client::{Brick, Client, RunOptions};
+use lamina_codec::{EncodeOptions, decode_any, encode_any};
 use lamina_model::{GenerationParams, Intermediate, SamplePlan, Scene, Segmentation, Volume};
+use lamina_raycast::{Backend, Field};
+use lamina_rpc::daemon::connect;
+use lamina_rpc::v1::{self, quality_client::QualityClient, tuning_client::TuningClient};
 use lamina_tests::processes::{Daemon, free_port, wait_for};
 use lamina_tests::{front_scene, sampled_cube, transfer};
-use lamina_viz_node::kernel::{self as viz, Detail, Prepared};
+use lamina_vdi_render::{self as viz, Detail, Prepared};
 use lamina_viz_node::store::StepRow;
-use lamina_wire::codec::{EncodeOptions, decode_any, encode_any};
-use lamina_wire::node::connect;
-use lamina_wire::v1::{self, quality_client::QualityClient, tuning_client::TuningClient};
 use std::time::Duration;
 
 const PATIENCE: Duration = Duration::from_secs(120);

@@ -2,11 +2,11 @@
 
 #![allow(clippy::unwrap_used)]
 
-use lamina_cast::{Backend, Field};
+use lamina_codec::{DecodeLimits, EncodeOptions, decode_any, encode_any};
 use lamina_model::{ControlPoint, GenerationParams, Image, Representation, Scene, Segmentation, TransferFunction};
+use lamina_raycast::{Backend, Field};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube, transfer};
-use lamina_viz_node::kernel::{self as viz, Detail, Prepared};
-use lamina_wire::codec::{DecodeLimits, EncodeOptions, decode_any, encode_any};
+use lamina_vdi_render::{self as viz, Detail, Prepared};
 
 const SIZE: u32 = 160;
 

@@ -3,10 +3,10 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
-use lamina_cast::{Backend, Field};
 use lamina_model::{Camera, GenerationParams, Scene, Segmentation, psnr};
+use lamina_raycast::{Backend, Field};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
-use lamina_viz_node::kernel::{PreparedVdi, scalar};
+use lamina_vdi_render::{PreparedVdi, reference};
 
 /// Picture sizes whose pixel centres lie on no pixel boundary of a VDI with an odd number of rays.
 const SIZES: [(u32, u32); 2] = [(96, 96), (40, 72)];
@@ -30,7 +30,7 @@ fn fast_pictures_of_a_scene_are_those_of_the_oracle() {
             for camera in turned.into_iter().chain([within]) {
                 for (width, height) in SIZES {
                     let fast = prepared.render(&camera, width, height).unwrap();
-                    let exact = scalar::render(&vdi, &camera, width, height).unwrap();
+                    let exact = reference::render(&vdi, &camera, width, height).unwrap();
                     let channels = fast.pixels().as_flattened().iter().zip(exact.pixels().as_flattened());
                     let worst = channels.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
                     let db = psnr(&fast, &exact).unwrap();

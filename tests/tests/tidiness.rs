@@ -21,19 +21,19 @@ fn dependencies(folder: &str) -> Vec<String> {
 fn crates_point_only_where_the_layout_says() {
     let allowed: BTreeMap<&str, &[&str]> = BTreeMap::from([
         ("proto/model", &[][..]),
-        ("proto/device", &[]),
+        ("proto/message", &["model"]),
+        ("proto/codec", &["model", "message"]),
+        ("proto/rpc", &["model", "message"]),
         ("proto/compute", &[]),
-        ("proto/lanes", &[]),
-        ("proto/coding", &[]),
-        ("proto/cast", &["model", "lanes", "device"]),
-        ("deploy/example", &[]),
-        ("deploy/read", &["model"]),
-        ("proto/wire", &["model", "coding"]),
-        ("proto/client", &["model", "wire"]),
+        ("proto/raycast", &["model", "compute"]),
+        ("proto/vdi-render", &["model", "compute", "raycast"]),
+        ("deploy/blast", &[]),
+        ("deploy/volume-io", &["model"]),
+        ("proto/client", &["model", "rpc"]),
         ("proto/client/c", &["model", "client"]),
-        ("generator-node", &["model", "cast", "compute", "wire", "device"]),
-        ("viz-node", &["model", "lanes", "cast", "compute", "wire", "device"]),
-        ("tuner", &["model", "wire"]),
+        ("generator-node", &["model", "compute", "raycast", "codec", "rpc"]),
+        ("viz-node", &["model", "compute", "raycast", "vdi-render", "codec", "rpc"]),
+        ("tuner", &["model", "rpc"]),
     ]);
     for (folder, allowed) in allowed {
         for dependency in dependencies(folder) {
@@ -46,18 +46,21 @@ fn crates_point_only_where_the_layout_says() {
 fn one_crate_alone_opens_a_gpu() {
     for folder in [
         "proto/model",
-        "proto/lanes",
-        "proto/wire",
+        "proto/message",
+        "proto/codec",
+        "proto/rpc",
+        "proto/raycast",
+        "proto/vdi-render",
         "proto/client",
         "generator-node",
         "viz-node",
         "tuner",
-        "deploy/local",
+        "deploy/cli",
     ] {
         let text = std::fs::read_to_string(root().join(folder).join("Cargo.toml")).unwrap();
         let manifest: toml::Table = text.parse().unwrap();
         let table = manifest["dependencies"].as_table().unwrap();
-        assert!(!table.contains_key("wgpu"), "{folder} takes wgpu from lamina-device");
+        assert!(!table.contains_key("wgpu"), "{folder} takes wgpu from lamina-compute");
     }
 }
 

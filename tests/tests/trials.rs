@@ -4,12 +4,12 @@
 
 use futures::{Stream, stream};
 use lamina_model::{GenerationParams, Invalid};
-use lamina_read::{Options, Series};
+use lamina_rpc::daemon::connect;
+use lamina_rpc::v1::{self, control_client::ControlClient, frames_client::FramesClient, quality_server};
 use lamina_tests::processes::{Daemon, free_port, recorded_series, wait_for};
 use lamina_tuner::remote::Remote;
 use lamina_tuner::trial::{Measured, Trial, TrialError};
-use lamina_wire::node::connect;
-use lamina_wire::v1::{self, control_client::ControlClient, frames_client::FramesClient, quality_server};
+use lamina_volume_io::{Options, Series};
 use std::io::Write;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;

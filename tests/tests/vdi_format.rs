@@ -4,8 +4,8 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
+use lamina_codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode, encode};
 use lamina_model::{Aabb, Camera, GenerationParams, Supersegment, Vdi, VdiHeader};
-use lamina_wire::codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode, encode};
 use serde_json::{Value, json};
 use std::path::Path;
 use std::process::{Command, Output};

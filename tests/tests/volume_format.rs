@@ -4,11 +4,11 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
+use lamina_codec::{DecodeLimits, volume};
 use lamina_model::{
     Camera, ControlPoint, Effects, GenerationParams, Grid, ReducedVolume, Representation, ScalarRange, Scale, Scene,
     TransferFunction,
 };
-use lamina_wire::codec::{DecodeLimits, volume};
 use std::path::Path;
 use std::process::{Command, Output};
 

@@ -12,7 +12,7 @@ use crate::tune::Row;
 use crate::{Config, status::Status};
 use futures::StreamExt;
 use lamina_model::GenerationParams;
-use lamina_wire::v1::{self, TuningState, control_client::ControlClient};
+use lamina_rpc::v1::{self, TuningState, control_client::ControlClient};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::Instant;

@@ -24,8 +24,8 @@ pub use config::Config;
 pub use contract::Contract;
 pub use utility::Utility;
 
-use lamina_wire::node::{NodeError, Shutdown, serve};
-use lamina_wire::v1::tuning_server::TuningServer;
+use lamina_rpc::daemon::{NodeError, Shutdown, serve};
+use lamina_rpc::v1::tuning_server::TuningServer;
 use std::sync::Arc;
 use tokio::net::TcpListener;
 

@@ -2,7 +2,7 @@
 
 use crate::remote::{connect, words};
 use crate::trial::TrialError;
-use lamina_wire::v1::{self, control_client::ControlClient, quality_client::QualityClient};
+use lamina_rpc::v1::{self, control_client::ControlClient, quality_client::QualityClient};
 use std::collections::HashMap;
 use std::convert::Infallible;
 use std::time::Duration;

@@ -1,8 +1,8 @@
 //! The tuner as a daemon.
 
 use clap::Parser;
+use lamina_rpc::daemon::{exit_code, listen, load_config, log_to_stderr, stop_signal};
 use lamina_tuner::{Config, run};
-use lamina_wire::node::{exit_code, listen, load_config, log_to_stderr, stop_signal};
 use std::{net::SocketAddr, path::PathBuf};
 
 /// Finds the generation parameters that give the best picture under the limit in its configuration.

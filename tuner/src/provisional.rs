@@ -8,7 +8,7 @@ use crate::remote::Progress;
 use crate::status::Status;
 use crate::tune::{Row, Study};
 use lamina_model::GenerationParams;
-use lamina_wire::v1::{self, TuningState, control_client::ControlClient};
+use lamina_rpc::v1::{self, TuningState, control_client::ControlClient};
 use tokio::sync::watch;
 use tonic::transport::Channel;
 

@@ -4,7 +4,7 @@ use crate::Contract;
 use crate::trial::TrialError;
 use crate::tune::Study;
 use lamina_model::Representation;
-use lamina_wire::v1::{self, control_client::ControlClient};
+use lamina_rpc::v1::{self, control_client::ControlClient};
 use tonic::transport::Channel;
 
 /// The parameters of row `chosen` as a setting: with the contract's limits, and, under a limit on size or overhead, what to fall

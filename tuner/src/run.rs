@@ -6,7 +6,7 @@ use crate::search::CandidateSet;
 use crate::trial::Cost;
 use crate::tune::Row;
 use lamina_model::GenerationParams;
-use lamina_wire::v1;
+use lamina_rpc::v1;
 use std::collections::VecDeque;
 use std::time::Duration;
 use tokio::time::Instant;

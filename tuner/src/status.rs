@@ -2,7 +2,7 @@
 
 use crate::trial::TrialError;
 use crate::tune::Row;
-use lamina_wire::v1::{self, tuning_server};
+use lamina_rpc::v1::{self, tuning_server};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tonic::{Request, Response};
 

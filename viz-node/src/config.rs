@@ -1,9 +1,9 @@
 //! The viz-node's configuration file.
 
 use lamina_compute::CpuLimit;
-use lamina_device::Choice;
+use lamina_compute::gpu::Choice;
 use lamina_model::Invalid;
-use lamina_wire::node::host_and_port;
+use lamina_rpc::daemon::host_and_port;
 use serde::{Deserialize, Serialize};
 use std::{net::SocketAddr, path::PathBuf};
 

@@ -1,14 +1,14 @@
 //! Intake: live steps into the store as they arrive, the newest of them decoded and measured as processor time allows; trials to
 //! where they are measured when asked for.
 
-use crate::kernel::{Backend, Detail};
 use crate::store::{Run, StepRow, Store};
 use crate::trials::{ArrivedTrial, Trials};
+use lamina_codec::{self, DecodeLimits};
 use lamina_compute::{Activity, CpuShare, Priority};
 use lamina_model::ReferenceSamples;
-use lamina_wire::codec::{self, DecodeLimits};
-use lamina_wire::reference;
-use lamina_wire::v1::{self, delivery::Part};
+use lamina_rpc::reference;
+use lamina_rpc::v1::{self, delivery::Part};
+use lamina_vdi_render::{Backend, Detail};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -144,7 +144,7 @@ impl Intake {
 
     fn record(&self, frame: &v1::Frame, payload: Vec<u8>) -> Result<(), String> {
         let step = frame.step;
-        codec::check_any(&payload, &self.limits).map_err(|e| format!("step {step}: {e}"))?;
+        lamina_codec::check_any(&payload, &self.limits).map_err(|e| format!("step {step}: {e}"))?;
         let reference = find(&self.live_references, frame);
         let (row, bytes) = (StepRow::live(frame, reference.is_some()), payload.len() as u64);
         self.store.record(row, payload).map_err(|e| format!("step {step}: not recorded: {e}"))?;

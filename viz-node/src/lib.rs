@@ -5,7 +5,6 @@
 
 pub mod config;
 mod intake;
-pub mod kernel;
 pub mod painter;
 mod quality_service;
 pub mod store;
@@ -17,11 +16,11 @@ pub use config::Config;
 pub use store::Store;
 
 use axum::serve::ListenerExt as _;
-use kernel::Backend;
+use lamina_codec::DecodeLimits;
 use lamina_compute::CpuShare;
-use lamina_wire::codec::DecodeLimits;
-use lamina_wire::node::Shutdown;
-use lamina_wire::v1::quality_server::QualityServer;
+use lamina_rpc::daemon::Shutdown;
+use lamina_rpc::v1::quality_server::QualityServer;
+use lamina_vdi_render::Backend;
 use std::sync::{Arc, atomic::AtomicBool};
 use std::time::Duration;
 use tokio::net::TcpListener;

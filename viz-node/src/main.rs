@@ -2,9 +2,9 @@
 
 use clap::Parser;
 use lamina_compute::CpuShare;
-use lamina_device::Choice;
+use lamina_compute::gpu::Choice;
+use lamina_rpc::daemon::{exit_code, listen, load_config, log_to_stderr, stop_signal};
 use lamina_viz_node::{Config, open_store, run};
-use lamina_wire::node::{exit_code, listen, load_config, log_to_stderr, stop_signal};
 use std::{net::SocketAddr, path::PathBuf};
 
 /// Shows a run from any angle in a web page, and measures the quality of what it shows.

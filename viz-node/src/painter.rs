@@ -1,8 +1,8 @@
 //! A picture of a recorded step from an orbiting camera, as PNG.
 
-use crate::kernel::{Backend, Detail, Prepared};
 use crate::store::{Store, StoreError};
 use lamina_model::{ControlPoint, Image, Invalid};
+use lamina_vdi_render::{Backend, Detail, Prepared};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 

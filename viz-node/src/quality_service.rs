@@ -1,13 +1,13 @@
 //! The Quality service, towards the tuner: trials measured, and the quality of live steps.
 
 use crate::intake::Intake;
-use crate::kernel::Detail;
 use crate::store::{Event, Measured};
 use crate::trials::Study;
 use futures::{Stream, StreamExt};
 use lamina_compute::{Activity, Laps, Priority};
 use lamina_model::Quality;
-use lamina_wire::v1::{self, quality_server};
+use lamina_rpc::v1::{self, quality_server};
+use lamina_vdi_render::Detail;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -87,7 +87,7 @@ async fn measure(intake: Arc<Intake>, request: v1::QualityRequest) -> Result<Qua
         let shown = of.shown().map_err(|e| Status::invalid_argument(e.to_string()))?;
         laps.lap(Activity::Decode);
         let quality = backend.quality(shown, &of.reference, first_batch..end, Detail::Blended);
-        quality.map_err(|e| lamina_wire::invalid(&e))
+        quality.map_err(|e| lamina_rpc::invalid(&e))
     };
     let permit = intake.share.acquire(Priority::of_trial(progress.first)).await;
     let quality = permit.run(Activity::Measure, work).await.map_err(|e| Status::internal(e.to_string()))??;

@@ -3,10 +3,10 @@
 
 use crate::Config;
 use crate::intake::Intake;
-use lamina_wire::MAX_MESSAGE_BYTES;
-use lamina_wire::chunks::Assembler;
-use lamina_wire::node::connect;
-use lamina_wire::v1::{self, delivery::Part, frames_client::FramesClient};
+use lamina_rpc::MAX_MESSAGE_BYTES;
+use lamina_rpc::chunks::Assembler;
+use lamina_rpc::daemon::connect;
+use lamina_rpc::v1::{self, delivery::Part, frames_client::FramesClient};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;

@@ -1,10 +1,10 @@
 //! Trials that arrived, kept for as long as there is room, and what those measured came to.
 
-use crate::kernel::Prepared;
 use crate::store::StepRow;
+use lamina_codec::{self, CodecError, DecodeLimits};
 use lamina_model::{Quality, ReferenceSamples};
-use lamina_wire::codec::{self, CodecError, DecodeLimits};
-use lamina_wire::v1;
+use lamina_rpc::v1;
+use lamina_vdi_render::Prepared;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use tokio::sync::watch;
@@ -39,7 +39,7 @@ impl ArrivedTrial {
     /// # Errors
     /// If its bytes are damaged or decode to too much.
     pub fn shown(&self) -> Result<&Prepared, &CodecError> {
-        let decode = || codec::decode_any(&self.payload, &self.limits).map(Prepared::new);
+        let decode = || lamina_codec::decode_any(&self.payload, &self.limits).map(Prepared::new);
         self.shown.get_or_init(decode).as_ref()
     }
 

@@ -5,7 +5,7 @@
 use super::run::{Offer, Run, RunSpec};
 use super::{Brick, assembly::Assembly, brick};
 use lamina_model::{Invalid, Volume};
-use lamina_wire::v1::FullPolicy;
+use lamina_rpc::v1::FullPolicy;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 use tonic::Status;

@@ -2,7 +2,7 @@
 
 use super::{Brick, assembly::Assembly};
 use lamina_model::{ColorField, Grid, Scene, VoxelType};
-use lamina_wire::v1::FullPolicy;
+use lamina_rpc::v1::FullPolicy;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 use tonic::Status;
@@ -59,9 +59,9 @@ impl RunSpec {
         }
         let second = self.color_field.as_ref().map(|(name, _)| name.as_str());
         let named = second.map_or(Ok(()), ColorField::check_name);
-        named.map_err(|e| lamina_wire::invalid(&e))?;
+        named.map_err(|e| lamina_rpc::invalid(&e))?;
         let shown = self.scene.as_ref().map_or(Ok(()), |scene| scene.check_second_field(second));
-        shown.map_err(|e| lamina_wire::invalid(&e))?;
+        shown.map_err(|e| lamina_rpc::invalid(&e))?;
         let need = self.step_bytes().saturating_add(self.working_bytes());
         if need > memory_bytes {
             let dims = self.grid.dims();
@@ -231,6 +231,6 @@ impl Run {
                 "rank {rank}: step {step} after step {last}; steps must ascend"
             )));
         }
-        Brick::new(start, dims, &self.spec.grid).map_err(|e| lamina_wire::invalid(&e))
+        Brick::new(start, dims, &self.spec.grid).map_err(|e| lamina_rpc::invalid(&e))
     }
 }

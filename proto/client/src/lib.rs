@@ -24,11 +24,11 @@ mod pace;
 mod session;
 
 pub use brick::{Brick, VoxelSlice, check_type, dense, span};
-pub use lamina_wire::v1::FullPolicy;
+pub use lamina_rpc::v1::FullPolicy;
 
 use driver::Driver;
 use lamina_model::{Grid, Invalid, Scene, VoxelType};
-use lamina_wire::node::host_and_port;
+use lamina_rpc::daemon::host_and_port;
 use pace::Pace;
 use session::Session;
 use std::time::{Duration, Instant};

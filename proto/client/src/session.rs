@@ -2,8 +2,8 @@
 
 use crate::pace::Timing;
 use crate::{Brick, Receipt, RunOptions};
-use lamina_wire::node::innermost;
-use lamina_wire::v1::{self, ingest_client::IngestClient, push_part::Part};
+use lamina_rpc::daemon::innermost;
+use lamina_rpc::v1::{self, ingest_client::IngestClient, push_part::Part};
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
@@ -42,7 +42,7 @@ impl Session {
                 .map(|(name, voxel_type)| v1::SecondField { name, voxel_type: v1::VoxelType::from(voxel_type).into() }),
         };
         let reply = ingest.open(request).await?.into_inner();
-        let chunk_bytes = (reply.chunk_bytes as usize).clamp(1 << 12, lamina_wire::MAX_MESSAGE_BYTES / 2);
+        let chunk_bytes = (reply.chunk_bytes as usize).clamp(1 << 12, lamina_rpc::MAX_MESSAGE_BYTES / 2);
         Ok((Self { ingest, chunk_bytes }, reply.run_id))
     }
 

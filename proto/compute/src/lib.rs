@@ -1,18 +1,14 @@
-//! Processor time of a node: how much of it heavy work may use, in which order, and on which threads.
+//! What the kernels run on: SIMD lanes, a GPU, and the share of the processor that a node's heavy work may use.
 //!
-//! The simulation owns the cores. All heavy work of a node (ray casting, coding, drawing, measuring) asks its [`CpuShare`] for a
-//! [`Permit`], which a token bucket and a priority queue grant, and runs on threads of the node's own. This crate knows no
-//! voxels, no pictures and no messages.
+//! - [`simd`]: eight single-precision numbers at a time; the only crate-level home of unsafe code.
+//! - [`gpu`]: the only place that opens a device.
+//! - `cpu`: all heavy work of a node (ray casting, coding, drawing, measuring) asks its [`CpuShare`] for a [`Permit`], which a token
+//!   bucket and a priority queue grant, and runs on threads of the node's own. The simulation owns the cores.
+//!
+//! This crate knows no voxels, no pictures and no messages.
 
-mod cpu_limit;
-mod cpu_share;
-mod queue;
-mod threads;
-mod token_bucket;
-mod usage;
+mod cpu;
+pub mod gpu;
+pub mod simd;
 
-pub use cpu_limit::{CpuLimit, InvalidCpuLimit};
-pub use cpu_share::{CpuShare, Permit};
-pub use queue::Priority;
-pub use threads::{Laps, thread_cpu_time};
-pub use usage::{Activity, Usage};
+pub use cpu::{Activity, CpuLimit, CpuShare, InvalidCpuLimit, Laps, Permit, Priority, Usage, thread_cpu_time};

@@ -1,13 +1,13 @@
 //! What casts rays, and what draws: the oracles, all levels of lanes, the GPU where there is one.
 
-use lamina_cast::gpu::{GpuError as CastError, GpuKernels as CastKernels};
-use lamina_cast::lanes::{self, Level, Shot};
-use lamina_cast::{Field, scalar};
-use lamina_device::{Gpu, testing};
+use lamina_compute::gpu::{Gpu, testing};
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
 use lamina_model::{Camera, GenerationParams, Segmentation, Vdi};
-use lamina_viz_node::kernel::gpu::{GpuError as DrawError, GpuKernels as DrawKernels};
-use lamina_viz_node::kernel::{PreparedVdi, scalar as drawn};
+use lamina_raycast::gpu::{GpuError as CastError, GpuKernels as CastKernels};
+use lamina_raycast::simd::{self, Level, Shot};
+use lamina_raycast::{Field, reference};
+use lamina_vdi_render::gpu::{GpuError as DrawError, GpuKernels as DrawKernels};
+use lamina_vdi_render::{PreparedVdi, reference as drawn};
 
 /// Colours of pixels, or why there are none.
 pub type Colors = Result<Vec<[f32; 3]>, String>;
@@ -68,15 +68,15 @@ impl Caster {
         let Shown { camera, size: [w, h], pixels } = *shown;
         let whole = pixels.len() == w as usize * h as usize;
         match self {
-            Self::Scalar if whole => Ok(scalar::raycast(field, camera, w, h).unwrap().pixels().to_vec()),
-            Self::Scalar => Ok(scalar::raycast_pixels(field, camera, w, h, pixels)),
+            Self::Scalar if whole => Ok(reference::raycast(field, camera, w, h).unwrap().pixels().to_vec()),
+            Self::Scalar => Ok(reference::raycast_pixels(field, camera, w, h, pixels)),
             Self::Lanes(level) => {
                 fits(field)?;
                 let shot = Shot { camera, size: [w, h], floor: TRANSMITTANCE_FLOOR as f32 };
                 Ok(if whole {
-                    lanes::raycast(*level, field, &shot)
+                    simd::raycast(*level, field, &shot)
                 } else {
-                    lanes::raycast_pixels(*level, field, &shot, pixels)
+                    simd::raycast_pixels(*level, field, &shot, pixels)
                 })
             }
             Self::Gpu(gpu) if whole => {
@@ -93,10 +93,10 @@ impl Caster {
         segmentation: Segmentation,
     ) -> Result<Vdi, String> {
         match self {
-            Self::Scalar => Ok(scalar::generate(field, params, segmentation).unwrap()),
+            Self::Scalar => Ok(reference::generate(field, params, segmentation).unwrap()),
             Self::Lanes(level) => {
                 fits(field)?;
-                Ok(lanes::generate(*level, field, params, segmentation).unwrap())
+                Ok(simd::generate(*level, field, params, segmentation).unwrap())
             }
             Self::Gpu(gpu) => gpu.generate(field, params, segmentation).map(|(vdi, _)| vdi).map_err(too_large),
         }
@@ -104,7 +104,7 @@ impl Caster {
 }
 
 fn fits(field: &Field) -> Result<(), String> {
-    if lanes::fits(field) { Ok(()) } else { Err("lanes need two sample points on every axis".to_owned()) }
+    if simd::fits(field) { Ok(()) } else { Err("lanes need two sample points on every axis".to_owned()) }
 }
 
 fn too_large(error: CastError) -> String {

@@ -14,7 +14,7 @@ mod table;
 
 use backends::{casters, drawers};
 use case::Case;
-use lamina_device::{Choice, Gpu};
+use lamina_compute::gpu::{Choice, Gpu};
 use std::path::{Path, PathBuf};
 use table::Table;
 

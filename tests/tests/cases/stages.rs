@@ -16,11 +16,11 @@ use crate::backends::{Caster, Drawer};
 use crate::case::{Case, Reference};
 use crate::expected::{Lights, View, of_vdi, of_volume, views};
 use crate::table::Table;
-use lamina_cast::Field;
+use lamina_codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode, encode};
 use lamina_model::composite::Accumulator;
 use lamina_model::{Segmentation, Supersegment, Vdi};
+use lamina_raycast::Field;
 use lamina_tests::reference::Light;
-use lamina_wire::codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode, encode};
 
 /// What a case may have a tolerance for.
 pub const STAGES: [&str; 10] =

@@ -12,11 +12,11 @@ mod steps;
 mod wire;
 
 use glam::DVec3;
-use lamina_cast::Backend;
 use lamina_client::{Brick, Client, ClientError, FullPolicy, Receipt, RunOptions};
 use lamina_compute::CpuShare;
 use lamina_generator_node::Config;
 use lamina_model::{GenerationParams, Grid, VoxelType};
+use lamina_raycast::Backend;
 use std::future::pending;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::time::{Duration, Instant};

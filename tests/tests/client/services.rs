@@ -3,7 +3,7 @@
 use crate::{LONG, Node, SIDE, STEP_BYTES, cube};
 use lamina_client::FullPolicy;
 use lamina_model::GenerationParams;
-use lamina_wire::v1::{self, control_client::ControlClient, ingest_client::IngestClient, push_part::Part};
+use lamina_rpc::v1::{self, control_client::ControlClient, ingest_client::IngestClient, push_part::Part};
 use tokio::runtime::Runtime;
 use tonic::codegen::tokio_stream::{self, Stream, StreamExt};
 use tonic::transport::Channel;

@@ -2,7 +2,7 @@
 
 use super::{node_error, words};
 use crate::trial::TrialError;
-use lamina_wire::v1::{self, control_client::ControlClient};
+use lamina_rpc::v1::{self, control_client::ControlClient};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use tokio::sync::mpsc;

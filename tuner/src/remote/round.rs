@@ -7,7 +7,7 @@ use futures::StreamExt;
 use futures::future::BoxFuture;
 use futures::stream::FuturesUnordered;
 use lamina_model::{Invalid, ParamsKey, Quality};
-use lamina_wire::v1;
+use lamina_rpc::v1;
 use std::collections::{HashMap, HashSet, VecDeque};
 use tokio::time::{Instant, sleep_until};
 

@@ -160,7 +160,7 @@ fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lamina_wire::v1;
+    use lamina_rpc::v1;
 
     #[test]
     fn damage_to_the_rows_costs_no_other_row_and_a_removed_folder_is_made_again() {

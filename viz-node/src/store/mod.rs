@@ -7,10 +7,10 @@ mod row;
 
 pub use row::{Measured, Number, StepRow, TuningState, View};
 
-use crate::kernel::{Prepared, QualityEstimate};
 use folder::Folder;
-use lamina_wire::codec::{self, DecodeLimits};
-use lamina_wire::v1;
+use lamina_codec::{self, DecodeLimits};
+use lamina_rpc::v1;
+use lamina_vdi_render::{Prepared, QualityEstimate};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::Path;
@@ -39,7 +39,7 @@ pub enum StoreError {
         /// Which.
         step: u64,
         /// What the codec says.
-        reason: codec::CodecError,
+        reason: lamina_codec::CodecError,
     },
 }
 
@@ -265,7 +265,8 @@ impl Store {
             return Ok(shown.clone());
         }
         let bytes = self.encoded(step)?;
-        let decoded = codec::decode_any(&bytes, &self.limits).map_err(|reason| StoreError::Damaged { step, reason })?;
+        let decoded =
+            lamina_codec::decode_any(&bytes, &self.limits).map_err(|reason| StoreError::Damaged { step, reason })?;
         let shown = Arc::new(Prepared::new(decoded));
         let mut state = self.state();
         if state.run.as_ref().is_none_or(|r| r.id != run_id) {

@@ -1,9 +1,9 @@
 //! The numbers of one step, as the page, `steps.csv` and the report show them.
 
-use crate::kernel::QualityEstimate;
 use lamina_model::{Quality, Representation, ViewError};
-use lamina_wire::convert::representation;
-use lamina_wire::v1;
+use lamina_rpc::convert::representation;
+use lamina_rpc::v1;
+use lamina_vdi_render::QualityEstimate;
 use serde::{Deserialize, Serialize};
 
 /// A number that JSON may lack a word for: infinity travels as "inf".

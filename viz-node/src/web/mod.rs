@@ -3,7 +3,6 @@
 mod metrics;
 
 use crate::intake::Intake;
-use crate::kernel::{Backend, Detail};
 use crate::painter::{Orbit, Painter, ViewError};
 use crate::store::{Event, Number, Run, StepRow, Store};
 use crate::trials::Study;
@@ -16,7 +15,8 @@ use axum::{Json, Router, routing::get};
 use futures::{Stream, StreamExt};
 use lamina_compute::{Activity, Priority};
 use lamina_model::{ControlPoint, TransferFunction};
-use lamina_wire::v1;
+use lamina_rpc::v1;
+use lamina_vdi_render::{Backend, Detail};
 use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
 use std::sync::Arc;

@@ -5,7 +5,7 @@ mod runs;
 use super::{Admit, CompleteStep, Core, Offer, RunSpec};
 use glam::DVec3;
 use lamina_model::{Grid, Volume, VoxelType, Voxels};
-use lamina_wire::v1::FullPolicy;
+use lamina_rpc::v1::FullPolicy;
 use std::time::{Duration, Instant};
 use tonic::{Code, Status};
 

@@ -1,0 +1,203 @@
+//! All three nodes in this process, on loopback, as the binaries run them.
+
+use anyhow::{Context, bail};
+use lamina_compute::CpuShare;
+use lamina_compute::gpu::Choice;
+use lamina_model::{GenerationParams, Representation, SamplePlan, Scene};
+use lamina_raycast::Backend;
+use lamina_rpc::daemon::{Shutdown, listen};
+use lamina_rpc::v1::{self, control_client::ControlClient, tuning_client::TuningClient};
+use lamina_tuner::Contract;
+use lamina_tuner::push::{limits_alone, push};
+use lamina_tuner::remote::connect;
+use lamina_tuner::search::Grid;
+use lamina_viz_node::Store;
+use lamina_viz_node::store::{Measured, StepRow};
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::runtime::Runtime;
+use tokio::sync::watch;
+use tonic::transport::{Channel, Endpoint};
+
+/// How the nodes are set up.
+pub struct Setup {
+    /// Where the page is.
+    pub viewer: SocketAddr,
+    /// Folder for VDIs; memory without one.
+    pub store: Option<PathBuf>,
+    /// Bytes for time steps in the generator-node.
+    pub memory_bytes: u64,
+    /// Views that quality is measured from, degrees; the default plan's without.
+    pub angles_deg: Option<Vec<f64>>,
+    /// What casts the rays.
+    pub backend: Choice,
+    /// Parameters before tuning, or for ever; `None`: the generator-node's own.
+    pub params: Option<GenerationParams>,
+    /// Sampling step of every candidate, voxels.
+    pub step_voxels: f64,
+    /// Processor time of all nodes together.
+    pub share: CpuShare,
+    /// Every live step is compared at all sampled pixels, not at a slice of them.
+    pub measure_all: bool,
+    /// What the tuner is to reach; `None`: no tuner.
+    pub tuning: Option<Tuning>,
+}
+
+/// What the tuner is to do.
+pub struct Tuning {
+    /// The user's limit.
+    pub contract: Contract,
+    /// What steps may be turned into.
+    pub representations: Vec<Representation>,
+    /// Parameters of VDIs it tries.
+    pub grid: Grid,
+    /// Tune again every n-th step.
+    pub retune_every: u64,
+    /// The most share of the time that studies after the first may take.
+    pub budget: f64,
+}
+
+/// The running nodes.
+pub struct Nodes {
+    runtime: Runtime,
+    stop: watch::Sender<bool>,
+    tuner: Option<TuningClient<Channel>>,
+    /// What the viz-node has recorded.
+    pub store: Arc<Store>,
+    /// The generator-node's address.
+    pub generator: String,
+    /// The page's address.
+    pub viewer: SocketAddr,
+}
+
+/// How long nothing may happen before a headless run gives up.
+const PATIENCE: Duration = Duration::from_secs(300);
+
+impl Nodes {
+    /// Starts them; `scene` is what the run will be shown with.
+    pub fn start(setup: Setup, scene: &Scene) -> anyhow::Result<Self> {
+        let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+        let (stop, _) = watch::channel(false);
+        let stopped = || -> Shutdown {
+            let mut stopped = stop.subscribe();
+            Box::pin(async move { drop(stopped.wait_for(|s| *s).await) })
+        };
+        let any_port = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
+
+        let config = lamina_generator_node::Config {
+            memory_bytes: setup.memory_bytes,
+            params: setup.params,
+            scene: Some(scene.clone()),
+            samples: plan(setup.angles_deg),
+            live_batches: if setup.measure_all { 0 } else { lamina_generator_node::Config::default().live_batches },
+            ..Default::default()
+        };
+        let listener = runtime.block_on(listen(any_port))?;
+        let generator = format!("http://{}", listener.local_addr()?);
+        let backend = Backend::open(setup.backend)?;
+        runtime.spawn(lamina_generator_node::run(config.check()?, backend, setup.share.clone(), listener, stopped()));
+
+        let config = lamina_viz_node::Config {
+            generator: generator.clone(),
+            store: setup.store,
+            backend: setup.backend,
+            ..Default::default()
+        };
+        let listener = runtime.block_on(listen(setup.viewer))?;
+        let viewer = listener.local_addr()?;
+        let store = lamina_viz_node::open_store(&config)?;
+        runtime.spawn(lamina_viz_node::run(config, store.clone(), setup.share, listener, stopped()));
+
+        let mut tuner = None;
+        if let Some(tuning) = setup.tuning {
+            // The first step keeps the limits too, so they have to be there before it.
+            runtime.block_on(announce(&generator, &tuning))?;
+            let config = lamina_tuner::Config {
+                generator: generator.clone(),
+                contract: tuning.contract,
+                representations: tuning.representations,
+                grid: tuning.grid,
+                retune_every: tuning.retune_every,
+                budget: tuning.budget,
+                step_voxels: setup.step_voxels,
+                ..Default::default()
+            };
+            config.base()?;
+            let listener = runtime.block_on(listen(any_port))?;
+            let address = format!("http://{}", listener.local_addr()?);
+            runtime.spawn(lamina_tuner::run(config, listener, stopped()));
+            let channel = runtime.block_on(Endpoint::from_shared(address)?.connect())?;
+            tuner = Some(TuningClient::new(channel));
+        }
+        Ok(Self { runtime, stop, tuner, store, generator, viewer })
+    }
+
+    /// Completes on Ctrl-C or SIGTERM: `on_stop` is called from another thread.
+    pub fn on_stop_signal(&self, on_stop: impl FnOnce() + Send + 'static) {
+        self.runtime.spawn(async {
+            lamina_rpc::daemon::stop_signal().await;
+            on_stop();
+        });
+    }
+
+    /// The tuner's status; `None` if there is no tuner.
+    pub fn tuner_status(&self, with_trials: bool) -> anyhow::Result<Option<v1::TunerStatus>> {
+        let Some(mut tuner) = self.tuner.clone() else { return Ok(None) };
+        let status = self.runtime.block_on(tuner.status(v1::TunerStatusRequest { with_trials }));
+        Ok(Some(status.context("asking the tuner")?.into_inner()))
+    }
+
+    /// All trials of the tuner so far.
+    pub fn trials(&self) -> anyhow::Result<Vec<v1::TrialRecord>> {
+        Ok(self.tuner_status(true)?.map(|status| status.trials).unwrap_or_default())
+    }
+
+    /// How many studies the tuner has made.
+    pub fn studies(&self) -> anyhow::Result<u64> {
+        Ok(self.tuner_status(false)?.map_or(0, |status| status.studies))
+    }
+
+    /// Waits until `step` is recorded and the tuner has dealt with it.
+    pub fn settle(&self, step: u64, stop: &impl Fn() -> bool) -> anyhow::Result<Option<StepRow>> {
+        let mut since = Instant::now();
+        while !stop() {
+            let row = self.store.row(step).filter(|row| row.measured != Measured::Pending);
+            let status = self.tuner_status(false)?;
+            let tuned = status.as_ref().is_none_or(|s| s.steps_seen > step && !s.busy);
+            if row.is_some() && tuned {
+                return Ok(row);
+            }
+            if status.is_some_and(|s| s.busy) {
+                since = Instant::now();
+            }
+            if since.elapsed() > PATIENCE {
+                bail!(
+                    "step {step} was not recorded and tuned within {PATIENCE:?}; RUST_LOG=info shows what the nodes do"
+                );
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        Ok(None)
+    }
+
+    /// Stops all nodes.
+    pub fn stop(self) {
+        self.stop.send_replace(true);
+        self.runtime.shutdown_timeout(Duration::from_secs(2));
+    }
+}
+
+/// Tells the generator-node the limits.
+async fn announce(generator: &str, tuning: &Tuning) -> anyhow::Result<()> {
+    let control = ControlClient::new(connect(generator).await?);
+    push(&control, limits_alone(&tuning.contract, &tuning.representations)).await?;
+    Ok(())
+}
+
+/// Where quality is measured.
+fn plan(angles_deg: Option<Vec<f64>>) -> SamplePlan {
+    let plan = SamplePlan::default();
+    SamplePlan { angles_deg: angles_deg.unwrap_or(plan.angles_deg.clone()), ..plan }
+}

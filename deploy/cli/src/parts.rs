@@ -1,0 +1,123 @@
+//! The parts by themselves: raycast, generate, render, compare.
+
+use crate::cli;
+use crate::picture_file;
+use crate::scene_file::scene_for;
+use crate::source::{read_options, with_colors};
+use anyhow::{Context, ensure};
+use lamina_codec::{self, Codec, CodecError, DecodeLimits, EncodeOptions, Layout};
+use lamina_model::{GenerationParams, Representation, Scene, Segmentation, Volume, psnr};
+use lamina_raycast::{Backend, Field};
+use lamina_vdi_render::{Detail, Prepared};
+use lamina_volume_io::Series;
+use std::fs::File;
+use std::io::Read;
+use std::time::Instant;
+
+/// The volume and scene that an input names.
+pub fn open(input: &cli::Input) -> anyhow::Result<(Volume, Scene)> {
+    let series = Series::open(&input.input, &read_options(&input.raw))?;
+    let volume = read_step(&series, input)?;
+    let scene = with_step(scene_for(input.scene.as_deref(), &[&volume])?, input)?;
+    Ok((with_colors(&series, input.time_step, volume, &scene)?, scene))
+}
+
+/// The step that `--time-step` names.
+pub fn read_step(series: &Series, input: &cli::Input) -> anyhow::Result<Volume> {
+    let (n, steps) = (input.time_step, series.len());
+    ensure!(n < steps, "--time-step {n}: {} has {steps} steps, counted from 0", input.input.display());
+    Ok(series.read(n)?)
+}
+
+/// `scene`, sampled as `--step` says.
+pub fn with_step(scene: Scene, input: &cli::Input) -> anyhow::Result<Scene> {
+    Ok(Scene { step_voxels: input.step.unwrap_or(scene.step_voxels), ..scene }.check()?)
+}
+
+/// `volume` under `scene`, with a warning where voxels are missing.
+pub fn prepare(volume: Volume, scene: &Scene) -> Field {
+    let field = Field::new(volume, scene);
+    if field.empty_voxels() > 0 {
+        eprintln!("warning: {} voxels are NaN or infinite; they are drawn as empty", field.empty_voxels());
+    }
+    field
+}
+
+/// `lamina raycast`.
+pub fn raycast(arguments: &cli::Raycast) -> anyhow::Result<()> {
+    picture_file::check(&arguments.view.out)?;
+    let (volume, scene) = open(&arguments.input)?;
+    let field = prepare(volume, &scene);
+    let (camera, size) = (scene.camera.rotated_about_y(arguments.view.view)?, arguments.view.size);
+    let backend = Backend::open(arguments.input.backend)?;
+    let start = Instant::now();
+    let image = backend.raycast(&field, &camera, size, size)?;
+    say!("raycast_ms {:.1}", start.elapsed().as_secs_f64() * 1e3);
+    picture_file::write(&arguments.view.out, &image)
+}
+
+/// `lamina generate`.
+pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
+    let layout = match arguments.layout {
+        cli::LayoutName::Columns => Layout::Columns,
+        cli::LayoutName::Plain => Layout::Plain,
+    };
+    let codec = match (arguments.codec, layout) {
+        (Some(cli::CodecName::Bzip2), _) | (None, Layout::Plain) => Codec::Bzip2,
+        (Some(cli::CodecName::Zstd), _) => Codec::Zstd,
+        (Some(cli::CodecName::Mixed), _) | (None, Layout::Columns) => Codec::Mixed,
+    };
+    let options = EncodeOptions { codec, layout }.check()?;
+    let usual = (None, Layout::Columns, Segmentation::default());
+    ensure!(
+        arguments.representation == Representation::Vdi || (arguments.codec, layout, arguments.segmentation) == usual,
+        "--codec, --layout and --segmentation are for VDIs; leave them out with --representation volume"
+    );
+    let (volume, scene) = open(&arguments.input)?;
+    let params = GenerationParams::new(arguments.resolution, arguments.gamma)?
+        .with_opacity_cutoff(arguments.opacity_cutoff)?
+        .with_step_voxels(scene.step_voxels)?
+        .with_representation(arguments.representation);
+    let field = prepare(volume, &scene);
+    let (intermediate, generation_time) =
+        Backend::open(arguments.input.backend)?.represent(&field, &params, arguments.segmentation)?;
+    let (bytes, times) = lamina_codec::encode_timed(&intermediate, generation_time, &options)?;
+    let [generation_ms, encode_ms] = times.map(|t| t.as_secs_f64() * 1e3);
+    let elements = match params.representation() {
+        Representation::Vdi => "supersegments",
+        Representation::Volume => "sample_points",
+    };
+    say!("{elements} {}", intermediate.elements());
+    say!("generation_ms {generation_ms:.1}");
+    say!("encode_ms {encode_ms:.1}");
+    say!("size_bytes {}", bytes.len());
+    std::fs::write(&arguments.out, bytes).with_context(|| format!("{}: cannot be written", arguments.out.display()))
+}
+
+/// `lamina render`.
+pub fn render(arguments: &cli::Render) -> anyhow::Result<()> {
+    picture_file::check(&arguments.view.out)?;
+    let name = arguments.input.display();
+    let (unreadable, limits) = (|| format!("{name}: cannot be read"), DecodeLimits::default());
+    let (mut file, mut bytes) = (File::open(&arguments.input).with_context(unreadable)?, Vec::new());
+    // Something else may be large.
+    file.by_ref().take(4).read_to_end(&mut bytes).with_context(unreadable)?;
+    if let Err(error @ CodecError::NotAVdi) = lamina_codec::decode_any(&bytes, &limits) {
+        return Err(error).with_context(|| name.to_string());
+    }
+    file.read_to_end(&mut bytes).with_context(unreadable)?;
+    let shown = Prepared::new(lamina_codec::decode_any(&bytes, &limits).with_context(|| name.to_string())?);
+    let (camera, size) = (shown.camera().rotated_about_y(arguments.view.view)?, arguments.view.size);
+    let backend = lamina_vdi_render::Backend::open(arguments.backend)?;
+    let start = Instant::now();
+    let image = backend.render(&shown, &camera, size, size, Detail::Blended)?;
+    say!("render_ms {:.1}", start.elapsed().as_secs_f64() * 1e3);
+    picture_file::write(&arguments.view.out, &image)
+}
+
+/// `lamina compare`.
+pub fn compare(arguments: &cli::Compare) -> anyhow::Result<()> {
+    let (a, b) = (picture_file::read(&arguments.a)?, picture_file::read(&arguments.b)?);
+    say!("psnr_db {:.4}", psnr(&a, &b)?);
+    Ok(())
+}

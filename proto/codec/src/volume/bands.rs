@@ -1,0 +1,111 @@
+//! Large volumes in bands of planes, each coded by itself, so that all cores take part.
+//!
+//! A band knows nothing of its neighbours and learns everything anew: at [`BAND_VOXELS`] that costs about a percent of the
+//! bytes. Where the bands lie follows from the sizes alone.
+use super::{decode::decode as decode_band, encode::encode as encode_band};
+use crate::entropy::Error;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Voxels of a band, nearly.
+const BAND_VOXELS: usize = 1 << 22;
+/// Fewest planes of a band.
+const BAND_PLANES: usize = 16;
+
+/// Planes of each band of a volume of `dims` voxels.
+fn bands([nx, ny, nz]: [usize; 3]) -> Vec<Range<usize>> {
+    let plane = nx.saturating_mul(ny);
+    let count = (plane.saturating_mul(nz) / BAND_VOXELS).min(nz / BAND_PLANES).max(1);
+    (0..count).map(|k| k * nz / count..(k + 1) * nz / count).collect()
+}
+
+/// Codes `values` of a volume of `dims` voxels (x fastest), all finite, so that each comes back within `bound` (more
+/// than 0, in units of the values), or within the interval that `free` gives for its index, which holds the value.
+///
+/// # Panics
+/// If `dims` do not multiply to the number of values.
+pub fn encode(
+    values: &[f32],
+    dims: [usize; 3],
+    bound: f32,
+    free: impl Fn(usize) -> Option<(f32, f32)> + Sync,
+) -> Vec<u8> {
+    assert_eq!(dims.iter().product::<usize>(), values.len(), "a volume has as many values as voxels");
+    let plane = dims[0] * dims[1];
+    let band = |z: Range<usize>| {
+        let (first, dims) = (z.start * plane, [dims[0], dims[1], z.len()]);
+        encode_band(&values[first..z.end * plane], dims, bound, |n| free(first + n))
+    };
+    let coded: Vec<Vec<u8>> = bands(dims).into_par_iter().map(band).collect();
+    let lengths = coded.iter().flat_map(|c| (c.len() as u64).to_le_bytes());
+    lengths.chain(coded.iter().flatten().copied()).collect()
+}
+
+/// Decodes a volume of `dims` voxels coded with the same `bound`.
+///
+/// # Errors
+/// If the bytes are not as many as they claim, or a number in them cannot be.
+pub fn decode(bytes: &[u8], dims: [usize; 3], bound: f32) -> Result<Vec<f32>, Error> {
+    let plane = dims[0].checked_mul(dims[1]).ok_or(Error::Sizes)?;
+    let voxels = plane.checked_mul(dims[2]).ok_or(Error::Sizes)?;
+    let bands = bands(dims);
+    let (lengths, mut rest) = bytes.split_at_checked(8 * bands.len()).ok_or(Error::Short)?;
+    let mut coded = Vec::with_capacity(bands.len());
+    for length in lengths.as_chunks::<8>().0 {
+        let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| Error::Short)?;
+        let (band, after) = rest.split_at_checked(length).ok_or(Error::Short)?;
+        coded.push(band);
+        rest = after;
+    }
+    if !rest.is_empty() {
+        return Err(Error::Short);
+    }
+    let band = |(z, bytes): (Range<usize>, &[u8])| decode_band(bytes, [dims[0], dims[1], z.len()], bound);
+    let decoded: Vec<Vec<f32>> = bands.into_par_iter().zip(coded).map(band).collect::<Result<_, Error>>()?;
+    let mut bands = decoded.into_iter();
+    let mut values = bands.next().unwrap_or_default();
+    values.reserve_exact(voxels.saturating_sub(values.len()));
+    bands.for_each(|b| values.extend(b));
+    Ok(values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bands_cover_all_planes_once_and_are_neither_many_nor_thin() {
+        for dims in [[1, 1, 1], [256, 256, 256], [4096, 4096, 40], [128, 128, 128], [5000, 5000, 3], [9, 9, 100_000]] {
+            let bands = bands(dims);
+            assert_eq!((bands[0].start, bands[bands.len() - 1].end), (0, dims[2]));
+            assert!(bands.windows(2).all(|w| w[0].end == w[1].start));
+            assert!(bands.len() == 1 || bands.iter().all(|b| b.len() >= BAND_PLANES));
+        }
+        assert_eq!(bands([256, 256, 256]).len(), 4);
+        assert_eq!(bands([128, 128, 128]).len(), 1);
+    }
+
+    #[test]
+    fn a_volume_in_bands_comes_back_within_the_bound_and_cut_bytes_are_refused() {
+        let dims = [520, 300, 64];
+        let values: Vec<f32> = (0..dims.iter().product::<usize>())
+            .map(|n| {
+                (0.01 * (n % 520) as f32).sin() + (0.02 * (n / 520 % 300) as f32).cos() + 1e-3 * (n / 156_000) as f32
+            })
+            .collect();
+        assert_eq!(bands(dims).len(), 2);
+        let bytes = encode(&values, dims, 0.02, |n| (n >= 156_000 * 40).then_some((-9.0, 9.0)));
+        let back = decode(&bytes, dims, 0.02).unwrap();
+        assert_eq!(back.len(), values.len());
+        // What is free in the second band is free by its own index.
+        let worst = |z: Range<usize>| {
+            let off = |n: usize| (values[n] - back[n]).abs();
+            (z.start * 156_000..z.end * 156_000).map(off).fold(0.0, f32::max)
+        };
+        assert!(worst(0..40) <= 0.02 * 1.0001 && worst(40..64) > 0.02, "{} {}", worst(0..40), worst(40..64));
+        for n in [0, 3, 15, 16, bytes.len() - 1] {
+            assert!(decode(&bytes[..n], dims, 0.02).is_err(), "{n} bytes");
+        }
+        assert!(decode(&[&bytes[..], &[0]].concat(), dims, 0.02).is_err());
+    }
+}

@@ -1,0 +1,106 @@
+//! Reduced volumes as bytes: a header that is a message of the contracts, values coded by [`bands`], a checksum.
+//!
+//! `proto/formats/volume.md` is the format's definition.
+
+use super::bands;
+use super::hidden::Hidden;
+use crate::DecodeLimits;
+use crate::envelope::{CRC_BYTES, checked_body, take_version, too_short};
+use crate::error::{CodecError, invalid};
+use lamina_message::{required, v1};
+use lamina_model::{GenerationParams, Grid, ReducedVolume, Representation, Scene};
+use prost::Message;
+
+/// First bytes of every file.
+pub(crate) const MAGIC: [u8; 4] = *b"LVOL";
+/// The version written, and the newest read.
+const VERSION: u16 = 1;
+/// The largest header read: a scene of as many control points as there may be takes three quarters of it.
+const MAX_HEADER_BYTES: usize = 1 << 18;
+
+/// Encodes a reduced volume: no value comes back farther from what it was than the params' gamma, but where nothing can be
+/// seen of it.
+pub fn encode(volume: &ReducedVolume) -> Vec<u8> {
+    let header = v1::VolumeHeader {
+        grid: Some(volume.grid().into()),
+        scene: Some(volume.scene().into()),
+        params: Some(params_message(volume.params())),
+    };
+    let head = header.encode_to_vec();
+    let mut bytes = Vec::from(MAGIC);
+    bytes.extend(VERSION.to_le_bytes());
+    bytes.extend((head.len() as u32).to_le_bytes());
+    bytes.extend(head);
+    let bound = bound(volume.params());
+    let hidden = Hidden::of(volume, bound);
+    bytes.extend(bands::encode(volume.units(), volume.grid().dims(), bound, |n| hidden.part(n)));
+    bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
+    bytes
+}
+
+/// Decodes a reduced volume. `bytes` must be one whole encoded volume and nothing else.
+///
+/// # Errors
+/// If it is none, a newer one, damaged, larger than `limits`, or contradicts itself.
+pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ReducedVolume, CodecError> {
+    let Head { grid, scene, params, values } = read_head(bytes, limits)?;
+    let units = bands::decode(values, grid.dims(), bound(&params)).map_err(|e| invalid(e.to_string()))?;
+    Ok(ReducedVolume::new(grid, scene, params, units)?)
+}
+
+/// A header, and the values behind it.
+pub(crate) struct Head<'a> {
+    grid: Grid,
+    scene: Scene,
+    params: GenerationParams,
+    values: &'a [u8],
+}
+
+/// Checks everything but the values.
+pub(crate) fn read_head<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<Head<'a>, CodecError> {
+    take_version(bytes, MAGIC, VERSION)?;
+    let body = checked_body(bytes, MAGIC.len() + 2 + 4 + CRC_BYTES)?;
+    let rest = &body[MAGIC.len() + 2..];
+    let (length, rest) = rest.split_at(4);
+    let length = u32::from_le_bytes([length[0], length[1], length[2], length[3]]) as usize;
+    if length > MAX_HEADER_BYTES {
+        return Err(invalid(format!("its header claims {length} bytes; at most {MAX_HEADER_BYTES}")));
+    }
+    let (head, values) = rest.split_at_checked(length).ok_or_else(too_short)?;
+    let header = v1::VolumeHeader::decode(head).map_err(|e| invalid(format!("its header cannot be read: {e}")))?;
+    let grid: Grid = required(header.grid, "grid")?.try_into()?;
+    let scene: Scene = required(header.scene, "scene")?.try_into()?;
+    let params = params_of(required(header.params, "params")?)?;
+    let (needed_bytes, limit_bytes) = (grid.voxels() as u64 * size_of::<f32>() as u64, limits.max_decoded_bytes);
+    if needed_bytes > limit_bytes {
+        return Err(CodecError::TooLarge { needed_bytes, limit_bytes });
+    }
+    Ok(Head { grid, scene, params, values })
+}
+
+/// What the header says of representations.
+const VOLUME: u32 = 1;
+
+fn params_message(params: &GenerationParams) -> v1::VolumeParams {
+    v1::VolumeParams {
+        longest_side: params.resolution(),
+        error_bound: params.gamma(),
+        opacity_cutoff: params.opacity_cutoff(),
+        step_voxels: params.step_voxels(),
+        representation: VOLUME,
+    }
+}
+
+fn params_of(message: v1::VolumeParams) -> Result<GenerationParams, CodecError> {
+    if message.representation != VOLUME {
+        return Err(invalid("a volume's parameters name another representation"));
+    }
+    let params = GenerationParams::new(message.longest_side, message.error_bound)?;
+    let params = params.with_opacity_cutoff(message.opacity_cutoff)?.with_step_voxels(message.step_voxels)?;
+    Ok(params.with_representation(Representation::Volume))
+}
+
+/// The error bound. Single precision has no digits for finer ones.
+fn bound(params: &GenerationParams) -> f32 {
+    (params.gamma() as f32).max(1e-6)
+}

@@ -1,0 +1,413 @@
+//! The share of the processor that a node's heavy work keeps to.
+//!
+//! Two lanes, each with one piece of work at a time: pictures, which people wait for, and everything else by priority. Pictures
+//! have a bucket of their own with more than half of the rate, so that neither a long trial's debt holds up a picture, nor
+//! pages that never rest the trials.
+
+use super::limit::CpuLimit;
+use super::queue::{Priority, Queue};
+use super::threads::{Laps, Scheduling, pool};
+use super::token_bucket::TokenBucket;
+use super::usage::{Activity, Usage};
+use rayon::{ThreadPool, ThreadPoolBuildError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::sync::Notify;
+use tokio::task::{JoinError, spawn_blocking};
+use tokio::time::{Instant, sleep};
+
+/// Share of the rate that pictures may use.
+const PICTURES: f64 = 0.6;
+
+/// Processor time of one node, or of several in one process. Clones share it.
+#[derive(Clone)]
+pub struct CpuShare {
+    inner: Arc<Inner>,
+}
+
+struct Inner {
+    cores: f64,
+    background: ThreadPool,
+    pictures: ThreadPool,
+    state: Mutex<State>,
+    /// Something changed for those who wait.
+    changed: Notify,
+}
+
+struct State {
+    total: TokenBucket,
+    pictures: TokenBucket,
+    /// By lane.
+    queues: [Queue; 2],
+    usage: Usage,
+    /// Share of the rate in use, at most 1; see [`CpuShare::throttle`].
+    throttle: f64,
+    /// See [`CpuShare::hold`].
+    held_until: Option<Instant>,
+}
+
+impl State {
+    fn bucket(&mut self, lane: Lane) -> &mut TokenBucket {
+        match lane {
+            Lane::Pictures => &mut self.pictures,
+            Lane::Background => &mut self.total,
+        }
+    }
+
+    fn queue(&mut self, lane: Lane) -> &mut Queue {
+        &mut self.queues[lane as usize]
+    }
+
+    /// How long `ticket` has to wait for tokens; `None` while it is not its turn.
+    fn wait(&mut self, lane: Lane, ticket: u64, now: Instant) -> Option<Duration> {
+        self.queue(lane).is_next(ticket, now).then(|| self.bucket(lane).wait(now).max(self.held(lane, now)))
+    }
+
+    fn held(&self, lane: Lane, now: Instant) -> Duration {
+        let until = self.held_until.filter(|_| lane == Lane::Background);
+        until.map_or(Duration::ZERO, |until| until.saturating_duration_since(now))
+    }
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Lane {
+    Pictures,
+    Background,
+}
+
+impl Lane {
+    fn of(priority: Priority) -> Self {
+        if priority == Priority::Picture { Self::Pictures } else { Self::Background }
+    }
+}
+
+impl std::fmt::Debug for CpuShare {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("CpuShare").field("cores", &self.inner.cores).finish_non_exhaustive()
+    }
+}
+
+impl CpuShare {
+    /// `limit` of the processor, on threads that stand behind others'.
+    ///
+    /// # Errors
+    /// If the system refuses threads.
+    pub fn new(limit: CpuLimit) -> Result<Self, ThreadPoolBuildError> {
+        let threads = limit.cores().ceil() as usize;
+        Self::on(limit.cores(), threads, Scheduling::Background)
+    }
+
+    /// All of the processor, as much as there is work: for a run that waits for its nodes.
+    ///
+    /// # Errors
+    /// If the system refuses threads.
+    pub fn unlimited() -> Result<Self, ThreadPoolBuildError> {
+        Self::on(f64::INFINITY, CpuLimit::machine() as usize, Scheduling::Normal)
+    }
+
+    fn on(cores: f64, threads: usize, scheduling: Scheduling) -> Result<Self, ThreadPoolBuildError> {
+        let now = Instant::now();
+        let state = State {
+            total: TokenBucket::new(cores, now),
+            pictures: TokenBucket::new(PICTURES * cores, now),
+            queues: Default::default(),
+            usage: Usage::default(),
+            throttle: 1.0,
+            held_until: None,
+        };
+        let inner = Inner {
+            cores,
+            background: pool(threads, scheduling, "kernel")?,
+            pictures: pool(threads, Scheduling::Normal, "picture")?,
+            state: Mutex::new(state),
+            changed: Notify::new(),
+        };
+        Ok(Self { inner: Arc::new(inner) })
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.inner.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Cores granted; infinite without a limit.
+    pub fn cores(&self) -> f64 {
+        self.inner.cores
+    }
+
+    /// What it was used for so far.
+    pub fn usage(&self) -> Usage {
+        self.state().usage
+    }
+
+    /// Pieces of work that wait.
+    pub fn waiting(&self) -> usize {
+        self.state().queues.iter().map(Queue::len).sum()
+    }
+
+    /// Share of the granted rate in use, at most 1.
+    pub fn throttled_to(&self) -> f64 {
+        self.state().throttle
+    }
+
+    /// Lets work other than pictures have `share` of the granted rate from now on, 0 to 1.
+    pub fn throttle(&self, share: f64) {
+        let mut state = self.state();
+        state.throttle = share;
+        if self.inner.cores.is_finite() {
+            state.total.set_rate((self.inner.cores * share).max(1e-3), Instant::now());
+        }
+        drop(state);
+        self.inner.changed.notify_waiters();
+    }
+
+    /// Admits nothing but pictures for `time` from now on, or until this is called again: for a measurement of the simulation
+    /// alone.
+    pub fn hold(&self, time: Duration) {
+        self.state().held_until = Some(Instant::now() + time);
+        self.inner.changed.notify_waiters();
+    }
+
+    /// Waits for its turn and for tokens. Dropping the future gives the place up.
+    pub async fn acquire(&self, priority: Priority) -> Permit {
+        let lane = Lane::of(priority);
+        let ticket = self.state().queue(lane).join(priority, Instant::now());
+        let place = Place { share: self, lane, ticket };
+        loop {
+            let changed = self.inner.changed.notified();
+            tokio::pin!(changed);
+            changed.as_mut().enable();
+            let wait = {
+                let mut state = self.state();
+                let wait = state.wait(lane, ticket, Instant::now());
+                if wait == Some(Duration::ZERO) {
+                    state.queue(lane).begin(ticket);
+                    state.usage.admit(priority);
+                    std::mem::forget(place);
+                    return Permit { share: self.clone(), lane };
+                }
+                wait
+            };
+            match wait {
+                Some(wait) => tokio::select! {
+                    () = changed => {}
+                    () = sleep(wait) => {}
+                },
+                // Aging may change whose turn it is.
+                None => tokio::select! {
+                    () = changed => {}
+                    () = sleep(Duration::from_millis(250)) => {}
+                },
+            }
+        }
+    }
+
+    /// A permit if nobody works or waits in its lane and there are tokens; otherwise the work counts as skipped.
+    pub fn try_acquire(&self, priority: Priority) -> Option<Permit> {
+        let (lane, now) = (Lane::of(priority), Instant::now());
+        let mut state = self.state();
+        let held = state.held(lane, now) > Duration::ZERO;
+        if held || !state.queue(lane).is_idle() || state.bucket(lane).wait(now) > Duration::ZERO {
+            state.usage.skip(priority);
+            return None;
+        }
+        let ticket = state.queue(lane).join(priority, now);
+        state.queue(lane).begin(ticket);
+        state.usage.admit(priority);
+        Some(Permit { share: self.clone(), lane })
+    }
+
+    /// Counts work of `priority` that was left out.
+    pub fn skip(&self, priority: Priority) {
+        self.state().usage.skip(priority);
+    }
+
+    fn spend(&self, lane: Lane, spent: &[(Activity, Duration)]) {
+        let (mut state, now) = (self.state(), Instant::now());
+        for (activity, time) in spent {
+            state.usage.spend(*activity, *time);
+            state.total.debit(*time, now);
+            if lane == Lane::Pictures {
+                state.pictures.debit(*time, now);
+            }
+        }
+    }
+}
+
+/// A place in a queue, given up when this is dropped.
+struct Place<'a> {
+    share: &'a CpuShare,
+    lane: Lane,
+    ticket: u64,
+}
+
+impl Drop for Place<'_> {
+    fn drop(&mut self) {
+        self.share.state().queue(self.lane).leave(self.ticket);
+        self.share.inner.changed.notify_waiters();
+    }
+}
+
+/// The right to use the node's threads, one piece of work at a time in a lane, until this is dropped.
+#[derive(Debug)]
+pub struct Permit {
+    share: CpuShare,
+    lane: Lane,
+}
+
+impl std::fmt::Debug for Lane {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(if *self == Self::Pictures { "Pictures" } else { "Background" })
+    }
+}
+
+impl Permit {
+    /// Runs `work` on the node's threads and debits the processor time of all of them: to `activity`, where `work` names no
+    /// other in its laps. The permit is held until the work has ended, also when the future is dropped.
+    ///
+    /// # Errors
+    /// If `work` panics.
+    pub async fn run<T: Send + 'static>(
+        self,
+        activity: Activity,
+        work: impl FnOnce(&mut Laps) -> T + Send + 'static,
+    ) -> Result<T, JoinError> {
+        spawn_blocking(move || self.run_blocking(activity, work)).await
+    }
+
+    /// The same on a thread that may block.
+    pub fn run_blocking<T: Send>(&self, activity: Activity, work: impl FnOnce(&mut Laps) -> T + Send) -> T {
+        let pool = match self.lane {
+            Lane::Pictures => &self.share.inner.pictures,
+            Lane::Background => &self.share.inner.background,
+        };
+        let (done, spent) = pool.install(|| {
+            let mut laps = Laps::start();
+            let done = work(&mut laps);
+            laps.lap(activity);
+            (done, laps.spent())
+        });
+        self.share.spend(self.lane, &spent);
+        done
+    }
+}
+
+impl Drop for Permit {
+    fn drop(&mut self) {
+        self.share.state().queue(self.lane).end();
+        self.share.inner.changed.notify_waiters();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn share(cores: f64) -> CpuShare {
+        CpuShare::on(cores, 1, Scheduling::Normal).unwrap()
+    }
+
+    /// Work that is said to have taken so long.
+    fn spend(permit: &Permit, secs: f64) {
+        permit.share.spend(permit.lane, &[(Activity::Generate, Duration::from_secs_f64(secs))]);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn work_is_admitted_at_the_rate_granted() {
+        let (share, begun) = (share(0.5), Instant::now());
+        for _ in 0..40 {
+            let permit = share.acquire(Priority::Trial).await;
+            spend(&permit, 0.25);
+        }
+        // 10 s of work at half a core, of which the bucket held half a second.
+        let took = begun.elapsed().as_secs_f64();
+        assert!((took - (10.0 - 0.25 - 0.5) / 0.5).abs() < 1.0, "{took} s");
+        assert_eq!(share.usage().admitted(Priority::Trial), 40);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_picture_waits_for_no_trial_and_trials_go_on_beside_pictures_without_end() {
+        let share = share(1.0);
+        let trial = share.acquire(Priority::FirstTrial).await;
+        spend(&trial, 30.0);
+        // A second of drawing beside it at once, while the trial's debt is waited for.
+        let begun = Instant::now();
+        let picture = share.acquire(Priority::Picture).await;
+        assert_eq!(begun.elapsed(), Duration::ZERO);
+        drop((trial, picture));
+        sleep(Duration::from_secs(60)).await;
+        let pages = tokio::spawn({
+            let share = share.clone();
+            async move {
+                loop {
+                    let picture = share.acquire(Priority::Picture).await;
+                    spend(&picture, 0.05);
+                    drop(picture);
+                    tokio::task::yield_now().await;
+                }
+            }
+        });
+        let begun = Instant::now();
+        for _ in 0..20 {
+            spend(&share.acquire(Priority::FirstTrial).await, 0.2);
+        }
+        // 4 s of trials within the four tenths that pictures leave.
+        let took = begun.elapsed().as_secs_f64();
+        assert!((5.0..13.0).contains(&took), "{took} s");
+        pages.abort();
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn what_does_not_fit_is_skipped_and_counted_and_who_gives_up_leaves_no_gap() {
+        let share = share(0.5);
+        let first = share.try_acquire(Priority::Quality).unwrap();
+        assert!(share.try_acquire(Priority::Quality).is_none(), "somebody works");
+        spend(&first, 2.0);
+        drop(first);
+        assert!(share.try_acquire(Priority::Quality).is_none(), "no tokens");
+        assert_eq!(share.usage().skipped(Priority::Quality), 2);
+        let impatient = tokio::time::timeout(Duration::from_millis(10), share.acquire(Priority::LiveStep)).await;
+        assert!(impatient.is_err() && share.waiting() == 0);
+        share.hold(Duration::from_secs(70));
+        let held = tokio::time::timeout(Duration::from_secs(60), share.acquire(Priority::LiveStep)).await;
+        assert!(held.is_err(), "a pause");
+        let begun = Instant::now();
+        drop(share.acquire(Priority::LiveStep).await);
+        assert!(begun.elapsed() <= Duration::from_secs(11), "it ends by itself");
+        share.hold(Duration::from_secs(70));
+        share.hold(Duration::ZERO);
+        assert!(share.try_acquire(Priority::LiveStep).is_some());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_throttled_share_admits_less() {
+        let share = share(1.0);
+        share.throttle(0.1);
+        drop(share.acquire(Priority::Trial).await);
+        let begun = Instant::now();
+        for _ in 0..10 {
+            spend(&share.acquire(Priority::Trial).await, 0.1);
+        }
+        let took = begun.elapsed().as_secs_f64();
+        assert!((7.0..11.0).contains(&took), "{took} s");
+        assert_eq!(share.throttled_to(), 0.1);
+    }
+
+    #[tokio::test]
+    async fn work_runs_on_the_nodes_own_threads_and_its_time_is_counted_by_activity() {
+        let share = share(1.0);
+        let work = |laps: &mut Laps| {
+            let begun = crate::cpu::threads::thread_cpu_time();
+            while crate::cpu::threads::thread_cpu_time() - begun < Duration::from_millis(5) {}
+            laps.lap(Activity::Encode);
+            std::thread::current().name().unwrap().to_owned()
+        };
+        let permit = share.acquire(Priority::LiveStep).await;
+        assert_eq!(permit.run(Activity::Generate, work).await.unwrap(), "kernel-0");
+        let usage = share.usage();
+        assert!(usage.cpu(Activity::Encode) >= Duration::from_millis(5));
+        assert!(usage.cpu(Activity::Generate) < usage.cpu(Activity::Encode));
+        let panicked = share.acquire(Priority::LiveStep).await.run(Activity::Draw, |_| panic!("made up")).await;
+        assert!(panicked.is_err());
+        drop(share.acquire(Priority::LiveStep).await);
+    }
+}

@@ -1,0 +1,72 @@
+//! Where a node's processor time went, and what there was none for.
+
+use super::queue::Priority;
+use std::time::Duration;
+
+/// Kinds of heavy work, as benchmarks and metrics tell them apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Activity {
+    /// Volumes into Volumetric Depth Images or reduced volumes; preparing fields; reference rays.
+    Generate,
+    /// Those into bytes.
+    Encode,
+    /// Bytes back.
+    Decode,
+    /// Quality against reference samples.
+    Measure,
+    /// Pictures for people.
+    Draw,
+}
+
+impl Activity {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Generate, Self::Encode, Self::Decode, Self::Measure, Self::Draw];
+
+    /// Its name in metrics and tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Generate => "generate",
+            Self::Encode => "encode",
+            Self::Decode => "decode",
+            Self::Measure => "measure",
+            Self::Draw => "draw",
+        }
+    }
+}
+
+/// What a share was used for so far.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Usage {
+    cpu: [Duration; Activity::ALL.len()],
+    admitted: [u64; Priority::ALL.len()],
+    skipped: [u64; Priority::ALL.len()],
+}
+
+impl Usage {
+    /// Processor time spent on `activity`.
+    pub fn cpu(&self, activity: Activity) -> Duration {
+        self.cpu[activity as usize]
+    }
+
+    /// Pieces of work of this priority that were admitted.
+    pub fn admitted(&self, priority: Priority) -> u64 {
+        self.admitted[priority as usize]
+    }
+
+    /// Pieces of work of this priority that were left out for want of processor time.
+    pub fn skipped(&self, priority: Priority) -> u64 {
+        self.skipped[priority as usize]
+    }
+
+    pub(crate) fn spend(&mut self, activity: Activity, time: Duration) {
+        self.cpu[activity as usize] += time;
+    }
+
+    pub(crate) fn admit(&mut self, priority: Priority) {
+        self.admitted[priority as usize] += 1;
+    }
+
+    pub(crate) fn skip(&mut self, priority: Priority) {
+        self.skipped[priority as usize] += 1;
+    }
+}

@@ -1,0 +1,201 @@
+//! R on the GPU; twin of scalar/generate.rs.
+//!
+//! Band by band of rows: count each ray's supersegments, sum the counts to where each list starts, then march again and
+//! write. Memory follows the real number of supersegments: lists longer than one binding are written in chunks of rays.
+
+use super::layout::{Clustering, Segment, UNSURE};
+use super::scan::PrefixSum;
+use super::{BAND, Bound, GpuError, GpuKernels, Rays};
+use crate::Field;
+use crate::vdi::assemble::{Band, Join, header};
+use crate::vdi::segmentation::Fit;
+use lamina_compute::gpu::wgpu::{Buffer, BufferUsages};
+use lamina_model::composite::optical_depth_from_opacity;
+use lamina_model::{GenerationParams, Invalid, Segmentation, Supersegment, Vdi, VdiHeader};
+use std::ops::Range;
+use std::time::{Duration, Instant};
+
+const SEGMENT_BYTES: u64 = size_of::<Segment>() as u64;
+const RESULT: BufferUsages = BufferUsages::STORAGE.union(BufferUsages::COPY_SRC);
+
+impl GpuKernels {
+    /// The VDI of `field` from its scene's camera with `segmentation`, and how long kernels and fitting, which is the
+    /// processor's, took. The paper's R.
+    ///
+    /// # Errors
+    /// If the step is so short that rays would have too many of them, the VDI has too many supersegments (2^32), the field
+    /// or a ray's list does not fit the device, or the device fails.
+    #[doc(alias = "R")]
+    pub fn generate(
+        &self,
+        field: &Field,
+        params: &GenerationParams,
+        segmentation: Segmentation,
+    ) -> Result<(Vdi, Duration), GpuError> {
+        let header = header(field, params)?;
+        let fit = Fit::new(&header, segmentation, field.unit_length());
+        let gamma = fit.finer(params.gamma());
+        let r = params.resolution();
+        let rays = Rays { camera: &header.camera, width: r, height: r, step_length: header.step_length };
+        self.with("a VDI", field, &rays, |bound| {
+            let work =
+                Work { bound, header: &header, gamma, chunk_segments: (self.chunk_bytes / SEGMENT_BYTES).max(1) };
+            // One list more than rays, and whole rows; a row of the greatest resolution is 32 KB.
+            let rows = (BAND.min(bound.gpu.max_binding_bytes() / 4 - 1) / u64::from(r)).max(1) as u32;
+            let (mut join, mut time) = (Join::new((params.resolution() as usize).pow(2)), Duration::ZERO);
+            for first_row in (0..r).step_by(rows as usize) {
+                let (band, took) = work.band(first_row, rows.min(r - first_row))?;
+                let start = Instant::now();
+                let band = fit.rows(first_row, band);
+                time += took + start.elapsed();
+                join.add(band);
+            }
+            Ok((join.finish(header)?, time))
+        })
+    }
+}
+
+/// A VDI being made.
+struct Work<'a> {
+    bound: &'a Bound<'a>,
+    header: &'a VdiHeader,
+    gamma: f64,
+    /// Supersegments written at a time.
+    chunk_segments: u64,
+}
+
+impl Work<'_> {
+    /// The lists of `rows` rows from `first_row`.
+    fn band(&self, first_row: u32, rows: u32) -> Result<(Band, Duration), GpuError> {
+        let Bound { gpu, pipelines, .. } = self.bound;
+        let rays = self.header.params.resolution() * rows;
+        let lists = gpu.buffer("lists", 4 * (u64::from(rays) + 1), RESULT);
+        let sum = PrefixSum::new(gpu, pipelines, &lists, rays + 1);
+        let counting = self.clustering(first_row, rows, 0..rays as usize);
+        let (mut time, copies) = self.dispatch(&counting, &lists, 1, Some(&sum))?;
+        let starts: Vec<u32> = copies[0].chunks_exact(4).map(bytemuck::pod_read_unaligned).collect();
+        drop(copies);
+        // No list is near 2^32, so a sum that went around shows as a step down.
+        if starts.windows(2).any(|w| w[0] > w[1]) {
+            let reason = "2^32 supersegments or more in part of it; raise gamma or lower the resolution";
+            return Err(Invalid::new("vdi", reason).into());
+        }
+        let mut band = Band::default();
+        let mut first = 0;
+        while first < rays as usize {
+            let end = self.chunk_end(&starts, first)?;
+            let count = starts[end] - starts[first];
+            if count > 0 {
+                let writing = Clustering {
+                    writing: 1,
+                    first_segment: starts[first],
+                    ..self.clustering(first_row, rows, first..end)
+                };
+                let (took, copies) = self.dispatch(&writing, &lists, count, None)?;
+                time += took;
+                self.add(&mut band, first_row, first, &starts[first..=end], &copies[0]);
+            } else {
+                band.counts.resize(band.counts.len() + (end - first), 0);
+            }
+            first = end;
+        }
+        Ok((band, time))
+    }
+
+    /// The ray up to which lists from that of ray `first` on fit one chunk.
+    fn chunk_end(&self, starts: &[u32], first: usize) -> Result<usize, GpuError> {
+        let most = u64::from(starts[first]) + self.chunk_segments;
+        let end = first + starts[first..].partition_point(|&s| u64::from(s) <= most) - 1;
+        if end > first {
+            return Ok(end);
+        }
+        let needed = SEGMENT_BYTES * u64::from(starts[first + 1] - starts[first]);
+        let (what, unit, remedy) = ("one ray's list", "bytes", "raise gamma or the step");
+        Err(GpuError::TooLarge { what, needed, limit: SEGMENT_BYTES * self.chunk_segments, unit, remedy })
+    }
+
+    /// Counting, for some `rays` of a band.
+    fn clustering(&self, first_row: u32, rows: u32, rays: Range<usize>) -> Clustering {
+        let params = &self.header.params;
+        let cutoff = optical_depth_from_opacity(params.opacity_cutoff()).min(f32::MAX.into()) as f32;
+        Clustering {
+            gamma: self.gamma.min(f32::MAX.into()) as f32,
+            cutoff,
+            first_row,
+            rows,
+            first_ray: rays.start as u32,
+            end_ray: rays.end as u32,
+            first_segment: 0,
+            writing: 0,
+        }
+    }
+
+    /// Counts or writes up to `count` supersegments, and gives the lists' starts or the supersegments.
+    fn dispatch(
+        &self,
+        clustering: &Clustering,
+        lists: &Buffer,
+        count: u32,
+        sum: Option<&PrefixSum>,
+    ) -> Result<(Duration, Vec<lamina_compute::gpu::wgpu::BufferView>), GpuError> {
+        let Bound { gpu, pipelines, march, field, effects } = self.bound;
+        let r = self.header.params.resolution();
+        let rows = clustering.end_ray.div_ceil(r) - clustering.first_ray / r;
+        let settings = gpu.upload("clustering", bytemuck::bytes_of(clustering), BufferUsages::UNIFORM);
+        let size = SEGMENT_BYTES * u64::from(count);
+        let segments = gpu.buffer("segments", size, RESULT);
+        let mismatches = gpu.buffer("mismatches", 4, RESULT);
+        let bindings = gpu.bind(&pipelines.generate, &[&settings, lists, &segments, &mismatches]);
+        let wanted = if sum.is_some() { (lists, 0..lists.size()) } else { (&segments, 0..size) };
+        let done = gpu.submit(
+            "generate",
+            |pass| {
+                pass.set_pipeline(&march.generate);
+                pass.set_bind_group(0, field, &[]);
+                pass.set_bind_group(1, &bindings, &[]);
+                pass.set_bind_group(2, effects, &[]);
+                pass.dispatch_workgroups(r.div_ceil(8), rows.div_ceil(8), 1);
+                if let Some(sum) = sum {
+                    sum.record(gpu, pipelines, pass);
+                }
+            },
+            &[wanted, (&mismatches, 0..4)],
+        )?;
+        match bytemuck::pod_read_unaligned(&done.copies[1]) {
+            0 => Ok((done.time, done.copies)),
+            rays => Err(GpuError::Inconsistent(rays)),
+        }
+    }
+
+    /// Adds lists to `band`: those of its rays from `first` on, whose first ends and last starts are `starts`.
+    fn add(&self, band: &mut Band, first_row: u32, first: usize, starts: &[u32], bytes: &[u8]) {
+        let r = self.header.params.resolution() as usize;
+        let mut lists = bytes.chunks_exact(SEGMENT_BYTES as usize).map(bytemuck::pod_read_unaligned::<Segment>);
+        band.segments.reserve(lists.len());
+        for (n, w) in starts.windows(2).enumerate() {
+            let before = band.segments.len();
+            let count = (w[1] - w[0]) as usize;
+            band.segments.extend(lists.by_ref().take(count).map(supersegment));
+            if band.segments[before..].last().is_some_and(|s| s.end & UNSURE != 0) {
+                let ray = first + n;
+                self.cut(&mut band.segments, before, (ray % r) as u32, first_row + (ray / r) as u32);
+            }
+            band.counts.push((band.segments.len() - before) as u32);
+        }
+    }
+
+    /// Ends ray (`i`, `j`)'s list, which starts at `before`, where the steps end that double precision counts.
+    fn cut(&self, segments: &mut Vec<Supersegment>, before: usize, i: u32, j: u32) {
+        let steps = self.header.ray_span(i, j).map_or(0, |(t_in, t_out)| self.header.steps(t_out - t_in));
+        while segments.len() > before && segments.last().is_some_and(|s| s.start >= steps) {
+            segments.pop();
+        }
+        if let Some(last) = segments[before..].last_mut() {
+            last.end = (last.end & !UNSURE).min(steps);
+        }
+    }
+}
+
+fn supersegment(s: Segment) -> Supersegment {
+    Supersegment { start: s.start, end: s.end, color: [s.red, s.green, s.blue], optical_depth: s.optical_depth }
+}

@@ -1,0 +1,329 @@
+//! R in lanes: the fast twin of `scalar::generate`.
+
+use super::effects::{Plain, Prepared, Source, WithEffects};
+use super::march::{Lens, Packet, View, Visit};
+use super::tile::Tile;
+use crate::Field;
+use crate::vdi::assemble::{Band, Join, header, in_order};
+use crate::vdi::segmentation::Fit;
+use crate::volume::field::{Stored, for_stored};
+use crate::volume::transfer_lut::TransferTable;
+use lamina_compute::simd::{Floats, Ints, Job, Lanes, Level, Masks, Pair, SMALL, WIDTH, opacity, small_opacity};
+use lamina_model::composite::optical_depth_from_opacity;
+use lamina_model::{GenerationParams, Invalid, Segmentation, Supersegment, Vdi, VdiHeader};
+
+/// The VDI of `field`, which [fits](super::march::fits), with `segmentation`.
+///
+/// # Errors
+/// As [`crate::Backend::generate`].
+pub fn generate(
+    level: Level,
+    field: &Field,
+    params: &GenerationParams,
+    segmentation: Segmentation,
+) -> Result<Vdi, Invalid> {
+    let header = header(field, params)?;
+    let fit = Fit::new(&header, segmentation, field.unit_length());
+    let table = TransferTable::new(&field.scene().transfer, field.unit_length(), header.step_length);
+    let rays = Rays::new(field, &header);
+    let effects = Prepared::new(field, &header.camera, &table, header.step_length);
+    let effects = effects.as_ref();
+    let gamma = fit.finer(params.gamma()) as f32;
+    let mut join = Join::new((params.resolution() as usize).pow(2));
+    for_stored!(field.stored(), v => {
+        let view = View::new(field, v, &table);
+        let rows = |n: usize| {
+            let first_row = Tile::ROWS * n as u32;
+            let rows = level.run(Rows { view: &view, rays: &rays, effects, gamma, first_row });
+            let mut number = first_row..;
+            rows.map(|row| fit.rows(number.next().unwrap_or_default(), row))
+        };
+        in_order(rays.bands(), rows, |rows: [Band; 2]| rows.into_iter().for_each(|row| join.add(row)));
+    });
+    join.finish(header)
+}
+
+/// The rays of a VDI.
+pub struct Rays {
+    /// Their directions.
+    pub lens: Lens,
+    /// Optical depth at which a ray ends.
+    pub cutoff: f32,
+    resolution: u32,
+}
+
+impl Rays {
+    /// The rays that `header` describes.
+    pub fn new(field: &Field, header: &VdiHeader) -> Self {
+        let (resolution, cutoff) = (header.params.resolution(), header.params.opacity_cutoff());
+        Self {
+            lens: Lens::new(field, &header.camera, [resolution; 2], header.step_length),
+            cutoff: optical_depth_from_opacity(cutoff) as f32,
+            resolution,
+        }
+    }
+
+    /// Pairs of rows.
+    pub fn bands(&self) -> usize {
+        self.resolution.div_ceil(Tile::ROWS) as usize
+    }
+
+    /// The tiles of the pair of rows that starts at `first_row`.
+    #[inline(always)]
+    pub fn tiles(&self, first_row: u32) -> impl Iterator<Item = Tile> + use<> {
+        Tile::across(self.resolution, first_row, Tile::ROWS.min(self.resolution - first_row))
+    }
+}
+
+/// What there is to see at a sample of each ray.
+pub struct Seen<L: Lanes> {
+    /// The lanes where there is anything.
+    pub shown: L::M,
+    /// Premultiplied colour of one unit length.
+    pub color: [L::F; 3],
+    /// Opacity of one unit length.
+    pub unit: L::F,
+    /// Optical depth of the sample's length.
+    pub depth: L::F,
+    /// Opacity of the sample's length over that of a unit length.
+    pub ratio: L::F,
+    /// In steps: 1, or less at the end of a ray.
+    pub length: L::F,
+}
+
+impl<L: Lanes> Seen<L> {
+    /// At position `at` of the table; `None` if no lane of `live` shows anything.
+    #[inline(always)]
+    pub fn new(table: &TransferTable, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> Option<Self> {
+        let shown = live & table.shown::<L>(at);
+        if !shown.any() {
+            return None;
+        }
+        let [r, g, b, unit, mut depth, mut ratio] = L::rows6(&table.unit, at);
+        let shown = shown & L::F::splat(0.0).lt(unit);
+        let mut length = L::F::splat(1.0);
+        let last = shown & step.eq(packet.last);
+        if last.any() {
+            length = L::F::select(last, L::F::from_array(packet.last_length), length);
+            depth = depth * length;
+            // What is faint by the series: beside it, all digits of the other are rounding.
+            let large = L::F::splat(SMALL).lt(depth);
+            let part = L::F::select(large, opacity::<L>(depth), small_opacity::<L>(depth));
+            ratio = L::F::select(last, part.div(unit), ratio);
+        }
+        Some(Self { shown, color: [r, g, b], unit, depth, ratio, length })
+    }
+}
+
+/// Two rows of rays.
+struct Rows<'a, V> {
+    view: &'a View<'a, V>,
+    rays: &'a Rays,
+    effects: Option<&'a Prepared<'a>>,
+    gamma: f32,
+    first_row: u32,
+}
+
+impl<V: Pair> Job for Rows<'_, V> {
+    type Output = [Band; 2];
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> [Band; 2] {
+        match self.effects {
+            None => self.cluster::<L>(Plain(self.view.table)),
+            Some(effects) => self.cluster::<L>(WithEffects::new(self.view, effects)),
+        }
+    }
+}
+
+impl<V: Pair> Rows<'_, V> {
+    #[inline(always)]
+    fn cluster<L: Lanes>(&self, source: impl Source<L>) -> [Band; 2] {
+        let mut rows = [Band::default(), Band::default()];
+        let mut cluster = Cluster::new(source, self.view.table.unit_steps, self.gamma, self.rays.cutoff);
+        for tile in self.rays.tiles(self.first_row) {
+            let mut packet = Packet::<L>::new(&self.rays.lens, tile.pixels());
+            cluster.source.begin(&self.rays.lens, tile.pixels(), &mut packet);
+            self.view.march(&packet, &mut cluster);
+            cluster.finish();
+            cluster.closed.hand_over(tile.pixels().iter().map(|&(_, j)| (j - self.first_row) as usize), &mut rows);
+        }
+        rows
+    }
+}
+
+/// Eight open supersegments, and the lists of closed ones.
+struct Cluster<L: Lanes, S> {
+    source: S,
+    gamma: f32,
+    /// Steps in a unit length.
+    unit_steps: f32,
+    /// Optical depth at which a ray ends.
+    cutoff: f32,
+    start: L::I,
+    /// First step beyond the open supersegment; -1 if none is open.
+    end: L::I,
+    /// Length in steps.
+    length: L::F,
+    /// Accumulated opacity and premultiplied colour: sums of what each sample adds, so that faint ones keep their digits.
+    opacity: L::F,
+    color: [L::F; 3],
+    optical_depth: L::F,
+    /// Opacity of one unit length of it.
+    unit: L::F,
+    /// Optical depth of the whole ray so far.
+    ray_depth: L::F,
+    closed: Closed,
+}
+
+impl<L: Lanes, S: Source<L>> Cluster<L, S> {
+    #[inline(always)]
+    fn new(source: S, unit_steps: f32, gamma: f32, cutoff: f32) -> Self {
+        let zero = L::F::splat(0.0);
+        Self {
+            source,
+            gamma,
+            unit_steps,
+            cutoff,
+            start: L::I::splat(0),
+            end: L::I::splat(-1),
+            length: L::F::splat(1.0),
+            opacity: zero,
+            color: [zero; 3],
+            optical_depth: zero,
+            unit: zero,
+            ray_depth: zero,
+            closed: Closed::default(),
+        }
+    }
+
+    /// Closes the open supersegments of `lanes`.
+    #[inline(always)]
+    fn close(&mut self, lanes: L::M) {
+        self.closed.records.push(Record {
+            lanes: lanes.bits() as u8,
+            start: self.start.to_array(),
+            end: self.end.to_array(),
+            opacity: self.opacity.to_array(),
+            color: [self.color[0].to_array(), self.color[1].to_array(), self.color[2].to_array()],
+            optical_depth: self.optical_depth.to_array(),
+        });
+    }
+
+    /// Closes what is open and makes ready for the next rays.
+    #[inline(always)]
+    fn finish(&mut self) {
+        self.close(self.end.gt(L::I::splat(0)));
+        self.end = L::I::splat(-1);
+        self.ray_depth = L::F::splat(0.0);
+    }
+}
+
+/// The state of all lanes at a step where some closed.
+struct Record {
+    lanes: u8,
+    start: [i32; WIDTH],
+    end: [i32; WIDTH],
+    opacity: [f32; WIDTH],
+    color: [[f32; WIDTH]; 3],
+    optical_depth: [f32; WIDTH],
+}
+
+/// Closed supersegments of a packet, in order.
+#[derive(Default)]
+struct Closed {
+    records: Vec<Record>,
+}
+
+impl Closed {
+    /// Appends each ray's list to its row, and forgets them. `row_of` tells the row of each lane.
+    fn hand_over(&mut self, row_of: impl Iterator<Item = usize>, rows: &mut [Band; 2]) {
+        let mut counts = [0; WIDTH];
+        for record in &self.records {
+            for (l, count) in counts.iter_mut().enumerate() {
+                *count += usize::from(record.lanes >> l & 1);
+            }
+        }
+        // Where each lane's list goes on: lists of one row lie one after the other.
+        let (mut place, mut row) = ([0; WIDTH], [0; WIDTH]);
+        for (l, r) in row_of.enumerate() {
+            let band = &mut rows[r];
+            (place[l], row[l]) = (band.segments.len(), r);
+            band.counts.push(counts[l] as u32);
+            band.segments.resize(place[l] + counts[l], NONE);
+        }
+        for record in self.records.drain(..) {
+            let mut lanes = record.lanes;
+            while lanes != 0 {
+                let l = lanes.trailing_zeros() as usize;
+                lanes &= lanes - 1;
+                rows[row[l]].segments[place[l]] = record.supersegment(l);
+                place[l] += 1;
+            }
+        }
+    }
+}
+
+const NONE: Supersegment = Supersegment { start: 0, end: 0, color: [0.0; 3], optical_depth: 0.0 };
+
+impl Record {
+    #[inline(always)]
+    fn supersegment(&self, l: usize) -> Supersegment {
+        let straight = reciprocal(self.opacity[l]);
+        Supersegment {
+            start: self.start[l] as u32,
+            end: self.end[l] as u32,
+            color: self.color.map(|c| (c[l] * straight).clamp(0.0, 1.0)),
+            optical_depth: self.optical_depth[l],
+        }
+    }
+}
+
+impl<L: Lanes, S: Source<L>> Visit<L> for Cluster<L, S> {
+    #[inline(always)]
+    fn sample(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M {
+        let Some(Seen { shown, color: [r, g, b], unit, depth, ratio, length }) =
+            self.source.seen(packet, step, at, live)
+        else {
+            return live;
+        };
+        // The open supersegment and the sample at unit length, both times the open one's opacity: no division.
+        let open = self.unit;
+        let difference = ((open - unit) * self.opacity).abs();
+        let difference = difference.max((self.color[0] * open - r * self.opacity).abs());
+        let difference = difference.max((self.color[1] * open - g * self.opacity).abs());
+        let difference = difference.max((self.color[2] * open - b * self.opacity).abs());
+        let alike = difference.lt(L::F::splat(self.gamma) * self.opacity);
+        let joins = shown & self.end.eq(step) & alike;
+        let begins = shown & !joins;
+        let closes = begins & self.end.gt(L::I::splat(0));
+        if closes.any() {
+            self.close(closes);
+        }
+        // What a lane keeps, and what it adds: all and nothing where no sample is shown.
+        let kept = !begins;
+        let shows = (L::F::splat(1.0) - self.opacity.only(kept)) * ratio.only(shown);
+        self.color[0] = self.color[0].only(kept) + shows * r;
+        self.color[1] = self.color[1].only(kept) + shows * g;
+        self.color[2] = self.color[2].only(kept) + shows * b;
+        self.opacity = self.opacity.only(kept) + shows * unit;
+        // Computed for the case that the sample joins, before it is known, so that the next sample waits less.
+        let (depths, lengths) = (self.optical_depth + depth, self.length + length);
+        let joined = opacity::<L>(depths * L::F::splat(self.unit_steps).div(lengths));
+        self.unit = L::F::select(joins, joined, L::F::select(begins, unit, self.unit));
+        self.length = self.length.only(kept) + length.only(shown);
+        self.optical_depth = self.optical_depth.only(kept) + depth.only(shown);
+        self.start = L::I::select(begins, step, self.start);
+        self.end = L::I::select(shown, step + L::I::splat(1), self.end);
+        if self.cutoff == f32::INFINITY {
+            return live;
+        }
+        self.ray_depth = self.ray_depth + depth.only(shown);
+        live & self.ray_depth.lt(L::F::splat(self.cutoff))
+    }
+}
+
+/// 1 / `opacity`, or 0 where it is too faint for that to be a number: black, then, rather than NaN.
+#[inline(always)]
+pub fn reciprocal(opacity: f32) -> f32 {
+    if opacity > f32::MIN_POSITIVE { 1.0 / opacity } else { 0.0 }
+}

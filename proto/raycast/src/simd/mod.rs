@@ -1,0 +1,14 @@
+//! R in lanes: the fast CPU level, written in the arithmetic of [`lamina_compute::simd`].
+
+mod effects;
+mod generate;
+mod generate_all;
+mod march;
+mod raycast;
+mod tile;
+
+pub use generate::generate;
+pub use generate_all::{MOST_GAMMAS, generate_all};
+pub use lamina_compute::simd::Level;
+pub use march::fits;
+pub use raycast::{Shot, raycast, raycast_pixels};

@@ -1,0 +1,37 @@
+//! Which pixels share a packet: four by two, so that eight rays stay near each other.
+
+use lamina_compute::simd::WIDTH;
+
+/// Pixels (column, row) of one packet.
+pub struct Tile {
+    pixels: [(u32, u32); WIDTH],
+    count: usize,
+}
+
+impl Tile {
+    /// Columns of a tile.
+    pub const COLUMNS: u32 = 4;
+    /// Rows of a tile.
+    pub const ROWS: u32 = 2;
+
+    /// Tiles that cover `rows` (one or two) rows of a picture `width` pixels wide, from row `first_row` on.
+    #[inline(always)]
+    pub fn across(width: u32, first_row: u32, rows: u32) -> impl Iterator<Item = Self> {
+        (0..width.div_ceil(Self::COLUMNS)).map(move |t| {
+            let mut tile = Self { pixels: [(0, 0); WIDTH], count: 0 };
+            for j in 0..rows {
+                for i in t * Self::COLUMNS..width.min((t + 1) * Self::COLUMNS) {
+                    tile.pixels[tile.count] = (i, first_row + j);
+                    tile.count += 1;
+                }
+            }
+            tile
+        })
+    }
+
+    /// Row by row.
+    #[inline(always)]
+    pub fn pixels(&self) -> &[(u32, u32)] {
+        &self.pixels[..self.count]
+    }
+}

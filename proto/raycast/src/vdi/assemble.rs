@@ -1,0 +1,114 @@
+//! What every level of `generate` shares: the header, and a VDI's rows joined in order as workers finish them.
+
+use crate::Field;
+use lamina_model::{GenerationParams, Invalid, Supersegment, Vdi, VdiHeader};
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+/// The header of `field`'s VDI.
+///
+/// # Errors
+/// If the step is so short that rays would have too many of them.
+pub fn header(field: &Field, params: &GenerationParams) -> Result<VdiHeader, Invalid> {
+    let scene = field.scene();
+    scene.effects.check_step(params.step_voxels())?;
+    VdiHeader {
+        camera: scene.camera,
+        bounds: field.grid().bounds(),
+        step_length: params.step_voxels() * field.grid().voxel_length(),
+        params: *params,
+        transfer_id: scene.transfer.id(),
+        background: scene.background,
+    }
+    .check()
+}
+
+/// Some rows of rays: how many supersegments each ray has, and all of them in order.
+#[derive(Debug, Default)]
+pub struct Band {
+    /// Supersegments per ray.
+    pub counts: Vec<u32>,
+    /// All lists, one after the other.
+    pub segments: Vec<Supersegment>,
+}
+
+/// Runs `work` for bands 0..`count` on all cores and hands the results to `take` in order.
+///
+/// Workers fetch bands in order too, so few finished ones ever wait for an earlier one: beside what `take` keeps, memory
+/// is that of a few bands.
+pub fn in_order<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync, take: impl FnMut(T) + Send) {
+    struct Line<T, F> {
+        waiting: BTreeMap<usize, T>,
+        next: usize,
+        take: F,
+    }
+    let line = Mutex::new(Line { waiting: BTreeMap::new(), next: 0, take });
+    let fetched = AtomicUsize::new(0);
+    rayon::broadcast(|_| {
+        loop {
+            let n = fetched.fetch_add(1, Ordering::Relaxed);
+            if n >= count {
+                return;
+            }
+            let band = work(n);
+            let mut line = line.lock().unwrap_or_else(PoisonError::into_inner);
+            line.waiting.insert(n, band);
+            let Line { waiting, next, take } = &mut *line;
+            while let Some(band) = waiting.remove(next) {
+                take(band);
+                *next += 1;
+            }
+        }
+    });
+}
+
+/// Supersegments a ray that room is kept for.
+const USUAL_LIST: usize = 16;
+
+/// Joins bands, handed over in order, into a VDI.
+#[derive(Debug)]
+pub struct Join {
+    offsets: Vec<u32>,
+    segments: Vec<Supersegment>,
+    total: usize,
+}
+
+impl Join {
+    /// Nothing yet, of a VDI of `rays` rays.
+    pub fn new(rays: usize) -> Self {
+        let mut offsets = Vec::with_capacity(rays + 1);
+        offsets.push(0);
+        // Room that is not touched costs nothing, and lists that outgrow theirs are held twice while they move.
+        let mut segments = Vec::new();
+        let _ = segments.try_reserve_exact(rays.saturating_mul(USUAL_LIST));
+        Self { offsets, segments, total: 0 }
+    }
+
+    /// Adds a band's lists.
+    pub fn add(&mut self, band: Band) {
+        self.total += band.segments.len();
+        if u32::try_from(self.total).is_err() {
+            return;
+        }
+        let mut end = self.segments.len() as u32;
+        self.offsets.extend(band.counts.iter().map(|n| {
+            end += n;
+            end
+        }));
+        self.segments.extend_from_slice(&band.segments);
+    }
+
+    /// The VDI.
+    ///
+    /// # Errors
+    /// If it has 2^32 supersegments or more.
+    pub fn finish(mut self, header: VdiHeader) -> Result<Vdi, Invalid> {
+        if u32::try_from(self.total).is_err() {
+            let total = self.total;
+            return Err(Invalid::new("vdi", format!("{total} supersegments; raise gamma or lower the resolution")));
+        }
+        self.segments.shrink_to_fit();
+        Vdi::new(header, self.offsets, self.segments)
+    }
+}

@@ -1,0 +1,25 @@
+//! The gRPC contracts, their conversions to model types, and what every daemon does around its services.
+
+pub mod chunks;
+pub mod convert;
+pub mod daemon;
+pub mod reference;
+
+pub use lamina_message::required;
+
+/// Generated from `proto/lamina/v1`.
+#[allow(missing_docs, clippy::all, unused_qualifications, reason = "generated code")]
+pub mod v1 {
+    pub use lamina_message::v1::*;
+    tonic::include_proto!("lamina.v1");
+}
+
+use tonic::{Code, Status};
+
+/// The most bytes of one gRPC message: a chunk and its frame.
+pub const MAX_MESSAGE_BYTES: usize = 8 << 20;
+
+/// A refusal that says which value is wrong.
+pub fn invalid(error: &lamina_model::Invalid) -> Status {
+    Status::new(Code::InvalidArgument, error.to_string())
+}

@@ -1,0 +1,38 @@
+//! The compiled kernels and the shape of their bindings.
+
+use lamina_compute::gpu::Gpu;
+use lamina_compute::gpu::pipeline::{READ, UNIFORM, WRITE};
+use lamina_compute::gpu::wgpu::{BindGroupLayout, ComputePipeline};
+
+/// All of them.
+pub const RENDER: &str = concat!(
+    include_str!("layout.wgsl"),
+    include_str!("leaf.wgsl"),
+    include_str!("line.wgsl"),
+    include_str!("composite.wgsl"),
+    include_str!("dda.wgsl"),
+    include_str!("render.wgsl")
+);
+
+/// See the file's head.
+#[derive(Debug)]
+pub struct Pipelines {
+    /// Group 0: a VDI, and the rays of a picture.
+    pub vdi: BindGroupLayout,
+    /// Group 1: pixels and their colours.
+    pub picture: BindGroupLayout,
+    pub render_rows: ComputePipeline,
+    pub render_pixels: ComputePipeline,
+}
+
+impl Pipelines {
+    /// To be called inside [`Gpu::run`].
+    pub fn new(gpu: &Gpu) -> Self {
+        let vdi = gpu.layout("vdi", &[UNIFORM, UNIFORM, READ, READ, READ, READ, READ]);
+        let picture = gpu.layout("picture", &[UNIFORM, READ, WRITE]);
+        let module = gpu.module("render", RENDER);
+        let pipeline = |entry| gpu.pipeline(&module, entry, &[&vdi, &picture], &[]);
+        let (render_rows, render_pixels) = (pipeline("render_rows"), pipeline("render_pixels"));
+        Self { vdi, picture, render_rows, render_pixels }
+    }
+}
