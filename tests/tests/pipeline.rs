@@ -2,7 +2,6 @@
 
 #![allow(clippy::unwrap_used)]
 
-use lamina_codec;
 use lamina_model::{GenerationParams, Intermediate, Representation, SamplePlan, Scene, Segmentation, suggest::suggest};
 use lamina_raycast::{Backend, Field};
 use lamina_rpc::v1::{TunerStatusRequest, tuning_client::TuningClient};
