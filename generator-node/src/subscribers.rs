@@ -2,7 +2,7 @@
 
 use crate::publish::Delivery;
 use lamina_model::Invalid;
-use lamina_rpc::daemon::host_and_port;
+use lamina_rpc::connect::host_and_port;
 use lamina_rpc::v1;
 use std::collections::VecDeque;
 use std::net::IpAddr;

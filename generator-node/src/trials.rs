@@ -4,6 +4,7 @@ use crate::node_state::NodeState;
 use crate::step::{Purpose, Step, encode};
 use lamina_compute::{Activity, Laps, Permit, Priority};
 use lamina_model::{GenerationParams, Invalid};
+use lamina_rpc::daemon::with_heartbeat;
 use lamina_rpc::{required, v1};
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
@@ -84,9 +85,10 @@ impl Trials {
             let mut reply = v1::TrialReply { trial_id: request.trial_id, ..greeting.clone() };
             let at_work = v1::TrialReply { trial_id: request.trial_id, at_work: true, ..Default::default() };
             match with_heartbeat(self.answer(&request, &mut reply), at_work, answers).await {
-                Ok(()) => {}
-                Err(Failure::Refused(invalid)) => reply.refusal = invalid.to_string(),
-                Err(Failure::Broken(status)) => return Err(status),
+                Some(Ok(())) => {}
+                Some(Err(Failure::Refused(invalid))) => reply.refusal = invalid.to_string(),
+                Some(Err(Failure::Broken(status))) => return Err(status),
+                None => return Ok(()),
             }
             if answers.send(Ok(reply)).await.is_err() {
                 return Ok(());
@@ -188,26 +190,5 @@ impl Trials {
         let permit: Permit = self.node.share.acquire(priority).await;
         let done = permit.run(Activity::Generate, work).await.map_err(|e| Status::internal(e.to_string()))?;
         Ok(done?)
-    }
-}
-
-/// How often a question that is not answered yet hears so.
-const HEARTBEAT: Duration = Duration::from_secs(1);
-
-/// What `work` comes to; meanwhile `at_work` is sent. Ends early when nobody listens any more.
-async fn with_heartbeat<T>(
-    work: impl Future<Output = Result<T, Failure>>,
-    at_work: v1::TrialReply,
-    answers: &mpsc::Sender<Result<v1::TrialReply, Status>>,
-) -> Result<T, Failure> {
-    tokio::pin!(work);
-    let mut heartbeat = tokio::time::interval(HEARTBEAT);
-    heartbeat.tick().await;
-    loop {
-        tokio::select! {
-            done = &mut work => return done,
-            () = answers.closed() => return Err(Failure::Broken(Status::cancelled("the tuner hung up"))),
-            _ = heartbeat.tick() => drop(answers.try_send(Ok(at_work.clone()))),
-        }
     }
 }

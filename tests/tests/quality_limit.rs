@@ -7,7 +7,7 @@ use lamina_client::{Brick, Client, RunOptions};
 use lamina_codec::{EncodeOptions, decode_any, encode_any};
 use lamina_model::{GenerationParams, Intermediate, SamplePlan, Scene, Segmentation, Volume};
 use lamina_raycast::{Backend, Field};
-use lamina_rpc::daemon::connect;
+use lamina_rpc::connect::connect;
 use lamina_rpc::v1::{self, quality_client::QualityClient, tuning_client::TuningClient};
 use lamina_tests::processes::{Daemon, free_port, wait_for};
 use lamina_tests::{front_scene, sampled_cube, transfer};

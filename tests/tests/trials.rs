@@ -4,7 +4,7 @@
 
 use futures::{Stream, stream};
 use lamina_model::{GenerationParams, Invalid};
-use lamina_rpc::daemon::connect;
+use lamina_rpc::connect::connect;
 use lamina_rpc::v1::{self, control_client::ControlClient, frames_client::FramesClient, quality_server};
 use lamina_tests::processes::{Daemon, free_port, recorded_series, wait_for};
 use lamina_tuner::remote::Remote;

@@ -3,7 +3,7 @@
 use crate::Contract;
 use crate::search::Grid;
 use lamina_model::{GenerationParams, Invalid, Representation};
-use lamina_rpc::daemon::host_and_port;
+use lamina_rpc::connect::host_and_port;
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
 

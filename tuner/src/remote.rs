@@ -9,7 +9,7 @@ mod viewers;
 use crate::trial::{Cost, Measured, Trial, TrialError};
 use generator::Generator;
 use lamina_model::{GenerationParams, Invalid, ParamsKey, Quality};
-use lamina_rpc::daemon::innermost;
+use lamina_rpc::connect::innermost;
 use lamina_rpc::v1::{self, control_client::ControlClient};
 use round::{Generating, Round};
 use std::collections::HashMap;
@@ -106,7 +106,7 @@ pub(crate) fn words(status: &Status) -> String {
 /// If nobody answers there.
 pub async fn connect(address: &str) -> Result<Channel, TrialError> {
     let failed = |reason| TrialError::Node { node: address.to_owned(), reason };
-    lamina_rpc::daemon::connect(address).await.map_err(failed)
+    lamina_rpc::connect::connect(address).await.map_err(failed)
 }
 
 impl Remote {

@@ -3,7 +3,7 @@
 use lamina_compute::CpuLimit;
 use lamina_compute::gpu::Choice;
 use lamina_model::Invalid;
-use lamina_rpc::daemon::host_and_port;
+use lamina_rpc::connect::host_and_port;
 use serde::{Deserialize, Serialize};
 use std::{net::SocketAddr, path::PathBuf};
 

@@ -6,18 +6,15 @@ use crate::trials::Study;
 use futures::{Stream, StreamExt};
 use lamina_compute::{Activity, Laps, Priority};
 use lamina_model::Quality;
+use lamina_rpc::daemon::with_heartbeat;
 use lamina_rpc::v1::{self, quality_server};
 use lamina_vdi_render::Detail;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status};
-
-/// How often a question that is not answered yet hears so.
-const HEARTBEAT: Duration = Duration::from_secs(1);
 
 /// The gRPC face of [`Intake`].
 pub struct QualityService(pub Arc<Intake>);
@@ -34,18 +31,10 @@ impl quality_server::Quality for QualityService {
         let trial_id = request.trial_id;
         let work = measure(self.0.clone(), request);
         tokio::spawn(async move {
-            tokio::pin!(work);
-            let mut heartbeat = tokio::time::interval(HEARTBEAT);
-            loop {
-                tokio::select! {
-                    measured = &mut work => {
-                        let _ = replies.send(measured.map(|quality| v1::QualityReply::new(trial_id, &quality))).await;
-                        return;
-                    }
-                    // Whoever hangs up wants no answer any more; work that waits is given up with this task.
-                    () = replies.closed() => return,
-                    _ = heartbeat.tick() => drop(replies.try_send(Ok(v1::QualityReply { trial_id, ..Default::default() }))),
-                }
+            let at_work = v1::QualityReply { trial_id, ..Default::default() };
+            // Whoever hangs up wants no answer any more: work that waits is given up.
+            if let Some(measured) = with_heartbeat(work, at_work, &replies).await {
+                let _ = replies.send(measured.map(|quality| v1::QualityReply::new(trial_id, &quality))).await;
             }
         });
         Ok(Response::new(ReceiverStream::new(stream).boxed()))

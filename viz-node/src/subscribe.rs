@@ -5,7 +5,7 @@ use crate::Config;
 use crate::intake::Intake;
 use lamina_rpc::MAX_MESSAGE_BYTES;
 use lamina_rpc::chunks::Assembler;
-use lamina_rpc::daemon::connect;
+use lamina_rpc::connect::connect;
 use lamina_rpc::v1::{self, delivery::Part, frames_client::FramesClient};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -28,7 +28,7 @@ pub use lamina_rpc::v1::FullPolicy;
 
 use driver::Driver;
 use lamina_model::{Grid, Invalid, Scene, VoxelType};
-use lamina_rpc::daemon::host_and_port;
+use lamina_rpc::connect::host_and_port;
 use pace::Pace;
 use session::Session;
 use std::time::{Duration, Instant};

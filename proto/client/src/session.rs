@@ -2,7 +2,7 @@
 
 use crate::pace::Timing;
 use crate::{Brick, Receipt, RunOptions};
-use lamina_rpc::daemon::innermost;
+use lamina_rpc::connect::innermost;
 use lamina_rpc::v1::{self, ingest_client::IngestClient, push_part::Part};
 use std::time::Duration;
 use tokio::sync::mpsc;

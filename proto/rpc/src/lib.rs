@@ -1,7 +1,9 @@
 //! The gRPC contracts, their conversions to model types, and what every daemon does around its services.
 
 pub mod chunks;
+pub mod connect;
 pub mod convert;
+#[cfg(feature = "daemon")]
 pub mod daemon;
 pub mod reference;
 

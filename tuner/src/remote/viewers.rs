@@ -5,7 +5,7 @@ use crate::trial::TrialError;
 use futures::FutureExt;
 use futures::future::BoxFuture;
 use lamina_model::Quality;
-use lamina_rpc::daemon::connect;
+use lamina_rpc::connect::connect;
 use lamina_rpc::v1::{self, control_client::ControlClient, quality_client::QualityClient};
 use std::ops::Range;
 use std::sync::Arc;
