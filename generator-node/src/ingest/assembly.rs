@@ -1,7 +1,6 @@
 //! One time step while its ranks' bricks arrive.
 
-use super::{Brick, Offer};
-use tonic::Status;
+use super::{Brick, IngestError, Offer};
 
 struct Part {
     rank: u32,
@@ -23,26 +22,26 @@ impl Assembly {
     }
 
     /// Reserves the offered `brick` for its rank if it agrees with what is there; `voxels` is the whole grid's number.
-    pub fn reserve(&mut self, offer: &Offer, ranks: u32, brick: Brick, voxels: usize) -> Result<(), Status> {
+    pub fn reserve(&mut self, offer: &Offer, ranks: u32, brick: Brick, voxels: usize) -> Result<(), IngestError> {
         let Offer { step, time, rank, .. } = *offer;
         if time.to_bits() != self.time.to_bits() {
             let first = self.time;
-            return Err(Status::invalid_argument(format!("step {step}: rank {rank} says time {time}, others {first}")));
+            return Err(IngestError::Refused(format!("step {step}: rank {rank} says time {time}, others {first}")));
         }
         if self.has(rank) {
-            return Err(Status::already_exists(format!("step {step}: rank {rank} pushed twice")));
+            return Err(IngestError::Repeated { step, rank });
         }
         if let Some(other) = self.parts.iter().find(|p| p.brick.overlaps(&brick)) {
             let message = format!(
                 "step {step}: the bricks of ranks {} and {rank} overlap; each voxel belongs to one rank",
                 other.rank
             );
-            return Err(Status::invalid_argument(message));
+            return Err(IngestError::Refused(message));
         }
         let covered: usize = self.parts.iter().map(|p| p.brick.voxels()).sum::<usize>() + brick.voxels();
         if self.parts.len() + 1 == ranks as usize && covered != voxels {
             let message = format!("step {step}: the bricks of all {ranks} ranks cover {covered} of {voxels} voxels");
-            return Err(Status::invalid_argument(message));
+            return Err(IngestError::Refused(message));
         }
         self.parts.push(Part { rank, brick, bytes: None });
         Ok(())

@@ -3,12 +3,10 @@
 //! Memory is decided before a byte is copied: a step is admitted with its whole grid's bytes or not at all.
 
 use super::run::{Offer, Run, RunSpec};
-use super::{Brick, assembly::Assembly, brick};
-use lamina_model::{Invalid, Volume};
-use lamina_rpc::v1::FullPolicy;
+use super::{Brick, IngestError, assembly::Assembly, brick};
+use lamina_model::{FullPolicy, Invalid, Volume};
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
-use tonic::Status;
 
 /// A step with all its bricks, to be made into a VDI.
 pub struct CompleteStep {
@@ -86,7 +84,7 @@ impl Core {
         resume: &str,
         fresh_id: String,
         now: Instant,
-    ) -> Result<String, Status> {
+    ) -> Result<String, IngestError> {
         spec.check(rank, self.memory_bytes)?;
         if let Some(run) = &mut self.run
             && run.is_of(&spec, rank, resume, now.duration_since(run.last_heard), self.idle)?
@@ -108,16 +106,12 @@ impl Core {
         }
     }
 
-    fn run(&mut self, id: &str) -> Result<&mut Run, Status> {
-        self.run.as_mut().filter(|r| r.id == id).ok_or_else(|| {
-            Status::not_found(format!(
-                "no run \"{id}\" is open on this generator-node (it may have been restarted); open it again"
-            ))
-        })
+    fn run(&mut self, id: &str) -> Result<&mut Run, IngestError> {
+        self.run.as_mut().filter(|r| r.id == id).ok_or_else(|| IngestError::UnknownRun(id.to_owned()))
     }
 
     /// Decides on a brick, and reserves its memory if granted.
-    pub fn admit(&mut self, run_id: &str, offer: &Offer, now: Instant) -> Result<Admit, Status> {
+    pub fn admit(&mut self, run_id: &str, offer: &Offer, now: Instant) -> Result<Admit, IngestError> {
         let Offer { step, rank, .. } = *offer;
         let run = self.run(run_id)?;
         run.last_heard = now;
@@ -154,7 +148,7 @@ impl Core {
             && let Err(refusal) = assembly.reserve(offer, ranks, brick, voxels)
         {
             // Bricks that disagree can never make a step; a second push of the same brick harms nothing.
-            if refusal.code() != tonic::Code::AlreadyExists {
+            if !matches!(refusal, IngestError::Repeated { .. }) {
                 self.forget(step);
                 self.run(run_id)?.drop_step(step);
             }
@@ -207,7 +201,7 @@ impl Core {
         rank: u32,
         bytes: Vec<u8>,
         now: Instant,
-    ) -> Result<Option<bool>, Status> {
+    ) -> Result<Option<bool>, IngestError> {
         let run = self.run(run_id)?;
         run.last_heard = now;
         run.last_step[rank as usize] = Some(step);
@@ -267,7 +261,7 @@ impl Core {
     }
 
     /// Detaches `rank`; gives the number of steps dropped and, once nobody is there, of those that lack a brick.
-    pub fn close(&mut self, run_id: &str, rank: u32, now: Instant) -> Result<u64, Status> {
+    pub fn close(&mut self, run_id: &str, rank: u32, now: Instant) -> Result<u64, IngestError> {
         let run = self.run(run_id)?;
         run.last_heard = now;
         // A rank that closed does not join again: who comes in its place is a new start of the simulation.

@@ -3,6 +3,7 @@
 mod assembly;
 mod brick;
 mod core;
+mod error;
 mod run;
 mod service;
 #[cfg(test)]
@@ -10,5 +11,6 @@ mod tests;
 
 pub use brick::Brick;
 pub use core::{Admit, CompleteStep, Core};
+pub use error::IngestError;
 pub use run::{Offer, RunSpec};
 pub use service::{Ingest, IngestService};

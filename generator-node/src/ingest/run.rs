@@ -1,11 +1,9 @@
 //! A run: what the simulation says of it, which ranks are there, and which steps wait for bricks.
 
-use super::{Brick, assembly::Assembly};
-use lamina_model::{ColorField, Grid, Scene, VoxelType};
-use lamina_rpc::v1::FullPolicy;
+use super::{Brick, IngestError, assembly::Assembly};
+use lamina_model::{ColorField, FullPolicy, Grid, Scene, VoxelType};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
-use tonic::Status;
 
 /// What a simulation says when it opens a run; the same from every rank.
 #[derive(Debug, Clone, PartialEq)]
@@ -47,29 +45,30 @@ impl RunSpec {
     }
 
     /// Passes what `rank` says of the run, on a node with so much memory.
-    pub fn check(&self, rank: u32, memory_bytes: u64) -> Result<(), Status> {
+    pub fn check(&self, rank: u32, memory_bytes: u64) -> Result<(), IngestError> {
         if self.name.is_empty() || self.name.len() > 200 || self.field.len() > 200 {
-            return Err(Status::invalid_argument("run name and field name must have 1 to 200 bytes"));
+            return Err(IngestError::Refused("run name and field name must have 1 to 200 bytes".to_owned()));
         }
         if self.ranks == 0 || self.ranks > 1 << 20 || rank >= self.ranks {
             let ranks = self.ranks;
-            return Err(Status::invalid_argument(format!(
+            return Err(IngestError::Refused(format!(
                 "rank {rank} of {ranks}: ranks must be 1 to 1048576, counted from 0"
             )));
         }
         let second = self.color_field.as_ref().map(|(name, _)| name.as_str());
         let named = second.map_or(Ok(()), ColorField::check_name);
-        named.map_err(|e| lamina_rpc::invalid(&e))?;
+        named?;
         let shown = self.scene.as_ref().map_or(Ok(()), |scene| scene.check_second_field(second));
-        shown.map_err(|e| lamina_rpc::invalid(&e))?;
+        shown?;
         let need = self.step_bytes().saturating_add(self.working_bytes());
         if need > memory_bytes {
-            let dims = self.grid.dims();
             let second = self.color_field.as_ref().map_or_else(String::new, |(_, t)| format!(" and {t}"));
-            return Err(Status::resource_exhausted(format!(
-                "a grid of {dims:?} {}{second} voxels needs {need} bytes, this generator-node has {memory_bytes}; raise memory_bytes in its configuration",
-                self.voxel_type
-            )));
+            return Err(IngestError::Exhausted {
+                dims: self.grid.dims(),
+                voxels: format!("{}{second}", self.voxel_type),
+                needed_bytes: need,
+                memory_bytes,
+            });
         }
         Ok(())
     }
@@ -153,7 +152,7 @@ impl Run {
         resume: &str,
         silent: Duration,
         idle: Duration,
-    ) -> Result<bool, Status> {
+    ) -> Result<bool, IngestError> {
         let (name, differs) = (&self.spec.name, self.spec != *spec);
         let idles = silent >= idle;
         // Late ranks of a run that others have left, or that was killed, are waited for, but not against another run.
@@ -162,7 +161,7 @@ impl Run {
         // Also those whose id is from before another rank opened the run anew: ranks meet in one run.
         if joins || !resume.is_empty() && self.id == resume {
             if differs {
-                return Err(Status::failed_precondition(format!(
+                return Err(IngestError::Conflict(format!(
                     "run \"{name}\": rank {rank} describes it differently (grid, type, fields, ranks, policy or scene) than the ranks before; correct it, or wait until that run is silent for {:.0} s",
                     idle.as_secs_f64()
                 )));
@@ -173,14 +172,14 @@ impl Run {
             return Ok(false);
         }
         if *name != spec.name {
-            return Err(Status::failed_precondition(format!(
+            return Err(IngestError::Conflict(format!(
                 "this generator-node serves run \"{name}\", last heard {:.0} s ago; close that run, wait until it is silent for {:.0} s, or use another node",
                 silent.as_secs_f64(),
                 idle.as_secs_f64()
             )));
         }
         if !resume.is_empty() {
-            return Err(Status::failed_precondition(format!(
+            return Err(IngestError::Conflict(format!(
                 "run \"{name}\": rank {rank} comes with id \"{resume}\", but a newer start of the simulation serves this rank as \"{}\"; stop one of the two",
                 self.id
             )));
@@ -213,24 +212,22 @@ impl Run {
     }
 
     /// The brick of a push that can be right.
-    pub fn check_push(&self, offer: &Offer) -> Result<Brick, Status> {
+    pub fn check_push(&self, offer: &Offer) -> Result<Brick, IngestError> {
         let Offer { step, time, rank, start, dims } = *offer;
         if rank >= self.spec.ranks {
-            return Err(Status::invalid_argument(format!(
+            return Err(IngestError::Refused(format!(
                 "rank {rank}: the run has {} ranks, counted from 0",
                 self.spec.ranks
             )));
         }
         if !time.is_finite() {
-            return Err(Status::invalid_argument(format!("step {step}: time {time} must be finite")));
+            return Err(IngestError::Refused(format!("step {step}: time {time} must be finite")));
         }
         if let Some(last) = self.last_step[rank as usize]
             && step <= last
         {
-            return Err(Status::invalid_argument(format!(
-                "rank {rank}: step {step} after step {last}; steps must ascend"
-            )));
+            return Err(IngestError::Refused(format!("rank {rank}: step {step} after step {last}; steps must ascend")));
         }
-        Brick::new(start, dims, &self.spec.grid).map_err(|e| lamina_rpc::invalid(&e))
+        Ok(Brick::new(start, dims, &self.spec.grid)?)
     }
 }

@@ -1,6 +1,6 @@
 //! The ingest service: the state machine behind a lock, and waiting where the run's policy is to block.
 
-use super::{Admit, CompleteStep, Core, Offer, RunSpec};
+use super::{Admit, CompleteStep, Core, IngestError, Offer, RunSpec};
 use crate::overhead::Overhead;
 use futures::{Stream, StreamExt};
 use lamina_model::{Invalid, Scene, VoxelType};
@@ -10,7 +10,7 @@ use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tokio::sync::{Notify, mpsc};
-use tonic::{Request, Response, Status, Streaming};
+use tonic::{Code, Request, Response, Status, Streaming};
 
 /// Ingest state shared by all connections and the cycle.
 pub struct Ingest {
@@ -58,7 +58,7 @@ impl Ingest {
         step
     }
 
-    async fn admit(&self, h: &v1::BrickHeader) -> Result<Option<usize>, Status> {
+    async fn admit(&self, h: &v1::BrickHeader) -> Result<Option<usize>, IngestError> {
         if h.rank == 0 && h.interval_ns > 0 {
             self.overhead.step(Duration::from_nanos(h.interval_ns), Duration::from_nanos(h.push_ns));
         }
@@ -148,6 +148,19 @@ async fn take_brick(
     Ok(())
 }
 
+impl From<IngestError> for Status {
+    fn from(error: IngestError) -> Self {
+        let code = match &error {
+            IngestError::Refused(_) => Code::InvalidArgument,
+            IngestError::Repeated { .. } => Code::AlreadyExists,
+            IngestError::Conflict(_) => Code::FailedPrecondition,
+            IngestError::Exhausted { .. } => Code::ResourceExhausted,
+            IngestError::UnknownRun(_) => Code::NotFound,
+        };
+        Self::new(code, error.to_string())
+    }
+}
+
 #[tonic::async_trait]
 impl ingest_server::Ingest for IngestService {
     async fn open(&self, request: Request<v1::OpenRequest>) -> Result<Response<v1::OpenReply>, Status> {
@@ -186,10 +199,6 @@ impl ingest_server::Ingest for IngestService {
 }
 
 fn spec_from(r: &v1::OpenRequest) -> Result<RunSpec, Invalid> {
-    let full_policy = match r.full_policy() {
-        v1::FullPolicy::Unspecified => v1::FullPolicy::DropOldest,
-        stated => stated,
-    };
     Ok(RunSpec {
         name: r.name.clone(),
         field: r.field.clone(),
@@ -197,7 +206,7 @@ fn spec_from(r: &v1::OpenRequest) -> Result<RunSpec, Invalid> {
         voxel_type: r.voxel_type().try_into()?,
         color_field: r.color_field.as_ref().map(second_field).transpose()?,
         ranks: r.ranks,
-        full_policy,
+        full_policy: r.full_policy().into(),
         scene: r.scene.clone().map(TryInto::try_into).transpose()?,
     })
 }

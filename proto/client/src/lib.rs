@@ -24,7 +24,7 @@ mod pace;
 mod session;
 
 pub use brick::{Brick, VoxelSlice, check_type, dense, span};
-pub use lamina_rpc::v1::FullPolicy;
+pub use lamina_model::FullPolicy;
 
 use driver::Driver;
 use lamina_model::{Grid, Invalid, Scene, VoxelType};

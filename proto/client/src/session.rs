@@ -34,7 +34,7 @@ impl Session {
             voxel_type: v1::VoxelType::from(options.voxel_type).into(),
             ranks: options.ranks,
             rank: options.rank,
-            full_policy: options.full_policy.into(),
+            full_policy: v1::FullPolicy::from(options.full_policy).into(),
             scene: options.scene.as_ref().map(Into::into),
             resume_run_id: run_id,
             color_field: options

@@ -9,6 +9,7 @@ mod color_field;
 pub mod composite;
 mod corners;
 pub mod effects;
+mod full_policy;
 pub mod image;
 pub mod indicators;
 pub mod params;
@@ -24,6 +25,7 @@ pub mod volume;
 
 pub use camera::{Aabb, Camera, Ray};
 pub use effects::{ColorField, Effects};
+pub use full_policy::FullPolicy;
 pub use image::Image;
 pub use indicators::{Indicators, Quality, ViewError, decibels};
 pub use params::{GenerationParams, ParamsKey, Representation, Segmentation};

@@ -1,7 +1,7 @@
 //! Messages to model types and back. Whatever arrives is checked by the model's own constructors.
 
 use crate::v1;
-use lamina_model::{GenerationParams, Invalid, Quality, Representation, ViewError};
+use lamina_model::{FullPolicy, GenerationParams, Invalid, Quality, Representation, ViewError};
 use std::time::Duration;
 
 impl From<Representation> for v1::Representation {
@@ -78,5 +78,26 @@ impl TryFrom<v1::QualityReply> for Quality {
         }
         let view = |v: v1::View| ViewError { angle_deg: v.angle_deg, batch_mse: v.batch_mse };
         Ok(Self { views: q.views.into_iter().map(view).collect() })
+    }
+}
+
+impl From<FullPolicy> for v1::FullPolicy {
+    fn from(policy: FullPolicy) -> Self {
+        match policy {
+            FullPolicy::DropOldest => Self::DropOldest,
+            FullPolicy::DropNewest => Self::DropNewest,
+            FullPolicy::Block => Self::Block,
+        }
+    }
+}
+
+impl From<v1::FullPolicy> for FullPolicy {
+    /// One that is not stated is the default.
+    fn from(policy: v1::FullPolicy) -> Self {
+        match policy {
+            v1::FullPolicy::Unspecified | v1::FullPolicy::DropOldest => Self::DropOldest,
+            v1::FullPolicy::DropNewest => Self::DropNewest,
+            v1::FullPolicy::Block => Self::Block,
+        }
     }
 }

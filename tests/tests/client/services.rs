@@ -1,7 +1,6 @@
 //! The services, used wrongly.
 
 use crate::{LONG, Node, SIDE, STEP_BYTES, cube};
-use lamina_client::FullPolicy;
 use lamina_model::GenerationParams;
 use lamina_rpc::v1::{self, control_client::ControlClient, ingest_client::IngestClient, push_part::Part};
 use tokio::runtime::Runtime;
@@ -25,7 +24,7 @@ fn open_request() -> v1::OpenRequest {
         grid: Some((&cube(SIDE)).into()),
         voxel_type: v1::VoxelType::F32.into(),
         ranks: 1,
-        full_policy: FullPolicy::Block.into(),
+        full_policy: v1::FullPolicy::Block.into(),
         ..Default::default()
     }
 }

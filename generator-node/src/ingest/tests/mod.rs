@@ -2,10 +2,9 @@
 
 mod runs;
 
-use super::{Admit, CompleteStep, Core, Offer, RunSpec};
+use super::{Admit, CompleteStep, Core, IngestError, Offer, RunSpec};
 use glam::DVec3;
-use lamina_model::{Grid, Volume, VoxelType, Voxels};
-use lamina_rpc::v1::FullPolicy;
+use lamina_model::{FullPolicy, Grid, Volume, VoxelType, Voxels};
 use std::time::{Duration, Instant};
 use tonic::{Code, Status};
 
@@ -43,22 +42,22 @@ impl Node {
         node
     }
 
-    fn open(&mut self, spec: RunSpec, rank: u32, resume: &str, fresh: &str) -> Result<String, Status> {
+    fn open(&mut self, spec: RunSpec, rank: u32, resume: &str, fresh: &str) -> Result<String, IngestError> {
         self.core.open(spec, rank, resume, fresh.into(), self.start)
     }
 
-    fn admit_box(&mut self, step: u64, rank: u32, z0: u64, nz: u64) -> Result<Admit, Status> {
+    fn admit_box(&mut self, step: u64, rank: u32, z0: u64, nz: u64) -> Result<Admit, IngestError> {
         self.core.admit("a", &offer(step, step as f64, rank, [0, 0, z0], [DIMS[0], DIMS[1], nz]), self.start)
     }
 
     /// Asks for a rank's own slab of three.
-    fn admit(&mut self, step: u64, rank: u32) -> Result<Admit, Status> {
+    fn admit(&mut self, step: u64, rank: u32) -> Result<Admit, IngestError> {
         let (z0, nz) = SLABS[rank as usize];
         self.admit_box(step, rank, z0, nz)
     }
 
     /// Asks for the whole grid, as the only rank.
-    fn admit_whole(&mut self, step: u64) -> Result<Admit, Status> {
+    fn admit_whole(&mut self, step: u64) -> Result<Admit, IngestError> {
         self.admit_box(step, 0, 0, DIMS[2])
     }
 
@@ -103,8 +102,8 @@ fn slab(rank: u32) -> Vec<u8> {
     values(z0, nz)
 }
 
-fn refused<T: std::fmt::Debug>(result: Result<T, Status>, code: Code, words: &[&str]) {
-    let status = result.unwrap_err();
+fn refused<T: std::fmt::Debug>(result: Result<T, IngestError>, code: Code, words: &[&str]) {
+    let status = Status::from(result.unwrap_err());
     assert_eq!(status.code(), code, "{status}");
     for word in words {
         assert!(status.message().contains(word), "\"{}\" does not say \"{word}\"", status.message());
@@ -128,7 +127,7 @@ fn slabs_of_two_fields_make_both_and_count_for_both() {
     let two = |ranks| RunSpec { color_field: Some(("heat".into(), VoxelType::F32)), ..spec(ranks, FullPolicy::Block) };
     let (step, working) = (6 * VOXELS, 2 * 6 * VOXELS + 24 * VOXELS);
     let short = Core::new(step + working - 1, 9, IDLE).open(two(3), 0, "", "a".into(), Instant::now());
-    assert_eq!(short.unwrap_err().code(), Code::ResourceExhausted);
+    assert!(matches!(short, Err(IngestError::Exhausted { .. })));
     let mut node = Node { core: Core::new(step + working, 9, IDLE), start: Instant::now() };
     let mut complete = None;
     for rank in 0..3 {

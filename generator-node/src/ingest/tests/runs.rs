@@ -2,7 +2,7 @@
 
 use super::{DIMS, IDLE, Node, offer, refused, slab, spec};
 use crate::ingest::{Admit, RunSpec};
-use lamina_rpc::v1::FullPolicy;
+use lamina_model::FullPolicy;
 use std::time::{Duration, Instant};
 use tonic::Code;
 
