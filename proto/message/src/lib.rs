@@ -5,10 +5,10 @@
 mod convert;
 mod effects;
 
-/// Generated from `proto/lamina/v1/scene.proto` and `volume_header.proto`.
+/// Generated from `proto/lamina/v1/scene.proto` and `volume_header.proto`: see `tests/tests/contracts.rs`.
 #[allow(missing_docs, clippy::all, unused_qualifications, reason = "generated code")]
 pub mod v1 {
-    include!(concat!(env!("OUT_DIR"), "/lamina.v1.rs"));
+    include!("generated.rs");
 }
 
 /// The field's value, or a refusal that names it.

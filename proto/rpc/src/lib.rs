@@ -9,11 +9,11 @@ pub mod reference;
 
 pub use lamina_message::required;
 
-/// Generated from `proto/lamina/v1`.
+/// Generated from `proto/lamina/v1`: see `tests/tests/contracts.rs`.
 #[allow(missing_docs, clippy::all, unused_qualifications, reason = "generated code")]
 pub mod v1 {
     pub use lamina_message::v1::*;
-    tonic::include_proto!("lamina.v1");
+    include!("generated.rs");
 }
 
 use tonic::{Code, Status};
