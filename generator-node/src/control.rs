@@ -27,7 +27,7 @@ impl control_server::Control for ControlService {
     ) -> Result<Response<v1::SetParametersReply>, Status> {
         let request = request.into_inner();
         let applies_from_step = match (request.params, request.limits) {
-            (None, Some(limits)) => self.0.limit(limits),
+            (None, Some(limits)) => self.0.limit(limits.into(), request.only_vdis),
             _ => self.0.set(request.from_step, setting_from(&request).map_err(|e| invalid(&e))?),
         };
         tracing::info!(applies_from_step, "parameters set");
@@ -78,8 +78,9 @@ impl control_server::Control for ControlService {
 fn setting_from(request: &v1::SetParametersRequest) -> Result<Setting, lamina_model::Invalid> {
     Ok(Setting {
         params: Some(required(request.params, "params")?.try_into()?),
-        limits: request.limits.unwrap_or_default(),
+        limits: request.limits.unwrap_or_default().into(),
+        only_vdis: false,
         fallbacks: request.fallbacks.iter().map(|p| GenerationParams::try_from(*p)).collect::<Result<_, _>>()?,
-        tuning: request.tuning_state(),
+        tuning: request.tuning_state().into(),
     })
 }

@@ -6,7 +6,7 @@ use crate::schedule::{Schedule, Setting};
 use crate::step::Step;
 use lamina_codec::EncodeOptions;
 use lamina_compute::CpuShare;
-use lamina_model::{GenerationParams, SamplePlan, Segmentation};
+use lamina_model::{GenerationParams, Limits, SamplePlan, Segmentation};
 use lamina_raycast::Backend;
 use lamina_rpc::v1;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -109,9 +109,9 @@ impl NodeState {
     }
 
     /// Gives what is scheduled other limits; says from which step on they hold.
-    pub fn limit(&self, limits: v1::Limits) -> u64 {
+    pub fn limit(&self, limits: Limits, only_vdis: bool) -> u64 {
         self.overhead.limit(limits.overhead);
-        self.state().schedule.limit(limits)
+        self.state().schedule.limit(limits, only_vdis)
     }
 
     /// Schedules parameters; says from which step on they hold.

@@ -55,7 +55,7 @@ impl Pipeline {
             .copied()
             .or(setting.params)
             .or(self.start)
-            .unwrap_or_else(|| start_params(&step, setting.limits.only_vdis));
+            .unwrap_or_else(|| start_params(&step, setting.only_vdis));
         let (params, bytes, cost) = generate_within(&step, first, &setting, &self.node.options, laps, &mut self.rung)?;
         if setting.params.is_none() {
             // The next step begins with what fitted.
@@ -81,7 +81,7 @@ impl Pipeline {
             step: number,
             time: step.time,
             params: Some((&params).into()),
-            cost: Some(cost),
+            cost: Some(cost.into()),
             has_reference,
         };
         tracing::info!(
@@ -89,7 +89,7 @@ impl Pipeline {
             resolution = params.resolution(),
             gamma = params.gamma(),
             bytes = cost.size_bytes,
-            ms = cost.generation_ns / 1_000_000,
+            ms = cost.generation.as_millis() as u64,
             "generated"
         );
         self.node.report(report);

@@ -4,11 +4,11 @@ use crate::schedule::Setting;
 use crate::step::Step;
 use lamina_codec::EncodeOptions;
 use lamina_compute::Laps;
-use lamina_model::{GenerationParams, Invalid, Representation};
-use lamina_rpc::v1;
+use lamina_model::{Cost, GenerationParams, Invalid, Representation};
+use std::time::Duration;
 
 /// A step generated: its parameters, its bytes, what they cost.
-pub type Generated = (GenerationParams, Vec<u8>, v1::Cost);
+pub type Generated = (GenerationParams, Vec<u8>, Cost);
 
 /// Points a side and error bound of the reduced volume that an untuned run starts with.
 const START_POINTS: u32 = 96;
@@ -61,7 +61,7 @@ pub fn generate_within(
     rung: &mut Rung,
 ) -> Result<Generated, Invalid> {
     let limit = setting.limits.size_bytes;
-    let mut search = Search { step, options, limit, spent_ns: [0; 2], best: Err(None), laps };
+    let mut search = Search { step, options, limit, spent: [Duration::ZERO; 2], best: Err(None), laps };
     let stated = std::iter::once(first).chain(setting.fallbacks.iter().copied());
     let last = setting.fallbacks.last().unwrap_or(&first);
     // Data may grow far beyond what a study has seen.
@@ -73,10 +73,10 @@ pub fn generate_within(
         rung.rest(first, at, limit.map_or(0.0, |limit| cost.size_bytes as f64 / limit as f64));
     }
     // The step's cost is that of everything generated for it.
-    let [generation_ns, encode_ns] = search.spent_ns;
+    let [generation, encode] = search.spent;
     let none = || Invalid::new("params", "none to generate with");
     let (params, bytes, cost) = search.best.map_err(|why| why.unwrap_or_else(none))?;
-    Ok((params, bytes, v1::Cost { generation_ns, encode_ns, ..cost }))
+    Ok((params, bytes, Cost { generation, encode, ..cost }))
 }
 
 /// Ever coarser parameters from `start` on; after volumes VDIs, which can stand for any step.
@@ -99,7 +99,7 @@ struct Search<'a> {
     options: &'a EncodeOptions,
     limit: Option<u64>,
     /// Generating and encoding.
-    spent_ns: [u64; 2],
+    spent: [Duration; 2],
     /// The smallest so far; why there is none.
     best: Result<Generated, Option<Invalid>>,
     laps: &'a mut Laps,
@@ -119,8 +119,8 @@ impl Search<'_> {
                     continue;
                 }
             };
-            self.spent_ns[0] += cost.generation_ns;
-            self.spent_ns[1] += cost.encode_ns;
+            self.spent[0] += cost.generation;
+            self.spent[1] += cost.encode;
             if !matches!(&self.best, Ok((_, smallest, _)) if smallest.len() <= bytes.len()) {
                 self.best = Ok((params, bytes, cost));
             }

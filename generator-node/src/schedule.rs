@@ -1,7 +1,6 @@
 //! Which parameters hold for which step.
 
-use lamina_model::GenerationParams;
-use lamina_rpc::v1;
+use lamina_model::{GenerationParams, Limits, TuningState};
 
 /// Parameters and what to do when a step's VDI exceeds the size limit.
 #[derive(Debug, Clone, PartialEq)]
@@ -9,11 +8,13 @@ pub struct Setting {
     /// Used first; `None`: what the node starts with by itself.
     pub params: Option<GenerationParams>,
     /// What every step has to keep. Only the size is looked at here: time cannot be taken back, and quality is not known.
-    pub limits: v1::Limits,
+    pub limits: Limits,
+    /// What the node starts with by itself is to be a VDI.
+    pub only_vdis: bool,
     /// Tried in turn while the VDI is larger.
     pub fallbacks: Vec<GenerationParams>,
     /// What the parameters come from.
-    pub tuning: v1::TuningState,
+    pub tuning: TuningState,
 }
 
 /// Settings by the first step they hold for.
@@ -25,14 +26,21 @@ pub struct Schedule {
 impl Schedule {
     /// `params` for every step until told otherwise.
     pub fn new(params: Option<GenerationParams>) -> Self {
-        let setting =
-            Setting { params, limits: v1::Limits::default(), fallbacks: Vec::new(), tuning: v1::TuningState::None };
+        let setting = Setting {
+            params,
+            limits: Limits::default(),
+            only_vdis: false,
+            fallbacks: Vec::new(),
+            tuning: TuningState::None,
+        };
         Self { settings: vec![(0, setting)], next_step: 0 }
     }
 
-    /// Gives all settings other limits; says from which step on they hold.
-    pub fn limit(&mut self, limits: v1::Limits) -> u64 {
-        self.settings.iter_mut().for_each(|(_, setting)| setting.limits = limits);
+    /// Gives all settings other limits, and says whether the node is to start with VDIs; returns the step from which on they hold.
+    pub fn limit(&mut self, limits: Limits, only_vdis: bool) -> u64 {
+        for (_, setting) in &mut self.settings {
+            (setting.limits, setting.only_vdis) = (limits, only_vdis);
+        }
         self.next_step
     }
 
@@ -67,9 +75,10 @@ mod tests {
     fn setting(resolution: u32) -> Setting {
         Setting {
             params: Some(GenerationParams::new(resolution, 0.1).unwrap()),
-            limits: v1::Limits::default(),
+            limits: Limits::default(),
+            only_vdis: false,
             fallbacks: vec![],
-            tuning: v1::TuningState::None,
+            tuning: TuningState::None,
         }
     }
 
@@ -83,9 +92,9 @@ mod tests {
         assert_eq!(s.begin(9), setting(3));
         assert_eq!(s.begin(20), setting(3));
         // New limits leave parameters and their steps as they are.
-        let limits = v1::Limits { size_bytes: Some(7), ..Default::default() };
+        let limits = Limits { size_bytes: Some(7), ..Default::default() };
         s.set(30, setting(4));
-        assert_eq!(s.limit(limits), 21);
+        assert_eq!(s.limit(limits, false), 21);
         assert_eq!(s.begin(21), Setting { limits, ..setting(3) });
         assert_eq!(s.begin(30), Setting { limits, ..setting(4) });
         s.set(31, setting(3));

@@ -4,7 +4,7 @@ use crate::publish::Delivery;
 use crate::schedule::Setting;
 use lamina_codec::{self, EncodeOptions};
 use lamina_compute::{Activity, Laps};
-use lamina_model::{GenerationParams, Intermediate, Invalid, ReferenceSamples, SamplePlan, Segmentation};
+use lamina_model::{Cost, GenerationParams, Intermediate, Invalid, ReferenceSamples, SamplePlan, Segmentation};
 use lamina_raycast::{Backend, Field, most_points};
 use lamina_rpc::reference;
 use lamina_rpc::v1::{self, delivery::Part};
@@ -43,7 +43,7 @@ impl Step {
         params: &GenerationParams,
         options: &EncodeOptions,
         laps: &mut Laps,
-    ) -> Result<(Vec<u8>, v1::Cost), Invalid> {
+    ) -> Result<(Vec<u8>, Cost), Invalid> {
         let (intermediate, generation_time) = self.backend.represent(&self.field, params, self.segmentation)?;
         laps.lap(Activity::Generate);
         let encoded = encode(&intermediate, generation_time, options);
@@ -59,7 +59,7 @@ impl Step {
         options: &EncodeOptions,
         known: Option<Duration>,
         laps: &mut Laps,
-    ) -> Result<(Vec<u8>, v1::Cost), Invalid> {
+    ) -> Result<(Vec<u8>, Cost), Invalid> {
         let (intermediate, generation_time) = match known {
             Some(time) => (self.backend.represent(&self.field, params, self.segmentation)?.0, time),
             None => self.timed(params)?,
@@ -71,9 +71,9 @@ impl Step {
     }
 
     /// What generation alone takes as a trial.
-    pub fn time(&self, params: &GenerationParams) -> Result<v1::Cost, Invalid> {
+    pub fn time(&self, params: &GenerationParams) -> Result<Cost, Invalid> {
         let (_, generation_time) = self.timed(params)?;
-        Ok(v1::Cost { generation_ns: generation_time.as_nanos() as u64, ..Default::default() })
+        Ok(Cost { generation: generation_time, ..Cost::default() })
     }
 
     fn timed(&self, params: &GenerationParams) -> Result<(Intermediate, Duration), Invalid> {
@@ -120,20 +120,14 @@ impl Step {
     }
 
     /// Announces the encoded step.
-    pub fn frame(
-        &self,
-        params: &GenerationParams,
-        cost: v1::Cost,
-        bytes: impl Into<Bytes>,
-        purpose: Purpose,
-    ) -> Delivery {
+    pub fn frame(&self, params: &GenerationParams, cost: Cost, bytes: impl Into<Bytes>, purpose: Purpose) -> Delivery {
         let bytes = bytes.into();
         let purpose = match purpose {
             Purpose::Trial(trial_id) => v1::Frame { trial_id, ..Default::default() },
             Purpose::Live { dropped_steps, setting, overhead, throttle } => v1::Frame {
                 dropped_steps,
-                limits: Some(setting.limits),
-                tuning_state: setting.tuning.into(),
+                limits: Some(setting.limits.into()),
+                tuning_state: v1::TuningState::from(setting.tuning).into(),
                 overhead,
                 throttle,
                 ..Default::default()
@@ -144,7 +138,7 @@ impl Step {
             step: self.step,
             time: self.time,
             params: Some(params.into()),
-            cost: Some(cost),
+            cost: Some(cost.into()),
             bytes: bytes.len() as u64,
             empty_voxels: self.field.empty_voxels(),
             ..purpose
@@ -172,13 +166,13 @@ pub fn encode(
     intermediate: &Intermediate,
     generation_time: Duration,
     options: &EncodeOptions,
-) -> Result<(Vec<u8>, v1::Cost), Invalid> {
+) -> Result<(Vec<u8>, Cost), Invalid> {
     let (bytes, [generation_time, encode_time]) = lamina_codec::encode_timed(intermediate, generation_time, options)?;
-    let cost = v1::Cost {
+    let cost = Cost {
         size_bytes: bytes.len() as u64,
-        generation_ns: generation_time.as_nanos() as u64,
-        encode_ns: encode_time.as_nanos() as u64,
-        supersegments: intermediate.elements(),
+        generation: generation_time,
+        encode: encode_time,
+        elements: intermediate.elements(),
     };
     Ok((bytes, cost))
 }

@@ -3,7 +3,7 @@
 use crate::node_state::NodeState;
 use crate::step::{Purpose, Step, encode};
 use lamina_compute::{Activity, Laps, Permit, Priority};
-use lamina_model::{GenerationParams, Invalid};
+use lamina_model::{Cost, GenerationParams, Invalid};
 use lamina_rpc::daemon::with_heartbeat;
 use lamina_rpc::{required, v1};
 use std::collections::{HashSet, VecDeque};
@@ -28,9 +28,9 @@ pub struct Trials {
     held: Arc<Step>,
     /// Viewers that have the step's reference samples.
     informed: HashSet<String>,
-    encoded: VecDeque<(GenerationParams, Bytes, v1::Cost)>,
+    encoded: VecDeque<(GenerationParams, Bytes, Cost)>,
     /// What was timed alone.
-    timed: Vec<(GenerationParams, v1::Cost)>,
+    timed: Vec<(GenerationParams, Cost)>,
 }
 
 /// Why a request got no numbers.
@@ -102,7 +102,8 @@ impl Trials {
         let params: GenerationParams = required(request.params, "params")?.try_into()?;
         let priority = Priority::of_trial(request.first_study);
         if !request.gammas.is_empty() {
-            reply.costs = self.costs(params, &request.gammas, priority).await?;
+            let costs = self.costs(params, &request.gammas, priority).await?;
+            reply.costs = costs.into_iter().map(Into::into).collect();
             return Ok(());
         }
         if request.time_alone {
@@ -110,11 +111,11 @@ impl Trials {
             let cost = self.run(priority, move |_| held.time(&params)).await?;
             self.timed.truncate(TIMED - 1);
             self.timed.insert(0, (params, cost));
-            reply.cost = Some(cost);
+            reply.cost = Some(cost.into());
             return Ok(());
         }
         let (bytes, cost) = self.encoded(params, priority).await?;
-        reply.cost = Some(cost);
+        reply.cost = Some(cost.into());
         if !request.viewer.is_empty() {
             let frame = self.held.frame(&params, cost, bytes, Purpose::Trial(request.trial_id));
             let reference = match self.informed.contains(&request.viewer) {
@@ -133,12 +134,12 @@ impl Trials {
     }
 
     /// The VDI and what it cost, generated now unless it was lately.
-    async fn encoded(&mut self, params: GenerationParams, priority: Priority) -> Result<(Bytes, v1::Cost), Failure> {
+    async fn encoded(&mut self, params: GenerationParams, priority: Priority) -> Result<(Bytes, Cost), Failure> {
         if let Some((_, bytes, cost)) = self.encoded.iter().find(|(known, ..)| *known == params) {
             return Ok((bytes.clone(), *cost));
         }
         let (held, options) = (self.held.clone(), self.node.options);
-        let known = self.timed.iter().find(|(timed, _)| *timed == params).map(|(_, cost)| cost.generation_time());
+        let known = self.timed.iter().find(|(timed, _)| *timed == params).map(|(_, cost)| cost.generation);
         let (bytes, cost) = self.run(priority, move |laps| held.measure_trial(&params, &options, known, laps)).await?;
         let bytes = Bytes::from(bytes);
         self.encoded.truncate(ENCODED - 1);
@@ -147,12 +148,7 @@ impl Trials {
     }
 
     /// What the VDI for each of `gammas` costs; none of them stays.
-    async fn costs(
-        &self,
-        params: GenerationParams,
-        gammas: &[f64],
-        priority: Priority,
-    ) -> Result<Vec<v1::Cost>, Failure> {
+    async fn costs(&self, params: GenerationParams, gammas: &[f64], priority: Priority) -> Result<Vec<Cost>, Failure> {
         if gammas.len() > MOST_GAMMAS {
             let many = gammas.len();
             return Err(Invalid::new("gammas", format!("{many} in one request; ask for at most {MOST_GAMMAS}")).into());

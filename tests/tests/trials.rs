@@ -90,7 +90,7 @@ fn measured_by(viz: &str) -> u32 {
 
 /// What does not depend on the clock.
 fn figures(rows: &[Result<Measured, Invalid>]) -> Vec<(u64, u64, Vec<f64>)> {
-    let row = |m: &Measured| (m.cost.size_bytes, m.cost.supersegments, m.quality.batch_mse());
+    let row = |m: &Measured| (m.cost.size_bytes, m.cost.elements, m.quality.batch_mse());
     rows.iter().map(|r| row(r.as_ref().unwrap())).collect()
 }
 
@@ -146,8 +146,8 @@ fn two_viewers_share_a_study_and_find_what_one_finds() {
         let gammas: Vec<f64> = candidates[..4].iter().map(GenerationParams::gamma).collect();
         let sizes = remote.sizes(&candidates[0], &gammas).await.unwrap();
         for (cost, (bytes, segments, _)) in sizes.iter().zip(&alone) {
-            assert_eq!((cost.size_bytes, cost.supersegments), (*bytes, *segments));
-            assert_eq!(cost.generation_time, sizes[0].generation_time);
+            assert_eq!((cost.size_bytes, cost.elements), (*bytes, *segments));
+            assert_eq!(cost.generation, sizes[0].generation);
         }
 
         assert!(remote.time(&candidates[0]).await.unwrap().unwrap() > Duration::ZERO);

@@ -126,7 +126,8 @@ pub fn choose(study: &Study, contract: &Contract, in_use: Option<&GenerationPara
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trial::{Cost, Measured};
+    use crate::trial::Measured;
+    use lamina_model::Cost;
     use lamina_model::{Quality, ViewError};
 
     fn params(r: u32, gamma: f64) -> GenerationParams {

@@ -1,13 +1,12 @@
 //! What the user wants: limits that every step must keep, and what is best among what keeps them.
 
-use crate::trial::{Cost, Measured};
+use crate::trial::Measured;
 use crate::units::{Bytes, Millis, show_bytes};
 use crate::utility::Utility;
-use lamina_model::{Invalid, Representation};
+use lamina_model::{Cost, Invalid, Limits, Representation};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
-use std::time::Duration;
 
 /// Limits on size, time and quality, and a utility; nu of the paper is such a contract with one limit.
 ///
@@ -106,10 +105,9 @@ impl Contract {
         Self { time_ms: self.time_ms.map(|ms| ms / pace), ..self.clone() }
     }
 
-    /// The time that the limit is about.
-    pub fn time_of(&self, generation: Duration, encode: Duration) -> f64 {
-        let time = if self.with_encoding { generation + encode } else { generation };
-        1e3 * time.as_secs_f64()
+    /// The time that the limit is about, milliseconds.
+    pub fn time_of(&self, cost: &Cost) -> f64 {
+        self.limits().time_of(cost)
     }
 
     /// The longest that generation may take by itself, milliseconds; `None` where that is not limited,
@@ -124,20 +122,20 @@ impl Contract {
         self.size_bytes.is_some() || self.utility().weighs_size()
     }
 
-    /// By which factor the worst limit is exceeded, as its logarithm: 0 or less keeps all of them. Decibels count as
-    /// amplitude, 20 dB a factor of ten. `psnr_db` is left out of account where it is NaN.
+    /// What every step must keep.
+    pub fn limits(&self) -> Limits {
+        let Self { size_bytes, time_ms, with_encoding, psnr_db, overhead, .. } = *self;
+        Limits { size_bytes, time_ms, with_encoding, psnr_db, overhead }
+    }
+
+    /// By which factor the worst limit is exceeded: [`Limits::excess`].
     pub fn excess(&self, cost: &Cost, psnr_db: f64) -> f64 {
-        self.excess_of(cost.size_bytes as f64, self.time_of(cost.generation_time, cost.encode_time), psnr_db)
+        self.limits().excess(cost, psnr_db)
     }
 
     /// The same of bytes, milliseconds ([`Self::time_of`]) and decibels.
     pub(crate) fn excess_of(&self, size_bytes: f64, ms: f64, psnr_db: f64) -> f64 {
-        let over = |limit: Option<f64>, value: f64| limit.map(|limit| (value / limit).ln());
-        let size = over(self.size_bytes.map(|b| b as f64), size_bytes);
-        let time = over(self.time_ms, ms);
-        let psnr =
-            self.psnr_db.filter(|_| !psnr_db.is_nan()).map(|least| (least - psnr_db) * std::f64::consts::LN_10 / 20.0);
-        [size, time, psnr].into_iter().flatten().fold(f64::NEG_INFINITY, f64::max)
+        self.limits().excess_of(size_bytes, ms, psnr_db)
     }
 
     /// How far these figures are from keeping all limits, to be compared with others'. Whatever keeps those on size and time is
@@ -165,12 +163,12 @@ impl Contract {
         if psnr_db.is_nan() || self.excess(cost, psnr_db) > 0.0 {
             return f64::INFINITY;
         }
-        self.utility().cost(cost.size_bytes, psnr_db, self.time_of(cost.generation_time, cost.encode_time))
+        self.utility().cost(cost.size_bytes, psnr_db, self.time_of(cost))
     }
 
     /// What these figures are against the limits, for people: `312.0 kB (limit 300.0 kB), 31.2 ms`.
     pub fn describe(&self, measured: &Measured) -> String {
-        let ms = self.time_of(measured.cost.generation_time, measured.cost.encode_time);
+        let ms = self.time_of(&measured.cost);
         let db = measured.quality.psnr_db();
         let limit = |text: Option<String>| text.map_or_else(String::new, |t| format!(" (limit {t})"));
         format!(
@@ -280,9 +278,10 @@ impl From<Contract> for String {
 mod tests {
     use super::*;
     use lamina_model::{Quality, ViewError};
+    use std::time::Duration;
 
     fn measured(size_bytes: u64, ms: u64, mse: f64) -> Measured {
-        let cost = Cost { size_bytes, generation_time: Duration::from_millis(ms), ..Cost::default() };
+        let cost = Cost { size_bytes, generation: Duration::from_millis(ms), ..Cost::default() };
         Measured { cost, quality: Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse] }] } }
     }
 
@@ -325,7 +324,7 @@ mod tests {
     #[test]
     fn encoding_counts_where_it_is_asked_for() {
         let mut m = measured(1, 30, 1e-3);
-        m.cost.encode_time = Duration::from_millis(20);
+        m.cost.encode = Duration::from_millis(20);
         assert!(contract("time <= 40ms").cost(&m).is_finite());
         assert_eq!(contract("time+encoding <= 40ms").cost(&m), f64::INFINITY);
     }

@@ -8,7 +8,7 @@ use lamina_model::Quality;
 /// measured on.
 fn beats(a: &Row, b: &Row) -> bool {
     let (a, b) = (&a.measured, &b.measured);
-    let prices = |m: &Measured| [m.cost.size_bytes as f64, m.cost.generation_time.as_secs_f64()];
+    let prices = |m: &Measured| [m.cost.size_bytes as f64, m.cost.generation.as_secs_f64()];
     let (cheap, dear) = (prices(a), prices(b));
     if cheap.iter().zip(&dear).any(|(a, b)| a > b) {
         return false;
@@ -52,7 +52,7 @@ pub fn offers(rows: &[Row], chosen: usize) -> (Option<Offer>, Option<Offer>) {
     let from = &rows[chosen].measured;
     let offer = |row: usize| {
         let to = &rows[row].measured;
-        let ms = |m: &Measured| 1e3 * m.cost.generation_time.as_secs_f64();
+        let ms = |m: &Measured| 1e3 * m.cost.generation.as_secs_f64();
         Offer {
             row,
             gain_db: gain_db(&from.quality, &to.quality),
@@ -71,12 +71,12 @@ pub fn offers(rows: &[Row], chosen: usize) -> (Option<Offer>, Option<Offer>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trial::Cost;
+    use lamina_model::Cost;
     use lamina_model::{GenerationParams, ViewError};
     use std::time::Duration;
 
     fn row(kilobytes: u64, ms: u64, db: f64) -> Row {
-        let cost = Cost { size_bytes: 1000 * kilobytes, generation_time: Duration::from_millis(ms), ..Cost::default() };
+        let cost = Cost { size_bytes: 1000 * kilobytes, generation: Duration::from_millis(ms), ..Cost::default() };
         let view = ViewError { angle_deg: 10.0, batch_mse: vec![10_f64.powf(-db / 10.0)] };
         let measured = Measured { cost, quality: Quality { views: vec![view] } };
         Row { params: GenerationParams::new(64, 0.1).unwrap(), measured, cost: 0.0 }

@@ -7,8 +7,8 @@ use crate::push::{push, setting};
 use crate::remote::Progress;
 use crate::status::Status;
 use crate::tune::{Row, Study};
-use lamina_model::GenerationParams;
-use lamina_rpc::v1::{self, TuningState, control_client::ControlClient};
+use lamina_model::{GenerationParams, TuningState};
+use lamina_rpc::v1::{self, control_client::ControlClient};
 use tokio::sync::watch;
 use tonic::transport::Channel;
 
@@ -77,7 +77,8 @@ pub async fn follow(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trial::{Cost, Measured};
+    use crate::trial::Measured;
+    use lamina_model::Cost;
     use lamina_model::{Quality, ViewError};
 
     #[test]
@@ -92,7 +93,7 @@ mod tests {
             choice.add(&Row { params: params(resolution), cost, measured });
             let changed = chosen.has_changed().unwrap();
             let setting = chosen.borrow_and_update().clone();
-            setting.filter(|_| changed).map(|(s, _)| (s.params.unwrap().resolution, s.tuning_state()))
+            setting.filter(|_| changed).map(|(s, _)| (s.params.unwrap().resolution, s.tuning_state().into()))
         };
         let in_use = |resolution| Some((resolution, TuningState::Provisional));
         assert_eq!(trial(62, 1001, 1e-6), None, "too large");

@@ -3,40 +3,29 @@
 use crate::Contract;
 use crate::trial::TrialError;
 use crate::tune::Study;
-use lamina_model::Representation;
+use lamina_model::{Representation, TuningState};
 use lamina_rpc::v1::{self, control_client::ControlClient};
 use tonic::transport::Channel;
 
 /// The parameters of row `chosen` as a setting: with the contract's limits, and, under a limit on size or overhead, what to fall
 /// back to on steps for which they are too large.
-pub fn setting(study: &Study, chosen: usize, contract: &Contract, state: v1::TuningState) -> v1::SetParametersRequest {
+pub fn setting(study: &Study, chosen: usize, contract: &Contract, state: TuningState) -> v1::SetParametersRequest {
     let cheaper = contract.size_bytes.is_some() || contract.overhead.is_some();
     let ladder = if cheaper { study.ladder(chosen) } else { Vec::new() };
     v1::SetParametersRequest {
         params: Some((&study.rows[chosen].params).into()),
         from_step: 0,
-        limits: Some(limits(contract)),
+        limits: Some(contract.limits().into()),
         fallbacks: ladder.iter().map(Into::into).collect(),
-        tuning_state: state.into(),
+        tuning_state: v1::TuningState::from(state).into(),
+        only_vdis: false,
     }
 }
 
 /// The contract's limits alone, for steps before the first study, which may become one of `representations`.
 pub fn limits_alone(contract: &Contract, representations: &[Representation]) -> v1::SetParametersRequest {
     let only_vdis = !representations.contains(&Representation::Volume);
-    let limits = v1::Limits { only_vdis, ..limits(contract) };
-    v1::SetParametersRequest { limits: Some(limits), ..Default::default() }
-}
-
-fn limits(contract: &Contract) -> v1::Limits {
-    v1::Limits {
-        size_bytes: contract.size_bytes,
-        time_ns: contract.time_ms.map(|ms| (ms * 1e6) as u64),
-        with_encoding: contract.with_encoding,
-        psnr_db: contract.psnr_db,
-        overhead: contract.overhead,
-        only_vdis: false,
-    }
+    v1::SetParametersRequest { limits: Some(contract.limits().into()), only_vdis, ..Default::default() }
 }
 
 /// Sends parameters; says from which step on they hold.

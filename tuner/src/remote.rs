@@ -6,9 +6,9 @@ mod generator;
 mod round;
 mod viewers;
 
-use crate::trial::{Cost, Measured, Trial, TrialError};
+use crate::trial::{Measured, Trial, TrialError};
 use generator::Generator;
-use lamina_model::{GenerationParams, Invalid, ParamsKey, Quality};
+use lamina_model::{Cost, GenerationParams, Invalid, ParamsKey, Quality};
 use lamina_rpc::connect::innermost;
 use lamina_rpc::v1::{self, control_client::ControlClient};
 use round::{Generating, Round};
@@ -165,7 +165,7 @@ impl Trial for Remote {
             return Ok(Err(Invalid::new("candidate", reply.refusal)));
         }
         let cost = reply.cost.ok_or_else(|| self.generator.no_cost())?;
-        Ok(Ok(cost.generation_time()))
+        Ok(Ok(Cost::from(cost).generation))
     }
 
     async fn measure(
@@ -199,16 +199,5 @@ impl Remote {
             Round::new(self, &[], 0).generated(reply)?;
         }
         Ok(())
-    }
-}
-
-impl From<v1::Cost> for Cost {
-    fn from(cost: v1::Cost) -> Self {
-        Self {
-            size_bytes: cost.size_bytes,
-            generation_time: cost.generation_time(),
-            encode_time: cost.encode_time(),
-            supersegments: cost.supersegments,
-        }
     }
 }

@@ -3,8 +3,8 @@
 use crate::Contract;
 use crate::characteristic::{Characteristic, Kept};
 use crate::search::CandidateSet;
-use crate::trial::Cost;
 use crate::tune::Row;
+use lamina_model::Cost;
 use lamina_model::GenerationParams;
 use lamina_rpc::v1;
 use std::collections::VecDeque;
@@ -97,7 +97,7 @@ impl Run {
         if contract.time_ms.is_none() {
             return;
         }
-        let ms = |cost: Cost| contract.time_of(cost.generation_time, cost.encode_time);
+        let ms = |cost: Cost| contract.time_of(&cost);
         let tried = self.like(report).and_then(|step| {
             let params = read(report.params)?;
             step.study.rows.iter().find(|row| row.params == params).map(|row| row.measured.cost)

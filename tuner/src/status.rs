@@ -58,12 +58,7 @@ impl Status {
         let record = |(n, row): (usize, &Row)| v1::TrialRecord {
             step,
             params: Some((&row.params).into()),
-            cost: Some(v1::Cost {
-                size_bytes: row.measured.cost.size_bytes,
-                generation_ns: row.measured.cost.generation_time.as_nanos() as u64,
-                encode_ns: row.measured.cost.encode_time.as_nanos() as u64,
-                supersegments: row.measured.cost.supersegments,
-            }),
+            cost: Some(row.measured.cost.into()),
             psnr_db: row.measured.quality.psnr_db(),
             chosen: Some(n) == chosen,
         };

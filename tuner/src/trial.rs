@@ -1,21 +1,9 @@
 //! One measurement of one set of parameters, whoever takes it.
 
+pub use lamina_model::Cost;
 use lamina_model::{GenerationParams, Indicators, Invalid, Quality};
 use std::future::Future;
 use std::time::Duration;
-
-/// What generating with some parameters cost.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Cost {
-    /// sigma: bytes of the encoded VDI.
-    pub size_bytes: u64,
-    /// tau: wall time of generation, without encoding.
-    pub generation_time: Duration,
-    /// Wall time of encoding, its own figure.
-    pub encode_time: Duration,
-    /// Supersegments of the VDI.
-    pub supersegments: u64,
-}
 
 /// What a trial measured.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -32,7 +20,7 @@ impl Measured {
         Indicators {
             size_bytes: self.cost.size_bytes,
             psnr_db: self.quality.psnr_db(),
-            generation_time: self.cost.generation_time,
+            generation_time: self.cost.generation,
         }
     }
 }

@@ -19,7 +19,7 @@ impl Row {
     /// How far it is from keeping all limits; 0 or less keeps them.
     pub fn distance(&self, contract: &Contract) -> f64 {
         let cost = &self.measured.cost;
-        let ms = contract.time_of(cost.generation_time, cost.encode_time);
+        let ms = contract.time_of(cost);
         contract.distance_of(cost.size_bytes as f64, ms, self.measured.quality.psnr_db())
     }
 }
@@ -101,7 +101,7 @@ impl Study {
         for mut row in self.rows {
             if row.cost < f64::INFINITY {
                 let Measured { cost, quality } = &row.measured;
-                let ms = contract.time_of(cost.generation_time, cost.encode_time);
+                let ms = contract.time_of(cost);
                 row.cost = contract.utility().cost(cost.size_bytes, quality.first(batches).psnr_db(), ms);
             }
             common.add(row);
@@ -153,7 +153,7 @@ impl Study {
 mod tests {
     use super::*;
     use crate::search::Grid;
-    use crate::trial::Cost;
+    use lamina_model::Cost;
     use lamina_model::{Invalid, Quality, ViewError};
     use std::time::Duration;
 
@@ -188,7 +188,7 @@ mod tests {
                 let r = f64::from(p.resolution());
                 let cost = Cost {
                     size_bytes: (r * r * (0.3 - p.gamma())) as u64,
-                    generation_time: Duration::from_micros(r as u64),
+                    generation: Duration::from_micros(r as u64),
                     ..Cost::default()
                 };
                 let mse = 10_f64.powf(-(20.0 * r.log10() - 100.0 * p.gamma()) / 10.0);

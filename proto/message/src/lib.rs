@@ -5,7 +5,7 @@
 mod convert;
 mod effects;
 
-/// Generated from `proto/lamina/v1/scene.proto` and `volume_header.proto`: see `tests/tests/contracts.rs`.
+/// Generated from `proto/lamina/v1/scene.proto` and `volume_header.proto`: see `tests/contracts`.
 #[allow(missing_docs, clippy::all, unused_qualifications, reason = "generated code")]
 pub mod v1 {
     include!("generated.rs");

@@ -1,37 +1,9 @@
 //! What steers generation: the paper's P_M.
 
 use crate::Invalid;
+use crate::names::named;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
-
-/// Names of the values of a plain enum: as shown, and as read.
-macro_rules! named {
-    ($type:ident, $thing:literal, $none:literal, $($value:ident $name:literal),+) => {
-        impl $type {
-            /// All of them.
-            pub const ALL: [Self; [$($name),+].len()] = [$(Self::$value),+];
-
-            /// Its name in files and on the page.
-            pub fn name(self) -> &'static str {
-                match self { $(Self::$value => $name),+ }
-            }
-        }
-
-        impl std::str::FromStr for $type {
-            type Err = Invalid;
-            fn from_str(s: &str) -> Result<Self, Invalid> {
-                let unknown = || Invalid::new($thing, format!("\"{s}\" is {}", $none));
-                Self::ALL.into_iter().find(|value| value.name() == s).ok_or_else(unknown)
-            }
-        }
-
-        impl std::fmt::Display for $type {
-            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-                f.write_str(self.name())
-            }
-        }
-    };
-}
 
 /// What a step is turned into.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]

@@ -1,7 +1,9 @@
 //! Messages to model types and back. Whatever arrives is checked by the model's own constructors.
 
 use crate::v1;
-use lamina_model::{FullPolicy, GenerationParams, Invalid, Quality, Representation, ViewError};
+use lamina_model::{
+    Cost, FullPolicy, GenerationParams, Invalid, Limits, Quality, Representation, TuningState, ViewError,
+};
 use std::time::Duration;
 
 impl From<Representation> for v1::Representation {
@@ -46,15 +48,60 @@ impl TryFrom<v1::GenerationParams> for GenerationParams {
     }
 }
 
-impl v1::Cost {
-    /// Wall time of generation, without encoding.
-    pub fn generation_time(&self) -> Duration {
-        Duration::from_nanos(self.generation_ns)
+impl From<Cost> for v1::Cost {
+    fn from(cost: Cost) -> Self {
+        Self {
+            size_bytes: cost.size_bytes,
+            generation_ns: cost.generation.as_nanos() as u64,
+            encode_ns: cost.encode.as_nanos() as u64,
+            supersegments: cost.elements,
+        }
     }
+}
 
-    /// Wall time of encoding.
-    pub fn encode_time(&self) -> Duration {
-        Duration::from_nanos(self.encode_ns)
+impl From<v1::Cost> for Cost {
+    fn from(cost: v1::Cost) -> Self {
+        Self {
+            size_bytes: cost.size_bytes,
+            generation: Duration::from_nanos(cost.generation_ns),
+            encode: Duration::from_nanos(cost.encode_ns),
+            elements: cost.supersegments,
+        }
+    }
+}
+
+impl From<Limits> for v1::Limits {
+    fn from(limits: Limits) -> Self {
+        let Limits { size_bytes, time_ms, with_encoding, psnr_db, overhead } = limits;
+        let time_ns = time_ms.map(|ms| (ms * 1e6) as u64);
+        Self { size_bytes, time_ns, with_encoding, psnr_db, overhead }
+    }
+}
+
+impl From<v1::Limits> for Limits {
+    fn from(limits: v1::Limits) -> Self {
+        let v1::Limits { size_bytes, time_ns, with_encoding, psnr_db, overhead } = limits;
+        Self { size_bytes, time_ms: time_ns.map(|ns| ns as f64 / 1e6), with_encoding, psnr_db, overhead }
+    }
+}
+
+impl From<TuningState> for v1::TuningState {
+    fn from(state: TuningState) -> Self {
+        match state {
+            TuningState::None => Self::None,
+            TuningState::Provisional => Self::Provisional,
+            TuningState::Done => Self::Done,
+        }
+    }
+}
+
+impl From<v1::TuningState> for TuningState {
+    fn from(state: v1::TuningState) -> Self {
+        match state {
+            v1::TuningState::None => Self::None,
+            v1::TuningState::Provisional => Self::Provisional,
+            v1::TuningState::Done => Self::Done,
+        }
     }
 }
 

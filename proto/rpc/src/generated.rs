@@ -87,9 +87,6 @@ pub struct Limits {
     /// How much longer the simulation's steps may take than without the nodes, as a share of their time.
     #[prost(double, optional, tag = "5")]
     pub overhead: ::core::option::Option<f64>,
-    /// What a node chooses by itself is to be a VDI.
-    #[prost(bool, tag = "6")]
-    pub only_vdis: bool,
 }
 /// Announces ray-cast colours of one step; they follow in chunks: views in order, per view one colour per sampled pixel,
 /// red, green, blue as 16-bit little-endian numbers, 65535 being 1.
@@ -284,6 +281,9 @@ pub struct SetParametersRequest {
     /// What the parameters come from.
     #[prost(enumeration = "TuningState", tag = "5")]
     pub tuning_state: i32,
+    /// What the node chooses by itself, before a study, is to be a VDI. Read where `params` is absent.
+    #[prost(bool, tag = "6")]
+    pub only_vdis: bool,
 }
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct SetParametersReply {

@@ -9,7 +9,7 @@ pub mod reference;
 
 pub use lamina_message::required;
 
-/// Generated from `proto/lamina/v1`: see `tests/tests/contracts.rs`.
+/// Generated from `proto/lamina/v1`: see `tests/contracts`.
 #[allow(missing_docs, clippy::all, unused_qualifications, reason = "generated code")]
 pub mod v1 {
     pub use lamina_message::v1::*;

@@ -222,7 +222,7 @@ impl<'a> BayesianSearch<'a> {
     /// How far a row is from keeping all limits.
     pub(super) fn distance_of(&self, row: &Row) -> f64 {
         let cost = &row.measured.cost;
-        let ms = self.contract.time_of(cost.generation_time, cost.encode_time);
+        let ms = self.contract.time_of(cost);
         self.contract.distance_of(cost.size_bytes as f64, ms, self.estimated_db(row))
     }
 

@@ -2,8 +2,8 @@
 
 use super::Grid;
 use super::gamma_range::{GAMMAS, GammaRange, WIDEST, logarithmic};
-use crate::trial::{Cost, Trial, TrialError};
-use lamina_model::{GenerationParams, Invalid, ReducedVolume, Representation};
+use crate::trial::{Trial, TrialError};
+use lamina_model::{Cost, GenerationParams, Invalid, ReducedVolume, Representation};
 use std::time::Duration;
 
 /// Resolutions of volumes: from all sample points down to a quarter of those on a side, three to a factor of two.

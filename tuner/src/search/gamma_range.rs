@@ -1,7 +1,7 @@
 //! The range of gammas worth trying on some data: the paper's fixed range missed those that mattered on one of its sets.
 
-use crate::trial::{Cost, Trial, TrialError};
-use lamina_model::GenerationParams;
+use crate::trial::{Trial, TrialError};
+use lamina_model::{Cost, GenerationParams};
 use std::time::Duration;
 use tokio::time::Instant;
 

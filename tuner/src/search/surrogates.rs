@@ -44,7 +44,7 @@ impl BayesianSearch<'_> {
         let size = |bytes: u64| (bytes.max(1) as f64).ln();
         let carried = |r: &Row, value: f64| Observation { at: param_point(&r.params), value, carried: true };
         let new = |params: &GenerationParams, value: f64| Observation::new(param_point(params), value);
-        let ms = |r: &Row| self.contract.time_of(r.measured.cost.generation_time, r.measured.cost.encode_time);
+        let ms = |r: &Row| self.contract.time_of(&r.measured.cost);
         let mut sizes: Vec<Observation> = self.marched.iter().map(|(p, bytes)| new(p, size(*bytes))).collect();
         let tried = self.tried.iter().filter(|r| !self.marched.iter().any(|(p, _)| *p == r.params));
         sizes.extend(tried.map(|r| new(&r.params, size(r.measured.cost.size_bytes))));

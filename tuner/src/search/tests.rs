@@ -2,10 +2,10 @@
 
 use super::{CandidateSet, Grid, SearchRequest, SearchResult, search, search_with_margin};
 use crate::Contract;
-use crate::trial::{Cost, Measured, Trial, TrialError};
+use crate::trial::{Measured, Trial, TrialError};
 use crate::tune::{Row, Study, tune};
 use crate::utility::Utility;
-use lamina_model::{GenerationParams, Invalid, Quality, Representation, ViewError};
+use lamina_model::{Cost, GenerationParams, Invalid, Quality, Representation, ViewError};
 use std::time::Duration;
 use tokio::time::Instant;
 
@@ -50,7 +50,7 @@ impl Response {
         let jump = if gamma < self.jump { 8.0 } else { 1.0 } * (1.0 + self.richer);
         let size_bytes = (2.0 * r.powf(1.75) * (gamma + 0.01).powf(-0.45) * ripple * dearer * jump) as u64;
         let generation_time = Duration::from_nanos((1e3 * r.powf(1.6)) as u64);
-        Cost { size_bytes, generation_time, encode_time: generation_time, supersegments: 1 }
+        Cost { size_bytes, generation: generation_time, encode: generation_time, elements: 1 }
     }
 
     fn quality(&self, p: &GenerationParams, batches: u32) -> Quality {
@@ -88,7 +88,7 @@ impl Trial for Response {
     async fn time(&mut self, params: &GenerationParams) -> Result<Result<Duration, Invalid>, TrialError> {
         self.timed += 1;
         self.takes_time().await;
-        Ok(Ok(self.cost(params).generation_time))
+        Ok(Ok(self.cost(params).generation))
     }
     async fn measure(
         &mut self,
@@ -201,7 +201,7 @@ async fn a_margin_is_kept_where_something_has_it_and_given_up_where_nothing_has(
             .await
             .unwrap();
         let row = &found.study.rows[found.study.best.unwrap_or_else(|| panic!("{text}: {found:?}"))];
-        let ms = 1e3 * row.measured.cost.generation_time.as_secs_f64();
+        let ms = 1e3 * row.measured.cost.generation.as_secs_f64();
         assert!(ms <= most_ms && row.params.resolution() <= most_r, "{text}: {row:?}");
         assert!(row.cost.is_finite() && contract.cost(&row.measured) == row.cost, "{text}: {row:?}");
         let best = exhaustive(&contract.aim()).await;

@@ -5,7 +5,8 @@
 mod folder;
 mod row;
 
-pub use row::{Measured, Number, StepRow, TuningState, View};
+pub use lamina_model::TuningState;
+pub use row::{Measured, Number, StepRow, View};
 
 use folder::Folder;
 use lamina_codec::{self, DecodeLimits};

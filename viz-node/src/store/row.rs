@@ -1,6 +1,6 @@
 //! The numbers of one step, as the page, `steps.csv` and the report show them.
 
-use lamina_model::{Quality, Representation, ViewError};
+use lamina_model::{Cost, Limits, Quality, Representation, TuningState, ViewError};
 use lamina_rpc::convert::representation;
 use lamina_rpc::v1;
 use lamina_vdi_render::QualityEstimate;
@@ -83,28 +83,6 @@ named! {
     }
 }
 
-named! {
-    /// Where a step's parameters come from.
-    TuningState {
-        /// The generator-node's own.
-        None = "none",
-        /// The best trial so far of a study that went on.
-        Provisional = "provisional",
-        /// A whole study.
-        Done = "done"
-    }
-}
-
-impl From<v1::TuningState> for TuningState {
-    fn from(state: v1::TuningState) -> Self {
-        match state {
-            v1::TuningState::None => Self::None,
-            v1::TuningState::Provisional => Self::Provisional,
-            v1::TuningState::Done => Self::Done,
-        }
-    }
-}
-
 /// One recorded step.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StepRow {
@@ -183,28 +161,25 @@ impl StepRow {
 
     fn new(frame: &v1::Frame, quality: Option<&Quality>) -> Self {
         let params = frame.params.unwrap_or_default();
-        let cost = frame.cost.unwrap_or_default();
-        let limits = frame.limits.unwrap_or_default();
-        let size_kept = limits.size_bytes.is_none_or(|limit| cost.size_bytes <= limit);
-        let time_ns = cost.generation_ns + if limits.with_encoding { cost.encode_ns } else { 0 };
-        let time_kept = limits.time_ns.is_none_or(|limit| time_ns <= limit);
+        let cost = Cost::from(frame.cost.unwrap_or_default());
+        let limits = Limits::from(frame.limits.unwrap_or_default());
         // A step whose quality was not measured breaks no limit on it.
-        let psnr_kept = limits.psnr_db.zip(quality).is_none_or(|(limit, q)| q.psnr_db() >= limit);
+        let limit_kept = limits.are_kept(&cost, quality.map_or(f64::NAN, Quality::psnr_db));
         Self {
             step: frame.step,
             time: frame.time,
             resolution: params.resolution,
             gamma: params.gamma,
             size_bytes: cost.size_bytes,
-            generation_ms: cost.generation_ns as f64 / 1e6,
+            generation_ms: 1e3 * cost.generation.as_secs_f64(),
             psnr_db: quality.and_then(psnr),
-            encode_ms: cost.encode_ns as f64 / 1e6,
-            supersegments: cost.supersegments,
+            encode_ms: 1e3 * cost.encode.as_secs_f64(),
+            supersegments: cost.elements,
             dropped_steps: frame.dropped_steps,
             empty_voxels: frame.empty_voxels,
             size_limit_bytes: limits.size_bytes,
-            time_limit_ms: limits.time_ns.map(|ns| ns as f64 / 1e6),
-            limit_kept: size_kept && time_kept && psnr_kept,
+            time_limit_ms: limits.time_ms,
+            limit_kept,
             psnr_limit_db: limits.psnr_db,
             views: quality.map(views).unwrap_or_default(),
             representation: representation(&params).unwrap_or_default(),
@@ -314,7 +289,7 @@ impl StepRow {
             psnr_limit_db: None,
             half_width_db: optional(half_width)?,
             measured: Measured::parse(measured)?,
-            tuning: TuningState::parse(tuning)?,
+            tuning: tuning.parse().ok()?,
             overhead: optional(overhead)?,
             throttle: throttle.parse().ok()?,
         })

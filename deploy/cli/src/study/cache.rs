@@ -80,9 +80,9 @@ impl From<&Trial> for Line {
         Self {
             params: t.params,
             size_bytes: t.cost.size_bytes,
-            supersegments: t.cost.supersegments,
-            generation_ns: t.cost.generation_time.as_nanos() as u64,
-            encode_ns: t.cost.encode_time.as_nanos() as u64,
+            supersegments: t.cost.elements,
+            generation_ns: t.cost.generation.as_nanos() as u64,
+            encode_ns: t.cost.encode.as_nanos() as u64,
             timed: t.timed,
             spent: t.spent,
             angles_deg: t.quality.views.iter().map(|v| v.angle_deg).collect(),
@@ -95,9 +95,9 @@ impl From<Line> for Trial {
     fn from(l: Line) -> Self {
         let cost = Cost {
             size_bytes: l.size_bytes,
-            supersegments: l.supersegments,
-            generation_time: Duration::from_nanos(l.generation_ns),
-            encode_time: Duration::from_nanos(l.encode_ns),
+            elements: l.supersegments,
+            generation: Duration::from_nanos(l.generation_ns),
+            encode: Duration::from_nanos(l.encode_ns),
         };
         let view = |(angle_deg, batch_mse)| ViewError { angle_deg, batch_mse };
         let views = l.angles_deg.into_iter().zip(l.batch_mse).map(view).collect();
@@ -204,7 +204,7 @@ mod tests {
 
     fn trial(resolution: u32) -> Trial {
         let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![1e-3, 0.1 + 0.2] }] };
-        let cost = Cost { size_bytes: 7, supersegments: 3, ..Cost::default() };
+        let cost = Cost { size_bytes: 7, elements: 3, ..Cost::default() };
         let params = GenerationParams::new(resolution, 0.013).unwrap();
         Trial { params, cost, timed: 1, quality, spent: Spent::default() }
     }

@@ -46,7 +46,7 @@ impl Limits {
 /// The time that a tenth of the trials of every step keeps: less would leave nothing to choose from.
 fn ms_at_least(all: &[Measured]) -> f64 {
     let tenth = |m: &Measured| {
-        let mut times: Vec<f64> = m.rows.iter().map(|r| 1e3 * r.measured.cost.generation_time.as_secs_f64()).collect();
+        let mut times: Vec<f64> = m.rows.iter().map(|r| 1e3 * r.measured.cost.generation.as_secs_f64()).collect();
         times.sort_by(f64::total_cmp);
         times.get(times.len() / 10).copied().unwrap_or(0.0)
     };

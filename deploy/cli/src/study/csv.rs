@@ -25,8 +25,8 @@ fn row(row: &Row) -> String {
         params.resolution(),
         params.gamma(),
         cost.size_bytes,
-        ms(cost.generation_time),
-        ms(cost.encode_time),
+        ms(cost.generation),
+        ms(cost.encode),
         row.measured.quality.psnr_db()
     )
 }

@@ -17,7 +17,7 @@ const BOTTOM: f64 = HEIGHT - 42.0;
 const TOP: f64 = 16.0;
 
 fn ms(row: &Row) -> f64 {
-    1e3 * row.measured.cost.generation_time.as_secs_f64()
+    1e3 * row.measured.cost.generation.as_secs_f64()
 }
 
 /// gamma to the right, r upwards, room for the largest circle on all sides.

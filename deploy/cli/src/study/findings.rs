@@ -74,7 +74,7 @@ pub fn row(rows: &[Row], limits: &Limits) -> [String; 6] {
     let ends = resolutions().min().zip(resolutions().max());
     let median = |resolution: u32| {
         let some = rows.iter().filter(|r| r.params.resolution() == resolution);
-        let mut ms: Vec<f64> = some.map(|r| 1e3 * r.measured.cost.generation_time.as_secs_f64()).collect();
+        let mut ms: Vec<f64> = some.map(|r| 1e3 * r.measured.cost.generation.as_secs_f64()).collect();
         ms.sort_by(f64::total_cmp);
         format!("{} at {resolution}", fixed((ms[ms.len() / 2] + ms[(ms.len() - 1) / 2]) / 2.0, 0))
     };
@@ -114,7 +114,7 @@ mod tests {
         let row_of = |&(r, gamma, size_bytes, ms, db): &(u32, f64, u64, u64, f64)| {
             let batch_mse = vec![10_f64.powf(-db / 10.0)];
             let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse }] };
-            let cost = Cost { size_bytes, generation_time: Duration::from_millis(ms), ..Cost::default() };
+            let cost = Cost { size_bytes, generation: Duration::from_millis(ms), ..Cost::default() };
             let params = GenerationParams::new(r, gamma).unwrap();
             Row { params, measured: Measured { cost, quality }, cost: 0.0 }
         };

@@ -85,8 +85,8 @@ impl Local {
         let options = encode_options(self.segmentation);
         let (bytes, [generation_time, encode_time]) =
             lamina_codec::encode_timed(intermediate, generation_time, &options)?;
-        let (size_bytes, supersegments) = (bytes.len() as u64, intermediate.elements());
-        Ok((bytes, Cost { size_bytes, generation_time, encode_time, supersegments }))
+        let (size_bytes, elements) = (bytes.len() as u64, intermediate.elements());
+        Ok((bytes, Cost { size_bytes, generation: generation_time, encode: encode_time, elements }))
     }
 
     fn represent(&self, params: &GenerationParams) -> Result<(Intermediate, Duration), Invalid> {
@@ -101,7 +101,7 @@ impl Local {
     pub fn time_again(&mut self, params: &GenerationParams, times: u32) -> anyhow::Result<()> {
         if let Some(known) = self.cache.get(params).filter(|known| known.timed < times) {
             let (mut trial, (_, time)) = (known.clone(), self.represent(params)?);
-            trial.cost.generation_time = trial.cost.generation_time.min(time);
+            trial.cost.generation = trial.cost.generation.min(time);
             trial.timed += 1;
             self.cache.put(trial)?;
         }

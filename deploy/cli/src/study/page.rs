@@ -149,7 +149,7 @@ fn cross(all: &[Measured], limits: &Limits) -> String {
             t.chosen.params.resolution().to_string(),
             significant(t.chosen.params.gamma(), 4),
             fixed(kilobytes(t.used.measured.cost.size_bytes), 1),
-            fixed(1e3 * t.used.measured.cost.generation_time.as_secs_f64(), 1),
+            fixed(1e3 * t.used.measured.cost.generation.as_secs_f64(), 1),
             fixed(t.used.measured.quality.psnr_db(), 2),
             t.own.map_or_else(|| "none".to_owned(), |own| fixed(own.measured.quality.psnr_db(), 2)),
             if excess > 0.0 { format!("broken by {} %", fixed(100.0 * excess, 1)) } else { "kept".to_owned() },

@@ -89,7 +89,7 @@ impl Trial for Replay<'_> {
         let Some(trial) = self.study.cache().get(params) else { return Ok(Err(unmeasured())) };
         self.spent_secs += 1e-9 * trial.spent.generate_ns as f64;
         self.asked.insert(params.key());
-        Ok(Ok(trial.cost.generation_time))
+        Ok(Ok(trial.cost.generation))
     }
 
     async fn measure(

@@ -1,7 +1,8 @@
 //! The Rust code of the gRPC contracts is what their .proto files say. It is kept in the tree, so that a build needs no compiler of
-//! contracts. After a change of `proto/lamina/v1`: `UPDATE=1 cargo test --release -p lamina-tests --test contracts`.
+//! contracts. After a change of `proto/lamina/v1`: `UPDATE=1 cargo test --release -p lamina-contracts`.
 
-#![allow(clippy::unwrap_used)]
+#![cfg(test)]
+#![allow(clippy::unwrap_used, reason = "a failure is a panic here")]
 
 use std::path::{Path, PathBuf};
 
@@ -25,7 +26,7 @@ const SCENE_MESSAGES: [&str; 15] = [
 ];
 
 fn proto(path: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("proto").join(path)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../proto").join(path)
 }
 
 fn descriptors(names: &[&str]) -> prost_types::FileDescriptorSet {
