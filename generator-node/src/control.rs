@@ -2,7 +2,7 @@
 
 use crate::node_state::NodeState;
 use crate::schedule::Setting;
-use crate::trials::Trials;
+use crate::trials::TrialSession;
 use futures::{Stream, StreamExt, stream};
 use lamina_model::GenerationParams;
 use lamina_rpc::v1::{self, control_server};
@@ -58,7 +58,7 @@ impl control_server::Control for ControlService {
         request: Request<Streaming<v1::TrialRequest>>,
     ) -> Result<Response<Self::TrialsStream>, Status> {
         let held = self.0.newest().ok_or_else(|| Status::failed_precondition("no step yet; trials need one"))?;
-        let trials = Trials::new(self.0.clone(), held);
+        let trials = TrialSession::new(self.0.clone(), held);
         let (answers, stream) = mpsc::channel(1);
         tokio::spawn(async move {
             if let Err(status) = trials.serve(request.into_inner(), &answers).await {

@@ -23,7 +23,7 @@ const TURN: Duration = Duration::from_millis(50);
 const MOST_GAMMAS: usize = 1024;
 
 /// What a stream of trials remembers.
-pub struct Trials {
+pub struct TrialSession {
     node: Arc<NodeState>,
     held: Arc<Step>,
     /// Viewers that have the step's reference samples.
@@ -53,8 +53,8 @@ impl From<Status> for Failure {
     }
 }
 
-impl Trials {
-    /// Trials on the step `held`.
+impl TrialSession {
+    /// TrialSession on the step `held`.
     pub fn new(node: Arc<NodeState>, held: Arc<Step>) -> Self {
         Self { node, held, informed: HashSet::new(), encoded: VecDeque::new(), timed: Vec::new() }
     }

@@ -1,11 +1,11 @@
 //! The loop: watch steps, study when one calls for it, push the winner.
 
-use crate::characteristic::choose;
+use crate::characteristic_steps::choose;
 use crate::live::LiveQuality;
 use crate::provisional::{ProvisionalChoice, follow};
 use crate::push::{limits_alone, push, setting};
 use crate::remote::{Remote, connect};
-use crate::run::{End, Run, cost, read};
+use crate::run_state::{RunState, StudyEnd, cost, read};
 use crate::search::{CandidateSet, SearchRequest, search_with_margin};
 use crate::trial::{Trial as _, TrialError};
 use crate::tune::Row;
@@ -29,7 +29,7 @@ struct Daemon {
     config: Config,
     base: GenerationParams,
     status: Arc<Status>,
-    run: Run,
+    run: RunState,
     /// What was pushed last.
     setting: Option<v1::SetParametersRequest>,
     /// First step the setting holds for: earlier ones do not speak against it.
@@ -48,7 +48,7 @@ enum Call {
 
 /// Tunes for ever.
 pub async fn run(config: Config, base: GenerationParams, status: Arc<Status>) {
-    let run = Run::new(String::new());
+    let run = RunState::new(String::new());
     let mut daemon = Daemon { config, base, status, run, setting: None, holds_from: 0 };
     let mut reported = String::new();
     loop {
@@ -126,7 +126,7 @@ impl Daemon {
         let contract = &self.config.contract;
         let since = measured.step >= self.holds_from && self.run.studied_step.is_some_and(|s| measured.step > s);
         since
-            && match self.run.like(report) {
+            && match self.run.nearest_studied(report) {
                 Some(step) if step.study.best.is_none() => {
                     contract.aim().excess(&cost(report), measured.psnr_db - measured.half_width_db) <= 0.0
                 }
@@ -137,7 +137,7 @@ impl Daemon {
 
     fn call_of(&mut self, report: &v1::StepReport) -> Call {
         if report.run_id != self.run.id {
-            self.run = Run::new(report.run_id.clone());
+            self.run = RunState::new(report.run_id.clone());
             self.holds_from = 0;
         }
         let Some(studied) = self.run.studied_step else { return Call::Study };
@@ -152,7 +152,7 @@ impl Daemon {
         let kept = self.config.contract.excess(&cost(report), f64::NAN) <= 0.0;
         // Parameters other than those pushed mean that the generator-node had to fall back to keep the size limit.
         let fell_back = self.setting.as_ref().is_some_and(|s| s.params != report.params);
-        match self.run.like(report) {
+        match self.run.nearest_studied(report) {
             Some(step) if step.cut && matches!(study, Call::Study) => study,
             Some(step) => match setting(&step.study, step.chosen, &self.config.contract, TuningState::Done) {
                 known if self.setting.as_ref().is_none_or(|s| s.params != known.params) => {
@@ -190,7 +190,7 @@ impl Daemon {
     async fn study(&mut self, control: &ControlClient<Channel>, report: &v1::StepReport) -> Result<(), TrialError> {
         let (begun, first) = (Instant::now(), self.run.studied_step.is_none());
         let outcome = self.measure(control, report).await;
-        self.run.took(begun.elapsed(), first, *outcome.as_ref().unwrap_or(&End::Failed));
+        self.run.record_study(begun.elapsed(), first, *outcome.as_ref().unwrap_or(&StudyEnd::Failed));
         let (studies, run) = ((self.run.first + self.run.later).as_secs_f64(), self.run.since.elapsed().as_secs_f64());
         tracing::info!(kept = self.run.characteristic.len(), "studies took {studies:.1} s of {run:.1} s");
         outcome.map(|_| ())
@@ -202,9 +202,13 @@ impl Daemon {
         read(report.params).filter(|own| self.setting.is_some() || candidates.spans(own))
     }
 
-    async fn measure(&mut self, control: &ControlClient<Channel>, report: &v1::StepReport) -> Result<End, TrialError> {
+    async fn measure(
+        &mut self,
+        control: &ControlClient<Channel>,
+        report: &v1::StepReport,
+    ) -> Result<StudyEnd, TrialError> {
         let (limits, until) = (self.config.contract.clone(), self.run.until(self.config.budget));
-        let pace = self.run.pace.of();
+        let pace = self.run.pace.ratio();
         let contract = limits.paced(pace);
         let given = until.map_or(Duration::ZERO, |until| until - Instant::now());
         let first = self.run.studied_step.is_none();
@@ -254,7 +258,7 @@ impl Daemon {
         let study = found.study;
         let studied = study.step.max(report.step);
         let cut = found.cut;
-        let end = if cut { End::Cut(given) } else { End::Whole };
+        let end = if cut { StudyEnd::Cut(given) } else { StudyEnd::Whole };
         let Some(chosen) = choose(&study, &contract, in_use.as_ref()) else {
             tracing::warn!(step = study.step, cut, "nothing could be tried");
             self.run.studied_step = self.run.studied_step.or(Some(studied).filter(|_| !cut));

@@ -2,7 +2,7 @@
 //!
 //! Algorithm 1 and a search over `trait Trial`, so that they run without sockets too. The tuner sees numbers, never voxels or pixels.
 
-pub mod characteristic;
+pub mod characteristic_steps;
 pub mod config;
 pub mod contract;
 mod control_loop;
@@ -12,7 +12,7 @@ pub mod pareto;
 mod provisional;
 pub mod push;
 pub mod remote;
-mod run;
+mod run_state;
 pub mod search;
 mod status;
 pub mod trial;

@@ -91,7 +91,7 @@ async fn until_lost(address: &str, told: &watch::Sender<Told>) -> Result<Infalli
     let mut client = QualityClient::new(connect(address).await?);
     let steps = client.steps(v1::StepsRequest {}).await.map_err(|s| failed(words(&s)))?;
     let mut steps = steps.into_inner();
-    let _open = Open::new(told);
+    let _open = OpenStream::new(told);
     while let Some(quality) = steps.message().await.map_err(|s| failed(words(&s)))? {
         // NaN would keep every limit.
         if quality.psnr_db.is_nan() || quality.half_width_db.is_nan() {
@@ -110,16 +110,16 @@ async fn until_lost(address: &str, told: &watch::Sender<Told>) -> Result<Infalli
 }
 
 /// A stream that is listened to, for as long as this lives.
-struct Open<'a>(&'a watch::Sender<Told>);
+struct OpenStream<'a>(&'a watch::Sender<Told>);
 
-impl<'a> Open<'a> {
+impl<'a> OpenStream<'a> {
     fn new(told: &'a watch::Sender<Told>) -> Self {
         told.send_modify(|told| told.streams += 1);
         Self(told)
     }
 }
 
-impl Drop for Open<'_> {
+impl Drop for OpenStream<'_> {
     fn drop(&mut self) {
         self.0.send_modify(|told| told.streams -= 1);
     }

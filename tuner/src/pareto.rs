@@ -29,7 +29,7 @@ pub fn front(rows: &[Row]) -> Vec<usize> {
 
 /// What more of one thing buys.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Offer {
+pub struct Exchange {
     /// The row that offers it.
     pub row: usize,
     /// Decibels more.
@@ -48,20 +48,20 @@ fn gain_db(a: &Quality, b: &Quality) -> f64 {
 
 /// What the front offers beyond row `chosen`, at least 0.1 dB better: the most decibels per kilobyte, and the most per
 /// millisecond.
-pub fn offers(rows: &[Row], chosen: usize) -> (Option<Offer>, Option<Offer>) {
+pub fn offers(rows: &[Row], chosen: usize) -> (Option<Exchange>, Option<Exchange>) {
     let from = &rows[chosen].measured;
     let offer = |row: usize| {
         let to = &rows[row].measured;
         let ms = |m: &Measured| 1e3 * m.cost.generation.as_secs_f64();
-        Offer {
+        Exchange {
             row,
             gain_db: gain_db(&from.quality, &to.quality),
             extra_kilobytes: (to.cost.size_bytes as f64 - from.cost.size_bytes as f64) / 1e3,
             extra_ms: ms(to) - ms(from),
         }
     };
-    let better: Vec<Offer> = front(rows).into_iter().map(offer).filter(|o| o.gain_db >= 0.1).collect();
-    let most = |price: fn(&Offer) -> f64| {
+    let better: Vec<Exchange> = front(rows).into_iter().map(offer).filter(|o| o.gain_db >= 0.1).collect();
+    let most = |price: fn(&Exchange) -> f64| {
         let paid = better.iter().filter(|o| price(o) > 0.0);
         paid.max_by(|a, b| (a.gain_db / price(a)).total_cmp(&(b.gain_db / price(b)))).copied()
     };

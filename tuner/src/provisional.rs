@@ -2,7 +2,7 @@
 //! the pixels measured by then tell.
 
 use crate::Contract;
-use crate::characteristic::choose;
+use crate::characteristic_steps::choose;
 use crate::push::{push, setting};
 use crate::remote::Progress;
 use crate::status::Status;

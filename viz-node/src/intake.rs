@@ -2,7 +2,7 @@
 //! where they are measured when asked for.
 
 use crate::store::{Run, StepRow, Store};
-use crate::trials::{ArrivedTrial, Trials};
+use crate::trials::{ArrivedTrial, TrialStore};
 use lamina_codec::{self, DecodeLimits};
 use lamina_compute::{Activity, CpuShare, Priority};
 use lamina_model::ReferenceSamples;
@@ -58,8 +58,8 @@ pub struct Intake {
     live_references: Mutex<References>,
     trial_references: Mutex<References>,
     newest: watch::Sender<Option<LiveStep>>,
-    /// Trials that can be asked for.
-    pub trials: Trials,
+    /// TrialStore that can be asked for.
+    pub trials: TrialStore,
 }
 
 fn lock(references: &Mutex<References>) -> MutexGuard<'_, References> {
@@ -96,7 +96,7 @@ impl Intake {
             live_references: Mutex::default(),
             trial_references: Mutex::default(),
             newest: watch::Sender::new(None),
-            trials: Trials::default(),
+            trials: TrialStore::default(),
         }
     }
 

@@ -22,7 +22,7 @@ pub struct Orbit {
 }
 
 /// A rendered picture.
-pub struct Picture {
+pub struct PaintedPicture {
     /// The step it shows.
     pub step: u64,
     /// PNG.
@@ -33,7 +33,7 @@ pub struct Picture {
 
 /// Why there is no picture.
 #[derive(Debug, thiserror::Error)]
-pub enum ViewError {
+pub enum PaintError {
     /// The step cannot be had.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -77,7 +77,7 @@ impl Painter {
         orbit: Orbit,
         points: Option<Vec<ControlPoint>>,
         wanted: impl Fn() -> bool,
-    ) -> Result<Option<Picture>, ViewError> {
+    ) -> Result<Option<PaintedPicture>, PaintError> {
         if orbit.size > MAX_SIZE {
             return Err(Invalid::new("size", format!("{} exceeds {MAX_SIZE} pixels", orbit.size)).into());
         }
@@ -90,7 +90,7 @@ impl Painter {
         }
         let image = self.backend.render_while(&shown, &camera, [orbit.size; 2], orbit.detail, wanted)?;
         let render_time = start.elapsed();
-        image.map(|image| Ok(Picture { step, png: png(&image)?, render_time })).transpose()
+        image.map(|image| Ok(PaintedPicture { step, png: png(&image)?, render_time })).transpose()
     }
 
     fn last(&self) -> MutexGuard<'_, Option<Recoloured>> {

@@ -2,7 +2,7 @@
 
 use crate::intake::Intake;
 use crate::store::{Event, Measured};
-use crate::trials::Study;
+use crate::trials::StudyStatus;
 use futures::{Stream, StreamExt};
 use lamina_compute::{Activity, Laps, Priority};
 use lamina_model::Quality;
@@ -69,7 +69,7 @@ async fn measure(intake: Arc<Intake>, request: v1::QualityRequest) -> Result<Qua
     let v1::QualityRequest { trial_id, first_batch, batches, study } = request;
     let trial = intake.trials.find(trial_id).await?;
     let progress = study.unwrap_or_default();
-    intake.trials.set_study(Study { progress, step: trial.frame.step });
+    intake.trials.set_study(StudyStatus { progress, step: trial.frame.step });
     let end = if batches == 0 { trial.reference.plan.batches } else { first_batch.saturating_add(batches) };
     let (backend, of) = (intake.backend.clone(), trial.clone());
     let work = move |laps: &mut Laps| {

@@ -1,4 +1,4 @@
-//! Trials that arrived, kept for as long as there is room, and what those measured came to.
+//! TrialStore that arrived, kept for as long as there is room, and what those measured came to.
 
 use crate::store::StepRow;
 use lamina_codec::{self, CodecError, DecodeLimits};
@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use tokio::sync::watch;
 use tonic::Status;
 
-/// Trials kept at once, the newest.
+/// TrialStore kept at once, the newest.
 const KEPT: usize = 8;
 /// Bytes of what was decoded kept at once; the newest one stays whatever it weighs.
 const KEPT_BYTES: usize = 512 << 20;
@@ -81,7 +81,7 @@ impl Held {
 
 /// How far the newest study is that asked here.
 #[derive(Default, Clone, Copy)]
-pub struct Study {
+pub struct StudyStatus {
     /// As the tuner said.
     pub progress: v1::StudyProgress,
     /// The step it is of.
@@ -90,13 +90,13 @@ pub struct Study {
 
 /// The trials kept, and what those measured came to.
 #[derive(Default)]
-pub struct Trials {
+pub struct TrialStore {
     held: watch::Sender<Held>,
     measured: Mutex<VecDeque<(v1::Frame, Quality)>>,
-    study: Mutex<Option<Study>>,
+    study: Mutex<Option<StudyStatus>>,
 }
 
-impl Trials {
+impl TrialStore {
     /// A subscription began (true) or ended.
     pub fn subscribed(&self, subscribed: bool) {
         self.held.send_modify(|held| {
@@ -152,7 +152,7 @@ impl Trials {
     }
 
     /// A study asks.
-    pub fn set_study(&self, study: Study) {
+    pub fn set_study(&self, study: StudyStatus) {
         *self.study.lock().unwrap_or_else(PoisonError::into_inner) = Some(study);
     }
 
@@ -162,7 +162,7 @@ impl Trials {
     }
 
     /// How far the newest study is.
-    pub fn study(&self) -> Option<Study> {
+    pub fn study(&self) -> Option<StudyStatus> {
         *self.study.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -183,7 +183,7 @@ mod tests {
 
     #[tokio::test]
     async fn trials_are_waited_for_and_known_to_be_gone() {
-        let trials = Arc::new(Trials::default());
+        let trials = Arc::new(TrialStore::default());
         assert_eq!(code(trials.find(1).await), Code::NotFound, "nothing can come without a subscription");
         trials.subscribed(true);
         let ask = |id| {
@@ -215,7 +215,7 @@ mod tests {
 
     #[test]
     fn what_trials_came_to_is_remembered_by_run_and_batches_add_up() {
-        let trials = Trials::default();
+        let trials = TrialStore::default();
         let quality = |mse: &[f64]| Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: mse.to_vec() }] };
         let frame = |trial_id, run_id: &str| v1::Frame { trial_id, run_id: run_id.into(), ..v1::Frame::default() };
         trials.remember(&frame(1, "a"), &quality(&[1e-4]));

@@ -1,10 +1,10 @@
 //! One time step while its ranks' bricks arrive.
 
-use super::{Brick, IngestError, Offer};
+use super::{BrickOffer, GridBox, IngestError};
 
-struct Part {
+struct BrickSlot {
     rank: u32,
-    brick: Brick,
+    brick: GridBox,
     bytes: Option<Vec<u8>>,
 }
 
@@ -12,7 +12,7 @@ struct Part {
 pub struct Assembly {
     /// Simulation time.
     pub time: f64,
-    parts: Vec<Part>,
+    parts: Vec<BrickSlot>,
 }
 
 impl Assembly {
@@ -22,8 +22,14 @@ impl Assembly {
     }
 
     /// Reserves the offered `brick` for its rank if it agrees with what is there; `voxels` is the whole grid's number.
-    pub fn reserve(&mut self, offer: &Offer, ranks: u32, brick: Brick, voxels: usize) -> Result<(), IngestError> {
-        let Offer { step, time, rank, .. } = *offer;
+    pub fn reserve(
+        &mut self,
+        offer: &BrickOffer,
+        ranks: u32,
+        brick: GridBox,
+        voxels: usize,
+    ) -> Result<(), IngestError> {
+        let BrickOffer { step, time, rank, .. } = *offer;
         if time.to_bits() != self.time.to_bits() {
             let first = self.time;
             return Err(IngestError::Refused(format!("step {step}: rank {rank} says time {time}, others {first}")));
@@ -43,7 +49,7 @@ impl Assembly {
             let message = format!("step {step}: the bricks of all {ranks} ranks cover {covered} of {voxels} voxels");
             return Err(IngestError::Refused(message));
         }
-        self.parts.push(Part { rank, brick, bytes: None });
+        self.parts.push(BrickSlot { rank, brick, bytes: None });
         Ok(())
     }
 
@@ -67,7 +73,7 @@ impl Assembly {
     }
 
     /// The bricks with their bytes.
-    pub fn into_bricks(self) -> Vec<(Brick, Vec<u8>)> {
+    pub fn into_bricks(self) -> Vec<(GridBox, Vec<u8>)> {
         self.parts.into_iter().filter_map(|p| Some((p.brick, p.bytes?))).collect()
     }
 }

@@ -4,12 +4,12 @@ use lamina_model::{Grid, Invalid, VoxelType, Voxels};
 
 /// An index box of a grid, checked to lie inside it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Brick {
+pub struct GridBox {
     start: [usize; 3],
     dims: [usize; 3],
 }
 
-impl Brick {
+impl GridBox {
     /// The box of `dims` sample points from `start` on.
     ///
     /// # Errors
@@ -38,7 +38,7 @@ impl Brick {
 }
 
 /// The voxels that bricks with these bytes make up. They must cover the grid and hold `voxel_type` numbers.
-pub fn join(grid: &Grid, voxel_type: VoxelType, mut bricks: Vec<(Brick, Vec<u8>)>) -> Voxels {
+pub fn join(grid: &Grid, voxel_type: VoxelType, mut bricks: Vec<(GridBox, Vec<u8>)>) -> Voxels {
     if bricks.len() == 1 {
         let (_, bytes) = bricks.remove(0);
         return Voxels::from_le_bytes(voxel_type, &bytes);
@@ -75,7 +75,7 @@ mod tests {
             {
                 bytes.extend((start[0]..start[0] + dims[0]).flat_map(|x| value(x, y, z).to_le_bytes()));
             }
-            (Brick::new(start, dims, &grid).unwrap(), bytes)
+            (GridBox::new(start, dims, &grid).unwrap(), bytes)
         };
         let joined = join(
             &grid,
@@ -88,10 +88,10 @@ mod tests {
     #[test]
     fn boxes_outside_or_empty_are_refused_and_overlap_is_seen() {
         let grid = Grid::new([4, 4, 4], DVec3::ONE, DVec3::ZERO).unwrap();
-        assert!(Brick::new([0, 0, 3], [4, 4, 2], &grid).is_err());
-        assert!(Brick::new([0, 0, 0], [4, 0, 4], &grid).is_err());
-        assert!(Brick::new([u64::MAX, 0, 0], [2, 1, 1], &grid).is_err());
-        let b = |z, n| Brick::new([0, 0, z], [4, 4, n], &grid).unwrap();
+        assert!(GridBox::new([0, 0, 3], [4, 4, 2], &grid).is_err());
+        assert!(GridBox::new([0, 0, 0], [4, 0, 4], &grid).is_err());
+        assert!(GridBox::new([u64::MAX, 0, 0], [2, 1, 1], &grid).is_err());
+        let b = |z, n| GridBox::new([0, 0, z], [4, 4, n], &grid).unwrap();
         assert!(b(0, 3).overlaps(&b(2, 2)) && !b(0, 2).overlaps(&b(2, 2)));
     }
 }

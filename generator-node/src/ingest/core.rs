@@ -2,8 +2,8 @@
 //!
 //! Memory is decided before a byte is copied: a step is admitted with its whole grid's bytes or not at all.
 
-use super::run::{Offer, Run, RunSpec};
-use super::{Brick, IngestError, assembly::Assembly, brick};
+use super::run::{BrickOffer, Run, RunSpec};
+use super::{GridBox, IngestError, assembly::Assembly, brick};
 use lamina_model::{FullPolicy, Invalid, Volume};
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -22,7 +22,7 @@ pub struct CompleteStep {
     pub dropped_steps: u64,
     /// When its last brick came in.
     completed: Instant,
-    bricks: Vec<(Brick, Vec<u8>)>,
+    bricks: Vec<(GridBox, Vec<u8>)>,
 }
 
 impl CompleteStep {
@@ -35,7 +35,7 @@ impl CompleteStep {
         let Some((name, color_type)) = color_field else {
             return Volume::new(grid, brick::join(&grid, voxel_type, self.bricks));
         };
-        let split = |(brick, mut bytes): (Brick, Vec<u8>)| {
+        let split = |(brick, mut bytes): (GridBox, Vec<u8>)| {
             let second = bytes.split_off(brick.voxels() * voxel_type.size_bytes());
             ((brick, bytes), (brick, second))
         };
@@ -111,8 +111,8 @@ impl Core {
     }
 
     /// Decides on a brick, and reserves its memory if granted.
-    pub fn admit(&mut self, run_id: &str, offer: &Offer, now: Instant) -> Result<Admit, IngestError> {
-        let Offer { step, rank, .. } = *offer;
+    pub fn admit(&mut self, run_id: &str, offer: &BrickOffer, now: Instant) -> Result<Admit, IngestError> {
+        let BrickOffer { step, rank, .. } = *offer;
         let run = self.run(run_id)?;
         run.last_heard = now;
         let brick = run.check_push(offer)?;

@@ -9,8 +9,8 @@ mod service;
 #[cfg(test)]
 mod tests;
 
-pub use brick::Brick;
+pub use brick::GridBox;
 pub use core::{Admit, CompleteStep, Core};
 pub use error::IngestError;
-pub use run::{Offer, RunSpec};
+pub use run::{BrickOffer, RunSpec};
 pub use service::{Ingest, IngestService};

@@ -1,6 +1,6 @@
 //! A run: what the simulation says of it, which ranks are there, and which steps wait for bricks.
 
-use super::{Brick, IngestError, assembly::Assembly};
+use super::{GridBox, IngestError, assembly::Assembly};
 use lamina_model::{ColorField, FullPolicy, Grid, Scene, VoxelType};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
@@ -76,7 +76,7 @@ impl RunSpec {
 
 /// A brick that a rank would push, as it announces it.
 #[derive(Debug, Clone, Copy)]
-pub struct Offer {
+pub struct BrickOffer {
     /// The step.
     pub step: u64,
     /// Simulation time.
@@ -212,8 +212,8 @@ impl Run {
     }
 
     /// The brick of a push that can be right.
-    pub fn check_push(&self, offer: &Offer) -> Result<Brick, IngestError> {
-        let Offer { step, time, rank, start, dims } = *offer;
+    pub fn check_push(&self, offer: &BrickOffer) -> Result<GridBox, IngestError> {
+        let BrickOffer { step, time, rank, start, dims } = *offer;
         if rank >= self.spec.ranks {
             return Err(IngestError::Refused(format!(
                 "rank {rank}: the run has {} ranks, counted from 0",
@@ -228,6 +228,6 @@ impl Run {
         {
             return Err(IngestError::Refused(format!("rank {rank}: step {step} after step {last}; steps must ascend")));
         }
-        Ok(Brick::new(start, dims, &self.spec.grid)?)
+        Ok(GridBox::new(start, dims, &self.spec.grid)?)
     }
 }

@@ -1,6 +1,6 @@
 //! The ingest service: the state machine behind a lock, and waiting where the run's policy is to block.
 
-use super::{Admit, CompleteStep, Core, IngestError, Offer, RunSpec};
+use super::{Admit, BrickOffer, CompleteStep, Core, IngestError, RunSpec};
 use crate::overhead::Overhead;
 use futures::{Stream, StreamExt};
 use lamina_model::{Invalid, Scene, VoxelType};
@@ -63,7 +63,7 @@ impl Ingest {
             self.overhead.step(Duration::from_nanos(h.interval_ns), Duration::from_nanos(h.push_ns));
         }
         let (start, dims) = ([h.x0, h.y0, h.z0], [h.nx, h.ny, h.nz]);
-        let offer = Offer { step: h.step, time: h.time, rank: h.rank, start, dims };
+        let offer = BrickOffer { step: h.step, time: h.time, rank: h.rank, start, dims };
         loop {
             let room = self.room.notified();
             tokio::pin!(room);

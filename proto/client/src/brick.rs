@@ -63,7 +63,7 @@ impl VoxelSlice<'_> {
     }
 
     /// The bytes of those that `rows` picks.
-    fn le_bytes(&self, rows: impl Iterator<Item = Row>) -> Vec<u8> {
+    fn le_bytes(&self, rows: impl Iterator<Item = VoxelRow>) -> Vec<u8> {
         match self {
             Self::U8(v) => bytes(v, rows, |x| [x]),
             Self::U16(v) => bytes(v, rows, u16::to_le_bytes),
@@ -75,9 +75,9 @@ impl VoxelSlice<'_> {
     }
 }
 
-fn bytes<T: Copy, const N: usize>(v: &[T], rows: impl Iterator<Item = Row>, le: impl Fn(T) -> [u8; N]) -> Vec<u8> {
+fn bytes<T: Copy, const N: usize>(v: &[T], rows: impl Iterator<Item = VoxelRow>, le: impl Fn(T) -> [u8; N]) -> Vec<u8> {
     let mut all = Vec::new();
-    for Row { first, len, stride } in rows {
+    for VoxelRow { first, len, stride } in rows {
         let from = all.len();
         all.resize(from + N * len, 0);
         let places = all[from..].chunks_exact_mut(N);
@@ -92,7 +92,7 @@ fn bytes<T: Copy, const N: usize>(v: &[T], rows: impl Iterator<Item = Row>, le: 
 }
 
 /// Voxels evenly apart in memory.
-struct Row {
+struct VoxelRow {
     first: usize,
     len: usize,
     stride: usize,
@@ -184,14 +184,14 @@ impl<'a> Brick<'a> {
     }
 
     /// Voxels `from` up to, not including, `to`, counted with x fastest.
-    fn rows(&self, from: usize, to: usize) -> impl Iterator<Item = Row> {
+    fn rows(&self, from: usize, to: usize) -> impl Iterator<Item = VoxelRow> {
         let ([nx, ny, nz], [sx, sy, sz]) = (self.dims, self.strides);
         // Without gaps everything is one row.
         let whole = self.strides == dense(self.dims);
         let nx = if whole { nx * ny * nz } else { nx };
         (from / nx..to.div_ceil(nx)).map(move |row| {
             let (begin, end) = (from.max(row * nx), to.min((row + 1) * nx));
-            Row { first: row % ny * sy + row / ny * sz + (begin - row * nx) * sx, len: end - begin, stride: sx }
+            VoxelRow { first: row % ny * sy + row / ny * sz + (begin - row * nx) * sx, len: end - begin, stride: sx }
         })
     }
 

@@ -6,7 +6,7 @@ mod folder;
 mod row;
 
 pub use lamina_model::TuningState;
-pub use row::{Measured, Number, StepRow, View};
+pub use row::{Measured, Number, StepRow, ViewPsnr};
 
 use folder::Folder;
 use lamina_codec::{self, DecodeLimits};

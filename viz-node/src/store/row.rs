@@ -41,7 +41,7 @@ impl From<Number> for f64 {
 
 /// PSNR of one test view.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct View {
+pub struct ViewPsnr {
     /// Rotation about +y, degrees.
     pub angle_deg: f64,
     /// Decibels.
@@ -117,7 +117,7 @@ pub struct StepRow {
     /// True if the step keeps the limits in force.
     pub limit_kept: bool,
     /// PSNR per view.
-    pub views: Vec<View>,
+    pub views: Vec<ViewPsnr>,
     /// What the step was turned into.
     pub representation: Representation,
     /// Half the width of the 95 % interval about the PSNR, decibels.
@@ -267,7 +267,7 @@ impl StepRow {
         let optional = |text: &str| if text.is_empty() { Some(None) } else { Some(Some(text.parse().ok()?)) };
         let view = |pair: &str| {
             let (angle, db) = pair.split_once(':')?;
-            Some(View { angle_deg: angle.parse().ok()?, psnr_db: number(db)? })
+            Some(ViewPsnr { angle_deg: angle.parse().ok()?, psnr_db: number(db)? })
         };
         Some(Self {
             step: step.parse().ok()?,
@@ -300,8 +300,8 @@ fn psnr(quality: &Quality) -> Option<Number> {
     Some(quality.psnr_db()).filter(|q| !q.is_nan()).map(Number::from)
 }
 
-fn views(quality: &Quality) -> Vec<View> {
-    let view = |v: &ViewError| View { angle_deg: v.angle_deg, psnr_db: v.psnr_db().into() };
+fn views(quality: &Quality) -> Vec<ViewPsnr> {
+    let view = |v: &ViewError| ViewPsnr { angle_deg: v.angle_deg, psnr_db: v.psnr_db().into() };
     quality.views.iter().map(view).collect()
 }
 

@@ -3,9 +3,9 @@
 mod metrics;
 
 use crate::intake::Intake;
-use crate::painter::{Orbit, Painter, ViewError};
+use crate::painter::{Orbit, PaintError, Painter};
 use crate::store::{Event, Number, Run, StepRow, Store};
-use crate::trials::Study;
+use crate::trials::StudyStatus;
 use axum::body::Body;
 use axum::extract::{Query, State};
 use axum::http::{HeaderMap, StatusCode, header};
@@ -97,15 +97,15 @@ struct StudyState {
     step: u64,
     /// The run's first.
     first: bool,
-    /// Trials begun.
+    /// TrialStore begun.
     trials: u32,
     /// Of the best trial that keeps the contract so far.
     best_psnr_db: Option<Number>,
     best_size_bytes: u64,
 }
 
-impl From<Study> for StudyState {
-    fn from(Study { progress, step }: Study) -> Self {
+impl From<StudyStatus> for StudyState {
+    fn from(StudyStatus { progress, step }: StudyStatus) -> Self {
         let v1::StudyProgress { first, trials, best_psnr_db, best_size_bytes } = progress;
         Self { step, first, trials, best_psnr_db: best_psnr_db.map(Number::from), best_size_bytes }
     }
@@ -237,8 +237,8 @@ async fn image(State(web): State<Web>, Query(query): Query<ImageQuery>) -> Respo
             ];
             (headers, p.png).into_response()
         }
-        Ok(Err(ViewError::Invalid(e))) => (StatusCode::BAD_REQUEST, e.to_string()).into_response(),
-        Ok(Err(ViewError::Store(e))) => (StatusCode::NOT_FOUND, e.to_string()).into_response(),
+        Ok(Err(PaintError::Invalid(e))) => (StatusCode::BAD_REQUEST, e.to_string()).into_response(),
+        Ok(Err(PaintError::Store(e))) => (StatusCode::NOT_FOUND, e.to_string()).into_response(),
         Err(e) => (StatusCode::INTERNAL_SERVER_ERROR, e.to_string()).into_response(),
     }
 }

@@ -2,7 +2,7 @@
 
 mod runs;
 
-use super::{Admit, CompleteStep, Core, IngestError, Offer, RunSpec};
+use super::{Admit, BrickOffer, CompleteStep, Core, IngestError, RunSpec};
 use glam::DVec3;
 use lamina_model::{FullPolicy, Grid, Volume, VoxelType, Voxels};
 use std::time::{Duration, Instant};
@@ -87,8 +87,8 @@ impl Node {
     }
 }
 
-fn offer(step: u64, time: f64, rank: u32, start: [u64; 3], dims: [u64; 3]) -> Offer {
-    Offer { step, time, rank, start, dims }
+fn offer(step: u64, time: f64, rank: u32, start: [u64; 3], dims: [u64; 3]) -> BrickOffer {
+    BrickOffer { step, time, rank, start, dims }
 }
 
 /// Planes `z0..z0 + nz` of a field whose value is the voxel's own index.

@@ -1,7 +1,7 @@
 //! What is known of the run watched, and what time there is for studies.
 
 use crate::Contract;
-use crate::characteristic::{Characteristic, Kept};
+use crate::characteristic_steps::{CharacteristicSteps, StudiedStep};
 use crate::search::CandidateSet;
 use crate::tune::Row;
 use lamina_model::Cost;
@@ -12,10 +12,10 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 /// What is known of the run watched.
-pub struct Run {
+pub struct RunState {
     pub id: String,
     pub since: Instant,
-    pub characteristic: Characteristic,
+    pub characteristic: CharacteristicSteps,
     pub studied_step: Option<u64>,
     /// Wall time of the first study, of all after it, and what the next is to have at least.
     pub first: Duration,
@@ -23,7 +23,7 @@ pub struct Run {
     next: Duration,
     /// What the last study chose from.
     pub candidates: CandidateSet,
-    pub pace: Pace,
+    pub pace: TrialPace,
     /// Trials of a study that nodes cut short.
     pub carried: Vec<Row>,
 }
@@ -31,9 +31,9 @@ pub struct Run {
 /// How many times as long as trials live steps take: beside them the simulation and the viewers compute, and a step's data are
 /// new to the processor's caches.
 #[derive(Default)]
-pub struct Pace(VecDeque<f64>);
+pub struct TrialPace(VecDeque<f64>);
 
-impl Pace {
+impl TrialPace {
     /// Steps looked back at.
     const STEPS: usize = 5;
 
@@ -47,16 +47,16 @@ impl Pace {
     }
 
     /// The middle of the last ones, at least 1.
-    pub fn of(&self) -> f64 {
+    pub fn ratio(&self) -> f64 {
         let mut ratios: Vec<f64> = self.0.iter().copied().collect();
         ratios.sort_by(f64::total_cmp);
         ratios.get(ratios.len() / 2).map_or(1.0, |&middle| middle.max(1.0))
     }
 }
 
-impl Run {
+impl RunState {
     pub fn new(id: String) -> Self {
-        let (characteristic, none) = (Characteristic::default(), Duration::ZERO);
+        let (characteristic, none) = (CharacteristicSteps::default(), Duration::ZERO);
         Self {
             id,
             since: Instant::now(),
@@ -66,7 +66,7 @@ impl Run {
             later: none,
             next: none,
             candidates: CandidateSet::default(),
-            pace: Pace::default(),
+            pace: TrialPace::default(),
             carried: Vec::new(),
         }
     }
@@ -88,8 +88,8 @@ impl Run {
     }
 
     /// The step studied that a reported one is like.
-    pub fn like(&self, report: &v1::StepReport) -> Option<&Kept> {
-        self.characteristic.like(&read(report.params)?, cost(report).size_bytes)
+    pub fn nearest_studied(&self, report: &v1::StepReport) -> Option<&StudiedStep> {
+        self.characteristic.nearest(&read(report.params)?, cost(report).size_bytes)
     }
 
     /// Takes in how long a reported step took, if time is limited and its parameters were tried on a step like it.
@@ -98,7 +98,7 @@ impl Run {
             return;
         }
         let ms = |cost: Cost| contract.time_of(&cost);
-        let tried = self.like(report).and_then(|step| {
+        let tried = self.nearest_studied(report).and_then(|step| {
             let params = read(report.params)?;
             step.study.rows.iter().find(|row| row.params == params).map(|row| row.measured.cost)
         });
@@ -109,20 +109,20 @@ impl Run {
 
     /// A study ended. A quarter of its time, some first trials, is worth beginning another for; where one was cut short, twice
     /// as much. What gave nothing tells neither.
-    pub fn took(&mut self, time: Duration, first: bool, end: End) {
+    pub fn record_study(&mut self, time: Duration, first: bool, end: StudyEnd) {
         *(if first { &mut self.first } else { &mut self.later }) += time;
         match end {
-            End::Whole => self.next = time / 4,
+            StudyEnd::Whole => self.next = time / 4,
             // A node that stood still tells nothing.
-            End::Cut(given) => self.next = 2 * self.next.max(time.min(given)),
-            End::Failed => {}
+            StudyEnd::Cut(given) => self.next = 2 * self.next.max(time.min(given)),
+            StudyEnd::Failed => {}
         }
     }
 }
 
 /// How a study ended.
 #[derive(Clone, Copy, PartialEq)]
-pub enum End {
+pub enum StudyEnd {
     Whole,
     /// This time was too short for it.
     Cut(Duration),
@@ -143,28 +143,28 @@ mod tests {
 
     #[test]
     fn the_pace_is_the_middle_of_the_last_live_steps_and_no_less_than_that_of_trials() {
-        let mut pace = Pace::default();
-        assert_eq!(pace.of(), 1.0);
+        let mut pace = TrialPace::default();
+        assert_eq!(pace.ratio(), 1.0);
         pace.add(3.0, 6.0);
-        assert_eq!(pace.of(), 1.0, "faster than its trial");
+        assert_eq!(pace.ratio(), 1.0, "faster than its trial");
         pace.add(5.0, 0.0);
         pace.add(12.0, 6.0);
         pace.add(90.0, 6.0);
-        assert_eq!(pace.of(), 2.0, "one that something else disturbed counts no more than the others");
+        assert_eq!(pace.ratio(), 2.0, "one that something else disturbed counts no more than the others");
         for _ in 0..5 {
             pace.add(9.0, 6.0);
         }
-        assert_eq!((pace.of(), pace.0.len()), (1.5, 5));
+        assert_eq!((pace.ratio(), pace.0.len()), (1.5, 5));
     }
 
     #[test]
     fn studies_after_the_first_stay_within_their_budget() {
         let second = Duration::from_secs(1);
-        let mut run = Run::new("a".to_owned());
+        let mut run = RunState::new("a".to_owned());
         assert!(run.may_study(0.0), "the first is always made");
         // Nobody measured for a minute: no price of tuning.
-        run.took(60 * second, true, End::Failed);
-        run.took(2 * second, true, End::Whole);
+        run.record_study(60 * second, true, StudyEnd::Failed);
+        run.record_study(2 * second, true, StudyEnd::Whole);
         run.studied_step = Some(0);
         let mut at = |secs: u32, later: u32| {
             run.since = Instant::now() - secs * second;
@@ -174,7 +174,7 @@ mod tests {
         // Another of half a second within 5 %.
         assert!(!at(9, 0) && at(11, 0));
         assert!(!at(49, 2) && at(51, 2) && at(100, 2));
-        run.took(2 * second, false, End::Whole);
+        run.record_study(2 * second, false, StudyEnd::Whole);
         assert_eq!((run.later, run.next), (4 * second, second / 2));
         for budget in [0.05, 0.4] {
             let left = (run.until(budget).unwrap() - Instant::now()).as_secs_f64();
@@ -183,12 +183,12 @@ mod tests {
             assert!(left > 0.0 && (share - budget).abs() < 1e-3, "{left} s: {share}");
         }
         assert_eq!(run.until(1.0), None);
-        assert_eq!(Run::new(String::new()).until(0.05), None, "the first has all the time");
+        assert_eq!(RunState::new(String::new()).until(0.05), None, "the first has all the time");
         assert!(!run.may_study(0.04) && run.may_study(1.0), "all of the time is no limit");
 
         // Cut short again and again, a study has more and more time, and all of them keep to the budget.
-        let (mut run, mut last) = (Run::new("a".to_owned()), Duration::ZERO);
-        run.took(second, true, End::Whole);
+        let (mut run, mut last) = (RunState::new("a".to_owned()), Duration::ZERO);
+        run.record_study(second, true, StudyEnd::Whole);
         run.studied_step = Some(0);
         for _ in 0..8 {
             while !run.may_study(0.05) {
@@ -199,12 +199,12 @@ mod tests {
             let took = (run.until(0.05).unwrap() - begun) * 3 / 4;
             assert!(took > last, "{took:?} after {last:?}");
             (run.since, last) = (run.since - took, took);
-            run.took(took, false, End::Cut(took));
+            run.record_study(took, false, StudyEnd::Cut(took));
             assert!(run.later.as_secs_f64() <= 0.05 * run.since.elapsed().as_secs_f64());
         }
         assert!(last > 4 * second, "{last:?}");
         let before = run.next;
-        run.took(3600 * second, false, End::Cut(second));
+        run.record_study(3600 * second, false, StudyEnd::Cut(second));
         assert_eq!(run.next, 2 * before, "a node that stood still is paid for, but not expected to do so again");
     }
 }

@@ -1,4 +1,4 @@
-//! Characteristic steps: those that were studied, kept as measured tables, never as voxels.
+//! CharacteristicSteps steps: those that were studied, kept as measured tables, never as voxels.
 //!
 //! One pass and bounded memory. A new step is like a kept one if its size is what that one's table says for the parameters in
 //! force; parameters chosen there then hold here. A step like none is characteristic itself: it is studied and kept, and
@@ -18,7 +18,7 @@ const ALIKE: f64 = 0.12;
 const KNOWN: f64 = 0.06;
 
 /// A step and what was measured on it.
-pub struct Kept {
+pub struct StudiedStep {
     /// Its trials.
     pub study: Study,
     /// The row in use.
@@ -29,7 +29,7 @@ pub struct Kept {
     sizes: Vec<(Representation, GaussianProcess<CostPrior>)>,
 }
 
-impl Kept {
+impl StudiedStep {
     fn new(study: Study, chosen: usize, cut: bool) -> Self {
         let of = |representation: Representation| {
             let size =
@@ -55,16 +55,16 @@ impl Kept {
 
 /// All kept steps of a run, oldest first.
 #[derive(Default)]
-pub struct Characteristic {
-    kept: Vec<Kept>,
+pub struct CharacteristicSteps {
+    kept: Vec<StudiedStep>,
 }
 
-impl Characteristic {
+impl CharacteristicSteps {
     /// Keeps a study, whose row `chosen` is used, in place of those like it that were cut short.
     pub fn keep(&mut self, study: Study, chosen: usize, cut: bool) {
         let (params, size_bytes) = (study.rows[chosen].params, study.rows[chosen].measured.cost.size_bytes);
         self.kept.retain(|k| !(k.cut && k.is_like(&params, size_bytes)));
-        self.kept.push(Kept::new(study, chosen, cut));
+        self.kept.push(StudiedStep::new(study, chosen, cut));
         if self.kept.len() > MOST {
             self.kept.remove(self.most_alike());
         }
@@ -72,7 +72,7 @@ impl Characteristic {
 
     /// The older one of the two kept steps that are most alike.
     fn most_alike(&self) -> usize {
-        let distance = |a: &Kept, b: &Kept| {
+        let distance = |a: &StudiedStep, b: &StudiedStep| {
             let row = &b.study.rows[b.chosen];
             a.distance(&row.params, row.measured.cost.size_bytes).unwrap_or(f64::INFINITY)
         };
@@ -85,9 +85,9 @@ impl Characteristic {
     }
 
     /// The kept step that a step of this size, made with `params`, is like; the newest of several.
-    pub fn like(&self, params: &GenerationParams, size_bytes: u64) -> Option<&Kept> {
-        let near = |k: &&Kept| k.is_like(params, size_bytes);
-        let distance = |k: &&Kept| k.distance(params, size_bytes).unwrap_or(f64::INFINITY);
+    pub fn nearest(&self, params: &GenerationParams, size_bytes: u64) -> Option<&StudiedStep> {
+        let near = |k: &&StudiedStep| k.is_like(params, size_bytes);
+        let distance = |k: &&StudiedStep| k.distance(params, size_bytes).unwrap_or(f64::INFINITY);
         self.kept.iter().rev().filter(near).min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 
@@ -152,17 +152,17 @@ mod tests {
 
     #[test]
     fn a_step_is_like_the_one_whose_table_says_its_size() {
-        let mut all = Characteristic::default();
+        let mut all = CharacteristicSteps::default();
         for (step, much) in [(0, 1.0), (10, 1.6)] {
             let study = study(step, much, 50_000);
             let chosen = study.best.unwrap();
             all.keep(study, chosen, false);
         }
         let size = |much: f64| (much * 224_f64.powf(1.8) * 0.02_f64.powf(-0.3)) as u64;
-        let like = |all: &Characteristic, much| all.like(&params(224, 0.02), size(much)).map(|k| k.study.step);
+        let like = |all: &CharacteristicSteps, much| all.nearest(&params(224, 0.02), size(much)).map(|k| k.study.step);
         let found = [1.05, 1.5, 1.28, 3.0].map(|much| like(&all, much));
         assert_eq!(found, [Some(0), Some(10), None, None]);
-        assert!(all.like(&params(4000, 2.0), size(1.0)).is_none(), "no table knows this");
+        assert!(all.nearest(&params(4000, 2.0), size(1.0)).is_none(), "no table knows this");
         all.forget(&params(224, 0.02), size(1.05), &params(1, 0.5));
         assert_eq!(like(&all, 1.05), Some(0), "other parameters than those that did not serve");
         let chosen = all.kept[0].study.rows[all.kept[0].chosen].params;
@@ -172,7 +172,7 @@ mod tests {
 
     #[test]
     fn memory_is_bounded_and_different_steps_stay() {
-        let mut all = Characteristic::default();
+        let mut all = CharacteristicSteps::default();
         for n in 0..40_u32 {
             // Slow growth, with one step that is like no other.
             let much = if n == 5 { 20.0 } else { 1.0 + 0.02 * f64::from(n) };
