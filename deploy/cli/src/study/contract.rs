@@ -10,7 +10,7 @@ use lamina_model::{GenerationParams, SamplePlan, Segmentation};
 use lamina_raycast::Backend;
 use lamina_tuner::Contract;
 use lamina_tuner::interval::half_width_db;
-use lamina_tuner::pareto::{Offer, front, offers};
+use lamina_tuner::pareto::{Exchange, front, offers};
 use lamina_tuner::search::{CandidateSet, SearchRequest, SearchResult, search};
 use lamina_tuner::trial::Trial as _;
 use lamina_tuner::tune::Row;
@@ -81,7 +81,7 @@ fn verdict(contract: &Contract, found: &SearchResult) -> anyhow::Result<()> {
         say!("sure       no other candidate is expected to gain more than {left:.3} ({})", contract.utility());
     }
     let (size, time) = offers(rows, best);
-    let more = |o: Option<Offer>| {
+    let more = |o: Option<Exchange>| {
         if let Some(o) = o {
             let p = &rows[o.row].params;
             say!(
