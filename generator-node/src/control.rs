@@ -48,7 +48,7 @@ impl control_server::Control for ControlService {
                 }
             }
         });
-        Ok(Response::new(stream::iter(first).chain(newer).map(Ok).boxed()))
+        Ok(Response::new(stream::iter(first).chain(newer).map(|report| Ok(report.into())).boxed()))
     }
 
     type TrialsStream = Answers<v1::TrialReply>;

@@ -6,9 +6,8 @@ use crate::schedule::{Schedule, Setting};
 use crate::step::Step;
 use lamina_codec::EncodeOptions;
 use lamina_compute::CpuShare;
-use lamina_model::{GenerationParams, Limits, SamplePlan, Segmentation};
+use lamina_model::{GenerationParams, Limits, SamplePlan, Segmentation, StepReport};
 use lamina_raycast::Backend;
-use lamina_rpc::v1;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::broadcast;
 
@@ -27,7 +26,7 @@ pub struct NodeState {
     /// What the node costs the simulation.
     pub overhead: Arc<Overhead>,
     /// Finished steps, as numbers.
-    pub reports: broadcast::Sender<v1::StepReport>,
+    pub reports: broadcast::Sender<StepReport>,
     /// Where frames go.
     pub publisher: Arc<Publisher>,
     state: Mutex<State>,
@@ -36,7 +35,7 @@ pub struct NodeState {
 struct State {
     schedule: Schedule,
     newest: Option<Arc<Step>>,
-    last_report: Option<v1::StepReport>,
+    last_report: Option<StepReport>,
 }
 
 /// What a node works with.
@@ -79,7 +78,7 @@ impl NodeState {
     }
 
     /// The newest finished step, as numbers.
-    pub fn last_report(&self) -> Option<v1::StepReport> {
+    pub fn last_report(&self) -> Option<StepReport> {
         self.state().last_report.clone()
     }
 
@@ -91,7 +90,7 @@ impl NodeState {
     }
 
     /// A step is finished.
-    pub fn report(&self, report: v1::StepReport) {
+    pub fn report(&self, report: StepReport) {
         self.state().last_report = Some(report.clone());
         // No tuner listening is not an error.
         let _ = self.reports.send(report);

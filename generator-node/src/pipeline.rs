@@ -6,7 +6,7 @@ use crate::overhead::Coupling;
 use crate::rate_control::{Rung, generate_within, start_params};
 use crate::step::{Purpose, Step};
 use lamina_compute::{Activity, Laps, Priority};
-use lamina_model::{GenerationParams, Invalid, Scene, suggest::suggest};
+use lamina_model::{GenerationParams, Invalid, Scene, StepReport, suggest::suggest};
 use lamina_raycast::Field;
 use lamina_rpc::v1;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -76,12 +76,13 @@ impl Pipeline {
         let purpose = Purpose::Live { dropped_steps, setting: &setting, overhead, throttle };
         items.push(step.frame(&params, cost, bytes, purpose));
         self.node.publisher.publish(items);
-        let report = v1::StepReport {
+        let report = StepReport {
             run_id: step.run.run_id.clone(),
             step: number,
             time: step.time,
-            params: Some((&params).into()),
-            cost: Some(cost.into()),
+            params,
+            cost,
+            fell_back: setting.params.is_some_and(|set| set != params),
             has_reference,
         };
         tracing::info!(

@@ -1,4 +1,4 @@
-//! What the README and the layout promise of the tree itself.
+//! The tree itself, held to its layout: crate arrows, where messages are seen, sizes of files, names, documents.
 
 #![allow(clippy::unwrap_used)]
 
@@ -64,9 +64,121 @@ fn one_crate_alone_opens_a_gpu() {
     }
 }
 
+/// Rust files of the tree with their text, but generated ones.
+fn rust_files() -> Vec<(PathBuf, String)> {
+    let (mut files, mut folders) = (Vec::new(), Vec::new());
+    folders.extend(["proto", "generator-node", "viz-node", "tuner", "deploy", "tests"].map(|top| root().join(top)));
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|e| e == "rs") && path.file_name().unwrap() != "generated.rs" {
+                let text = std::fs::read_to_string(&path).unwrap();
+                files.push((path.strip_prefix(root()).unwrap().to_owned(), text));
+            }
+        }
+    }
+    assert!(files.len() > 300, "{} files", files.len());
+    files
+}
+
+#[test]
+fn files_are_short_and_begin_with_what_they_are() {
+    for (path, text) in rust_files() {
+        let path = path.display();
+        assert!(text.lines().count() <= 400, "{path} has {} lines; 400 are allowed", text.lines().count());
+        let head = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
+        assert!(head.starts_with("//!"), "{path} does not begin with //!");
+        for (n, line) in text.lines().enumerate() {
+            // Comments may run on; code is what fmt makes of it.
+            let is_long = line.chars().count() > 120 && !line.trim_start().starts_with("//") && !line.contains('"');
+            assert!(!is_long, "{path}:{} has {} columns; 120 are allowed", n + 1, line.chars().count());
+        }
+    }
+}
+
+/// Files of the nodes that may name messages and tonic: services, and what speaks to other nodes.
+const MESSAGE_FILES: [&str; 16] = [
+    "generator-node/src/lib.rs",
+    "generator-node/src/control.rs",
+    "generator-node/src/ingest/service.rs",
+    "generator-node/src/publish.rs",
+    "generator-node/src/subscribers.rs",
+    "generator-node/src/trials.rs",
+    "viz-node/src/lib.rs",
+    "viz-node/src/quality_service.rs",
+    "viz-node/src/subscribe.rs",
+    "viz-node/src/intake.rs",
+    "tuner/src/lib.rs",
+    "tuner/src/live.rs",
+    "tuner/src/push.rs",
+    "tuner/src/remote.rs",
+    "tuner/src/remote/",
+    "tuner/src/status.rs",
+];
+
+/// Files that still name messages and should not.
+const MESSAGES_TO_MOVE: [&str; 9] = [
+    "generator-node/src/pipeline.rs",
+    "generator-node/src/step.rs",
+    "viz-node/src/store/",
+    "viz-node/src/trials.rs",
+    "viz-node/src/web/mod.rs",
+    "tuner/src/control_loop.rs",
+    "tuner/src/provisional.rs",
+    "deploy/cli/src/nodes.rs",
+    "deploy/cli/src/run_folder.rs",
+];
+
+#[test]
+fn messages_are_seen_where_nodes_speak() {
+    for (path, text) in rust_files() {
+        let path = path.display().to_string();
+        let inside = path.starts_with("proto/") || path.starts_with("tests/") || path.contains("/tests/");
+        let known = MESSAGE_FILES.iter().chain(&MESSAGES_TO_MOVE).any(|file| path.starts_with(file));
+        let speaks = text.contains("v1::") || text.contains("tonic::");
+        assert!(inside || known || !speaks, "{path} names messages; convert them in rpc, or in a service");
+    }
+    for (path, text) in rust_files() {
+        let path = path.display().to_string();
+        let kernel = ["proto/model", "proto/codec", "proto/raycast", "proto/vdi-render", "proto/compute"];
+        let speaks = text.contains("tonic") || text.contains("lamina_rpc");
+        assert!(!kernel.iter().any(|k| path.starts_with(k)) || !speaks, "{path} knows nothing of gRPC");
+    }
+}
+
+#[test]
+fn every_option_of_lamina_that_a_readme_names_exists() {
+    let mut count = 0;
+    for readme in ["README.md", "deploy/cli/README.md"] {
+        let text = std::fs::read_to_string(root().join(readme)).unwrap();
+        for line in text.lines() {
+            for (program, code) in line.split('`').skip(1).step_by(2).filter_map(|code| {
+                let name = if code.starts_with("lamina-lab ") { "lamina-lab" } else { "lamina" };
+                code.strip_prefix(name).filter(|rest| rest.starts_with(' ')).map(|rest| (name, rest))
+            }) {
+                let words: Vec<&str> = code.split_whitespace().collect();
+                let help = std::process::Command::new(lamina_tests::processes::binary(program))
+                    .args([words[0], "--help"])
+                    .output()
+                    .unwrap();
+                let help = String::from_utf8(help.stdout).unwrap();
+                assert!(help.contains("Usage:"), "{readme} names `{program} {}`", words[0]);
+                for option in words.iter().filter(|w| w.starts_with("--")) {
+                    assert!(help.contains(*option), "{readme} names {option} of `{program} {}`", words[0]);
+                    count += 1;
+                }
+            }
+        }
+    }
+    assert!(count > 20, "{count} options named");
+}
+
 #[test]
 fn every_path_the_readme_names_exists() {
     let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
+    assert!(readme.lines().count() <= 170, "{} lines", readme.lines().count());
     let named = readme.split(['`', '(', ')', ' ', '\n']).filter(|w| {
         let tops = ["proto/", "generator-node/", "viz-node/", "tuner/", "tests/", "deploy/"];
         tops.iter().any(|t| w.starts_with(t)) && !w.contains(['*', '<', '{'])

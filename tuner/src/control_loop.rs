@@ -3,15 +3,15 @@
 use crate::characteristic_steps::choose;
 use crate::live::LiveQuality;
 use crate::provisional::{ProvisionalChoice, follow};
-use crate::push::{limits_alone, push, setting};
+use crate::push::{limits_alone, params_of, push, setting};
 use crate::remote::{Remote, connect};
-use crate::run_state::{RunState, StudyEnd, cost, read};
+use crate::run_state::{RunState, StudyEnd};
 use crate::search::{CandidateSet, SearchRequest, search_with_margin};
 use crate::trial::{Trial as _, TrialError};
 use crate::tune::Row;
 use crate::{Config, status::Status};
 use futures::StreamExt;
-use lamina_model::{Cost, GenerationParams, TuningState};
+use lamina_model::{Cost, GenerationParams, StepReport, TuningState};
 use lamina_rpc::v1::{self, control_client::ControlClient};
 use std::sync::Arc;
 use std::time::Duration;
@@ -86,6 +86,13 @@ impl Daemon {
         }
         while let Some(mut some) = reports.next().await {
             let Some(report) = some.pop().transpose().map_err(failed)? else { continue };
+            let report = match StepReport::try_from(report) {
+                Ok(report) => report,
+                Err(error) => {
+                    tracing::warn!("a report cannot be read: {error}");
+                    continue;
+                }
+            };
             self.status.working(true);
             let call = match (self.call_of(&report), &mut quality) {
                 (Call::Nothing, Some(quality)) if self.may_ask_quality(&report) => {
@@ -116,26 +123,26 @@ impl Daemon {
     }
 
     /// True if a step's quality may call for a study.
-    fn may_ask_quality(&self, report: &v1::StepReport) -> bool {
+    fn may_ask_quality(&self, report: &StepReport) -> bool {
         report.step >= self.holds_from && self.run.may_study(self.config.budget)
     }
 
     /// True if a step that was made after the last study is worse than the contract allows; where nothing kept the contract on
     /// steps like it, if it keeps it well: then something cheaper may.
-    fn quality_calls(&self, report: &v1::StepReport, measured: &v1::StepQuality) -> bool {
+    fn quality_calls(&self, report: &StepReport, measured: &v1::StepQuality) -> bool {
         let contract = &self.config.contract;
         let since = measured.step >= self.holds_from && self.run.studied_step.is_some_and(|s| measured.step > s);
         since
             && match self.run.nearest_studied(report) {
                 Some(step) if step.study.best.is_none() => {
-                    contract.aim().excess(&cost(report), measured.psnr_db - measured.half_width_db) <= 0.0
+                    contract.aim().excess(&report.cost, measured.psnr_db - measured.half_width_db) <= 0.0
                 }
                 // Only where the whole interval lies beyond the limit.
                 _ => contract.excess(&Cost::default(), measured.psnr_db + measured.half_width_db) > 0.0,
             }
     }
 
-    fn call_of(&mut self, report: &v1::StepReport) -> Call {
+    fn call_of(&mut self, report: &StepReport) -> Call {
         if report.run_id != self.run.id {
             self.run = RunState::new(report.run_id.clone());
             self.holds_from = 0;
@@ -149,9 +156,9 @@ impl Daemon {
             return study;
         }
         self.run.timed(report, &self.config.contract);
-        let kept = self.config.contract.excess(&cost(report), f64::NAN) <= 0.0;
+        let kept = self.config.contract.excess(&report.cost, f64::NAN) <= 0.0;
         // Parameters other than those pushed mean that the generator-node had to fall back to keep the size limit.
-        let fell_back = self.setting.as_ref().is_some_and(|s| s.params != report.params);
+        let fell_back = report.fell_back;
         match self.run.nearest_studied(report) {
             Some(step) if step.cut && matches!(study, Call::Study) => study,
             Some(step) => match setting(&step.study, step.chosen, &self.config.contract, TuningState::Done) {
@@ -187,7 +194,7 @@ impl Daemon {
         Ok(())
     }
 
-    async fn study(&mut self, control: &ControlClient<Channel>, report: &v1::StepReport) -> Result<(), TrialError> {
+    async fn study(&mut self, control: &ControlClient<Channel>, report: &StepReport) -> Result<(), TrialError> {
         let (begun, first) = (Instant::now(), self.run.studied_step.is_none());
         let outcome = self.measure(control, report).await;
         self.run.record_study(begun.elapsed(), first, *outcome.as_ref().unwrap_or(&StudyEnd::Failed));
@@ -198,15 +205,11 @@ impl Daemon {
 
     /// The parameters that the step was made with: those pushed, or what the generator-node fell back to; those that it has of
     /// itself, if they lie among `candidates`.
-    fn in_use(&self, report: &v1::StepReport, candidates: &CandidateSet) -> Option<GenerationParams> {
-        read(report.params).filter(|own| self.setting.is_some() || candidates.spans(own))
+    fn in_use(&self, report: &StepReport, candidates: &CandidateSet) -> Option<GenerationParams> {
+        Some(report.params).filter(|own| self.setting.is_some() || candidates.spans(own))
     }
 
-    async fn measure(
-        &mut self,
-        control: &ControlClient<Channel>,
-        report: &v1::StepReport,
-    ) -> Result<StudyEnd, TrialError> {
+    async fn measure(&mut self, control: &ControlClient<Channel>, report: &StepReport) -> Result<StudyEnd, TrialError> {
         let (limits, until) = (self.config.contract.clone(), self.run.until(self.config.budget));
         let pace = self.run.pace.ratio();
         let contract = limits.paced(pace);
@@ -241,7 +244,7 @@ impl Daemon {
         let (found, pushed) =
             if first { tokio::join!(searching, follow(control, status, chosen)) } else { (searching.await, None) };
         if let Some((setting, from)) = pushed {
-            in_use = read(setting.params);
+            in_use = params_of(&setting);
             (self.setting, self.holds_from) = (Some(setting), from);
         }
         self.run.candidates = all;
@@ -291,11 +294,12 @@ impl Daemon {
             "tuned"
         );
         self.run.studied_step = Some(studied);
-        let before = self.setting.replace(setting).and_then(|s| read(s.params));
+        let before = self.setting.replace(setting).and_then(|s| params_of(&s));
         self.holds_from = from;
         // What was chosen on steps like this one did not serve.
-        if let (Some(_), Some(params), Some(before)) = (study.best, read(report.params), before) {
-            self.run.characteristic.forget(&params, cost(report).size_bytes, &before);
+        if let (Some(_), Some(before)) = (study.best, before) {
+            let params = report.params;
+            self.run.characteristic.forget(&params, report.cost.size_bytes, &before);
         }
         self.status.measured(study.step, &study.rows, Some(chosen));
         self.run.characteristic.keep(study, chosen, cut);

@@ -2,6 +2,7 @@
 
 use crate::remote::{connect, words};
 use crate::trial::TrialError;
+use lamina_model::StepReport;
 use lamina_rpc::v1::{self, control_client::ControlClient, quality_client::QualityClient};
 use std::collections::HashMap;
 use std::convert::Infallible;
@@ -45,7 +46,7 @@ impl LiveQuality {
 
     /// The quality of the step reported, waited for as long as somebody may tell; if there is none to come, or it does not in
     /// time, that of the newest step that has one. None where that was not measured for want of processor time.
-    pub async fn of(&mut self, report: &v1::StepReport) -> Option<v1::StepQuality> {
+    pub async fn of(&mut self, report: &StepReport) -> Option<v1::StepQuality> {
         let told_of_run = |told: &Told| told.newest.clone().filter(|q| q.run_id == report.run_id);
         let of_run = |told: &Told| told_of_run(told).filter(|q| !q.skipped);
         let none_to_come = |told: &Told| told.streams == 0 || !report.has_reference;

@@ -3,7 +3,7 @@
 use crate::Contract;
 use crate::trial::TrialError;
 use crate::tune::Study;
-use lamina_model::{Representation, TuningState};
+use lamina_model::{GenerationParams, Representation, TuningState};
 use lamina_rpc::v1::{self, control_client::ControlClient};
 use tonic::transport::Channel;
 
@@ -26,6 +26,11 @@ pub fn setting(study: &Study, chosen: usize, contract: &Contract, state: TuningS
 pub fn limits_alone(contract: &Contract, representations: &[Representation]) -> v1::SetParametersRequest {
     let only_vdis = !representations.contains(&Representation::Volume);
     v1::SetParametersRequest { limits: Some(contract.limits().into()), only_vdis, ..Default::default() }
+}
+
+/// The parameters of a setting.
+pub fn params_of(setting: &v1::SetParametersRequest) -> Option<GenerationParams> {
+    GenerationParams::try_from(setting.params?).ok()
 }
 
 /// Sends parameters; says from which step on they hold.

@@ -4,9 +4,7 @@ use crate::Contract;
 use crate::characteristic_steps::{CharacteristicSteps, StudiedStep};
 use crate::search::CandidateSet;
 use crate::tune::Row;
-use lamina_model::Cost;
-use lamina_model::GenerationParams;
-use lamina_rpc::v1;
+use lamina_model::{Cost, StepReport};
 use std::collections::VecDeque;
 use std::time::Duration;
 use tokio::time::Instant;
@@ -88,22 +86,21 @@ impl RunState {
     }
 
     /// The step studied that a reported one is like.
-    pub fn nearest_studied(&self, report: &v1::StepReport) -> Option<&StudiedStep> {
-        self.characteristic.nearest(&read(report.params)?, cost(report).size_bytes)
+    pub fn nearest_studied(&self, report: &StepReport) -> Option<&StudiedStep> {
+        self.characteristic.nearest(&report.params, report.cost.size_bytes)
     }
 
     /// Takes in how long a reported step took, if time is limited and its parameters were tried on a step like it.
-    pub fn timed(&mut self, report: &v1::StepReport, contract: &Contract) {
+    pub fn timed(&mut self, report: &StepReport, contract: &Contract) {
         if contract.time_ms.is_none() {
             return;
         }
         let ms = |cost: Cost| contract.time_of(&cost);
         let tried = self.nearest_studied(report).and_then(|step| {
-            let params = read(report.params)?;
-            step.study.rows.iter().find(|row| row.params == params).map(|row| row.measured.cost)
+            step.study.rows.iter().find(|row| row.params == report.params).map(|row| row.measured.cost)
         });
         if let Some(trial) = tried {
-            self.pace.add(ms(cost(report)), ms(trial));
+            self.pace.add(ms(report.cost), ms(trial));
         }
     }
 
@@ -127,14 +124,6 @@ pub enum StudyEnd {
     /// This time was too short for it.
     Cut(Duration),
     Failed,
-}
-
-pub fn cost(report: &v1::StepReport) -> Cost {
-    report.cost.unwrap_or_default().into()
-}
-
-pub fn read(params: Option<v1::GenerationParams>) -> Option<GenerationParams> {
-    GenerationParams::try_from(params?).ok()
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! Messages to model types and back. Whatever arrives is checked by the model's own constructors.
 
-use crate::v1;
+use crate::{required, v1};
 use lamina_model::{
-    Cost, FullPolicy, GenerationParams, Invalid, Limits, Quality, Representation, TuningState, ViewError,
+    Cost, FullPolicy, GenerationParams, Invalid, Limits, Quality, Representation, StepReport, TuningState, ViewError,
 };
 use std::time::Duration;
 
@@ -146,5 +146,27 @@ impl From<v1::FullPolicy> for FullPolicy {
             v1::FullPolicy::DropNewest => Self::DropNewest,
             v1::FullPolicy::Block => Self::Block,
         }
+    }
+}
+
+impl From<StepReport> for v1::StepReport {
+    fn from(report: StepReport) -> Self {
+        let StepReport { run_id, step, time, params, cost, fell_back, has_reference } = report;
+        Self { run_id, step, time, params: Some((&params).into()), cost: Some(cost.into()), has_reference, fell_back }
+    }
+}
+
+impl TryFrom<v1::StepReport> for StepReport {
+    type Error = Invalid;
+    fn try_from(report: v1::StepReport) -> Result<Self, Invalid> {
+        Ok(Self {
+            run_id: report.run_id,
+            step: report.step,
+            time: report.time,
+            params: required(report.params, "params")?.try_into()?,
+            cost: required(report.cost, "cost")?.into(),
+            fell_back: report.fell_back,
+            has_reference: report.has_reference,
+        })
     }
 }

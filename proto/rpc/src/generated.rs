@@ -308,6 +308,9 @@ pub struct StepReport {
     /// Viewers measure its quality.
     #[prost(bool, tag = "6")]
     pub has_reference: bool,
+    /// These are not the parameters that were set: with those it exceeded the size limit, or could not be generated.
+    #[prost(bool, tag = "7")]
+    pub fell_back: bool,
 }
 /// Measures some batches of the sampled pixels.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
