@@ -1,39 +1,48 @@
-//! One self-contained HTML page for a finished run: facts, plots over steps, trials, picture pairs, a table.
+//! Self-contained HTML pages of measurements, and the SVG plots on them.
 //!
-//! Opened offline, printed or sent by mail: style sheet, drawings and pictures are inside, and no script is needed. It takes
-//! plain numbers and finished PNGs; it must not know nodes, VDIs, clocks or files.
+//! [`render`] writes the page of a watched run: headline figures, plots over time steps, the tuner's trials, pairs of
+//! pictures and a table of all steps. The modules [`html`], [`svg`], [`panel`] and [`numbers`] are its parts; other programs
+//! put pages of their own together from them.
+//!
+//! A page can be opened offline, printed or mailed: style sheet, drawings and pictures are embedded, and it holds no script.
+//! The input is plain numbers and finished PNG files: this crate knows no node, VDI, clock or file system.
 
-pub(crate) mod html;
-pub(crate) mod numbers;
-pub(crate) mod panel;
+pub mod html;
+pub mod numbers;
+pub mod panel;
 mod plots;
-pub(crate) mod svg;
-pub(crate) mod trials;
+pub mod svg;
+mod trials;
 
-/// What a finished run has to say.
+pub use trials::color_at;
+
+/// The style sheet of every page.
+pub const STYLE: &str = include_str!("report.css");
+
+/// Everything that the page of a watched run shows.
 #[derive(Debug, Clone, Default)]
 pub struct Report {
     /// Heading of the page.
     pub title: String,
-    /// What ran: the simulation, its field and grid.
+    /// The data source: simulation, field and grid.
     pub source: String,
-    /// Where it ran.
+    /// The machine that it ran on.
     pub machine: String,
     /// The command line that repeats it.
     pub command: String,
-    /// One row a published step, in order.
-    pub steps: Vec<StepRow>,
-    /// What the tuner measured, in any order.
-    pub trials: Vec<TrialRow>,
-    /// VDI and reference of some steps and views.
+    /// One row for each published time step, in order.
+    pub steps: Vec<ReportStep>,
+    /// The tuner's measurements, in any order.
+    pub trials: Vec<ReportTrial>,
+    /// Pictures of some steps and views, each with its ray-cast reference.
     pub pictures: Vec<PicturePair>,
-    /// What a step was allowed to cost.
+    /// The limits on the cost of a step.
     pub limit: Limit,
 }
 
-/// One published step.
+/// One published time step.
 #[derive(Debug, Clone, Default)]
-pub struct StepRow {
+pub struct ReportStep {
     /// The simulation's step number.
     pub step: u64,
     /// The simulation's time.
@@ -54,16 +63,16 @@ pub struct StepRow {
     pub psnr_db: Option<f64>,
     /// Angle in degrees and PSNR in dB of each test view.
     pub views: Vec<(f64, f64)>,
-    /// Whether size and time stayed within the limit.
+    /// Whether size and generation time stayed within the limits.
     pub limit_kept: bool,
-    /// What the step was turned into.
+    /// Name of the representation that the step was turned into: `vdi` or `volume`.
     pub representation: &'static str,
 }
 
 /// One measurement of generation parameters by the tuner.
 #[derive(Debug, Clone, Default)]
-pub struct TrialRow {
-    /// The step it was measured on.
+pub struct ReportTrial {
+    /// The time step that it was measured on.
     pub step: u64,
     /// Rays along one side.
     pub resolution: u32,
@@ -77,28 +86,28 @@ pub struct TrialRow {
     pub encode_ms: f64,
     /// PSNR pooled over the views; may be infinite.
     pub psnr_db: f64,
-    /// Whether the tuner took it.
+    /// Whether the tuner chose these parameters.
     pub chosen: bool,
-    /// What the step was turned into.
+    /// Name of the representation that the step was turned into: `vdi` or `volume`.
     pub representation: &'static str,
 }
 
-/// The same view of a step, from the VDI and ray cast.
+/// One view of a step twice: rendered from the VDI or reduced volume, and ray cast from the original volume.
 #[derive(Debug, Clone, Default)]
 pub struct PicturePair {
     /// The step shown.
     pub step: u64,
-    /// The view's angle.
+    /// Rotation of the view away from the generation camera, degrees.
     pub angle_deg: f64,
-    /// PSNR between the two; may be infinite.
+    /// PSNR between the two pictures; may be infinite.
     pub psnr_db: f64,
-    /// The picture the viewer shows, PNG.
+    /// The rendered picture, PNG.
     pub shown_png: Vec<u8>,
-    /// The reference image, PNG.
+    /// The ray-cast picture, PNG.
     pub reference_png: Vec<u8>,
 }
 
-/// What a step may cost; `None` means no limit.
+/// Limits on the cost of a time step; `None` means no limit.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Limit {
     /// Largest size after compression.
@@ -113,11 +122,11 @@ impl Limit {
     }
 }
 
-/// The page as one HTML document.
+/// The page of a watched run as one HTML document.
 pub fn render(report: &Report) -> String {
     html::document(
         &report.title,
-        include_str!("report.css"),
+        STYLE,
         &[
             html::heading(report),
             html::facts(report),
@@ -133,10 +142,10 @@ pub fn render(report: &Report) -> String {
 mod tests {
     use super::*;
 
-    fn row(step: u64, psnr_db: Option<f64>) -> StepRow {
+    fn row(step: u64, psnr_db: Option<f64>) -> ReportStep {
         let views = psnr_db.map(|q| vec![(10.0, q), (20.0, q - 1.0)]).unwrap_or_default();
         let size_bytes = 200_000 + step;
-        StepRow {
+        ReportStep {
             step,
             resolution: 64,
             gamma: 0.01,
@@ -144,7 +153,7 @@ mod tests {
             psnr_db,
             views,
             limit_kept: true,
-            ..StepRow::default()
+            ..ReportStep::default()
         }
     }
 
@@ -179,7 +188,7 @@ mod tests {
     fn infinite_psnr_is_written_and_drawn_as_such() {
         let steps = vec![row(0, Some(f64::INFINITY)), row(1, Some(30.0)), row(2, None)];
         let trial =
-            TrialRow { psnr_db: f64::INFINITY, gamma: 0.0, resolution: 8, size_bytes: 9, ..TrialRow::default() };
+            ReportTrial { psnr_db: f64::INFINITY, gamma: 0.0, resolution: 8, size_bytes: 9, ..ReportTrial::default() };
         let pair = PicturePair { psnr_db: f64::INFINITY, ..PicturePair::default() };
         let page = render(&Report { steps, trials: vec![trial], pictures: vec![pair], ..Report::default() });
         assert_whole(&page);

@@ -1,10 +1,10 @@
-//! Drawings as SVG text: a map from values to pixels, ticks on round numbers, a few shapes. Knows nothing of what is drawn.
+//! SVG text: axes that map values to pixels, ticks on round numbers, and basic shapes.
 
 use super::numbers::significant;
 
 /// A map from values `low..=high` to pixels `from..=to`, linear or logarithmic.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Axis {
+pub struct Axis {
     low: f64,
     high: f64,
     from: f64,
@@ -13,32 +13,33 @@ pub(crate) struct Axis {
 }
 
 impl Axis {
-    pub(crate) fn linear((low, high): (f64, f64), from: f64, to: f64) -> Self {
+    /// A linear axis.
+    pub fn linear((low, high): (f64, f64), from: f64, to: f64) -> Self {
         Self { low, high, from, to, logarithmic: false }
     }
 
-    /// Logarithmic if the values are positive and span more than a factor of eight; linear else.
-    pub(crate) fn fitting((low, high): (f64, f64), from: f64, to: f64) -> Self {
+    /// An axis that is logarithmic if the values are positive and span more than a factor of eight, and linear otherwise.
+    pub fn fitting((low, high): (f64, f64), from: f64, to: f64) -> Self {
         Self { low, high, from, to, logarithmic: low > 0.0 && high > 8.0 * low }
     }
 
-    /// The pixel of `value`; the middle if the axis has one value only.
-    pub(crate) fn at(&self, value: f64) -> f64 {
+    /// The pixel position of `value`; the middle if the axis has one value only.
+    pub fn at(&self, value: f64) -> f64 {
         let place = |v: f64| if self.logarithmic { v.ln() } else { v };
         let span = place(self.high) - place(self.low);
         let t = if span > 0.0 { (place(value) - place(self.low)) / span } else { 0.5 };
         self.from + t * (self.to - self.from)
     }
 
-    /// Round values on the axis, about `count` of them.
-    pub(crate) fn ticks(&self, count: u32) -> Vec<f64> {
+    /// About `count` round values on the axis.
+    pub fn ticks(&self, count: u32) -> Vec<f64> {
         let decades = if self.logarithmic { decade_ticks(self.low, self.high) } else { Vec::new() };
         if decades.len() >= 2 { decades } else { nice_ticks(self.low, self.high, count) }
     }
 }
 
 /// Multiples of 1, 2 or 5 times a power of ten within `low..=high`: the finest with at most `count` steps between them.
-pub(crate) fn nice_ticks(low: f64, high: f64, count: u32) -> Vec<f64> {
+pub fn nice_ticks(low: f64, high: f64, count: u32) -> Vec<f64> {
     if !(low.is_finite() && high.is_finite() && high > low) {
         return if low.is_finite() { vec![low] } else { Vec::new() };
     }
@@ -62,19 +63,19 @@ fn decade_ticks(low: f64, high: f64) -> Vec<f64> {
     all.filter(|v| *v >= low * (1.0 - 1e-9) && *v <= high * (1.0 + 1e-9)).collect()
 }
 
-/// Pixels with a tenth, which is finer than any printer.
+/// A pixel coordinate, rounded to a tenth.
 fn px(value: f64) -> String {
     significant((value * 10.0).round() / 10.0, 6)
 }
 
-/// A whole drawing with its description for those who cannot see it.
-pub(crate) fn drawing(width: f64, height: f64, description: &str, content: &str) -> String {
+/// A whole SVG element; `description` is its accessible label.
+pub fn drawing(width: f64, height: f64, description: &str, content: &str) -> String {
     let label = super::html::escape(description);
     format!("<svg viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{label}\">{content}</svg>", px(width), px(height))
 }
 
-/// A line through `points`.
-pub(crate) fn line(class: &str, points: &[(f64, f64)]) -> String {
+/// A polyline through `points`.
+pub fn line(class: &str, points: &[(f64, f64)]) -> String {
     let mut path = String::new();
     for (i, (x, y)) in points.iter().enumerate() {
         path.push_str(&format!("{}{} {}", if i == 0 { 'M' } else { 'L' }, px(*x), px(*y)));
@@ -82,8 +83,8 @@ pub(crate) fn line(class: &str, points: &[(f64, f64)]) -> String {
     format!("<path class=\"{class}\" d=\"{path}\"/>")
 }
 
-/// At most the highest and lowest point of each pixel column, so that the drawing's size does not grow with the run.
-pub(crate) fn thinned(points: &[(f64, f64)], width: f64) -> Vec<(f64, f64)> {
+/// At most the highest and lowest point of each pixel column, so that the size of a plot does not grow with the number of points.
+pub fn thinned(points: &[(f64, f64)], width: f64) -> Vec<(f64, f64)> {
     if (points.len() as f64) <= 2.0 * width {
         return points.to_vec();
     }
@@ -95,26 +96,26 @@ pub(crate) fn thinned(points: &[(f64, f64)], width: f64) -> Vec<(f64, f64)> {
     kept
 }
 
-/// A circle; `attributes` are further ones, ready written.
-pub(crate) fn circle(class: &str, (x, y): (f64, f64), radius: f64, attributes: &str, title: &str) -> String {
+/// A circle with a tooltip; `attributes` are further SVG attributes as text, each with a leading space.
+pub fn circle(class: &str, (x, y): (f64, f64), radius: f64, attributes: &str, title: &str) -> String {
     let (x, y, r) = (px(x), px(y), px(radius));
     let title = if title.is_empty() { String::new() } else { format!("<title>{}</title>", super::html::escape(title)) };
     format!("<circle class=\"{class}\" cx=\"{x}\" cy=\"{y}\" r=\"{r}\"{attributes}>{title}</circle>")
 }
 
-/// A triangle that stands on its base, its tip a little above the point: a mark that needs no colour.
-pub(crate) fn triangle(class: &str, (x, y): (f64, f64)) -> String {
+/// A triangular marker whose tip lies a little above the point: readable without color.
+pub fn triangle(class: &str, (x, y): (f64, f64)) -> String {
     format!("<path class=\"{class}\" d=\"M{} {}l5 9h-10z\"/>", px(x), px(y - 5.0))
 }
 
-/// Words at a point; `anchor` is start, middle or end.
-pub(crate) fn text(class: &str, (x, y): (f64, f64), anchor: &str, words: &str) -> String {
+/// Text at a point; `anchor` is start, middle or end.
+pub fn text(class: &str, (x, y): (f64, f64), anchor: &str, words: &str) -> String {
     let words = super::html::escape(words);
     format!("<text class=\"{class}\" x=\"{}\" y=\"{}\" text-anchor=\"{anchor}\">{words}</text>", px(x), px(y))
 }
 
-/// Horizontal grid lines from `left` to `right` with their values, in the axis' unit.
-pub(crate) fn vertical_axis(axis: &Axis, left: f64, right: f64) -> String {
+/// Horizontal grid lines from `left` to `right`, labeled with their values.
+pub fn vertical_axis(axis: &Axis, left: f64, right: f64) -> String {
     let tick = |v: f64| {
         let y = axis.at(v);
         line("grid", &[(left, y), (right, y)]) + &text("tick", (left - 6.0, y + 4.0), "end", &significant(v, 6))
@@ -122,8 +123,8 @@ pub(crate) fn vertical_axis(axis: &Axis, left: f64, right: f64) -> String {
     axis.ticks(6).into_iter().map(tick).collect()
 }
 
-/// Values and short strokes below `bottom`; `whole` leaves out ticks between whole numbers.
-pub(crate) fn horizontal_axis(axis: &Axis, bottom: f64, name: &str, whole: bool) -> String {
+/// A baseline at `bottom` with labeled ticks below it and the name of the axis; `whole` keeps ticks on whole numbers only.
+pub fn horizontal_axis(axis: &Axis, bottom: f64, name: &str, whole: bool) -> String {
     let ticks = axis.ticks(5).into_iter().filter(|v| !whole || v.fract() == 0.0);
     let tick = |v: f64| {
         let x = axis.at(v);

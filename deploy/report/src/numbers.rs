@@ -1,7 +1,7 @@
-//! Numbers as a reader wants them: rounded, with units, infinite decibels included. Knows no markup.
+//! Numbers formatted for readers: rounded, with units, and with signs for infinite and missing values.
 
 /// `value` to `digits` significant digits, without trailing zeros; digits before the point are never lost.
-pub(crate) fn significant(value: f64, digits: i32) -> String {
+pub fn significant(value: f64, digits: i32) -> String {
     if !value.is_finite() {
         return if value == f64::INFINITY { "∞".into() } else { "–".into() };
     }
@@ -14,13 +14,13 @@ pub(crate) fn significant(value: f64, digits: i32) -> String {
     if decimals == 0 { text } else { text.trim_end_matches('0').trim_end_matches('.').into() }
 }
 
-/// `value` with `decimals` places; what is no number is a dash.
-pub(crate) fn fixed(value: f64, decimals: usize) -> String {
+/// `value` with `decimals` places; infinity is written as its sign, and NaN as a dash.
+pub fn fixed(value: f64, decimals: usize) -> String {
     if value.is_finite() { format!("{value:.decimals$}") } else { significant(value, 1) }
 }
 
-/// A size in the unit that keeps it short.
-pub(crate) fn bytes(bytes: f64) -> String {
+/// A size in B, kB or MB, to four significant digits.
+pub fn bytes(bytes: f64) -> String {
     match bytes {
         b if b >= 1e6 => format!("{} MB", significant(b / 1e6, 4)),
         b if b >= 1e3 => format!("{} kB", significant(b / 1e3, 4)),
@@ -28,18 +28,18 @@ pub(crate) fn bytes(bytes: f64) -> String {
     }
 }
 
-/// Kilobytes, for axes and columns.
-pub(crate) fn kilobytes(bytes: u64) -> f64 {
+/// Bytes as kilobytes, the unit of axes and table columns.
+pub fn kilobytes(bytes: u64) -> f64 {
     bytes as f64 / 1e3
 }
 
-/// A PSNR with its unit.
-pub(crate) fn decibels(psnr_db: f64) -> String {
+/// A PSNR in decibels with its unit, to two decimals.
+pub fn decibels(psnr_db: f64) -> String {
     format!("{} dB", fixed(psnr_db, 2))
 }
 
-/// Thousands kept apart.
-pub(crate) fn grouped(count: u64) -> String {
+/// A count with commas between groups of three digits.
+pub fn grouped(count: u64) -> String {
     let digits = count.to_string();
     let mut text = String::new();
     for (i, digit) in digits.chars().enumerate() {
@@ -51,13 +51,13 @@ pub(crate) fn grouped(count: u64) -> String {
     text
 }
 
-/// "1 step", "2 steps".
-pub(crate) fn counted(count: usize, noun: &str) -> String {
+/// A count with its noun in singular or plural: "1 step", "2 steps".
+pub fn counted(count: usize, noun: &str) -> String {
     format!("{} {noun}{}", grouped(count as u64), if count == 1 { "" } else { "s" })
 }
 
-/// The median; `None` if there is no number. Infinite values count as such.
-pub(crate) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+/// The median of all values that are not NaN; `None` if there is none. Infinite values take part.
+pub fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut sorted: Vec<f64> = values.filter(|v| !v.is_nan()).collect();
     sorted.sort_by(f64::total_cmp);
     let upper = *sorted.get(sorted.len() / 2)?;
@@ -66,8 +66,8 @@ pub(crate) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     Some(if lower == upper { upper } else { lower + 0.5 * (upper - lower) })
 }
 
-/// The smallest and largest finite value.
-pub(crate) fn finite_range(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+/// The smallest and largest finite value; `None` if there is none.
+pub fn finite_range(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     values.filter(|v| v.is_finite()).fold(None, |range, v| {
         let (low, high) = range.unwrap_or((v, v));
         Some((low.min(v), high.max(v)))

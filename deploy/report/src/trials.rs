@@ -1,18 +1,18 @@
-//! What the tuner measured: for each tuned step, resolution against gamma with size as area and PSNR as fill.
+//! Plots of the tuner's trials: for each tuned time step, resolution against gamma, with size as area and PSNR as fill.
 
 use super::numbers::{bytes, counted, decibels, finite_range, fixed, kilobytes, significant};
 use super::svg::{self, Axis};
-use super::{Limit, TrialRow, html};
+use super::{Limit, ReportTrial, html};
 
 const WIDTH: f64 = 480.0;
 const HEIGHT: f64 = 300.0;
 const LARGEST_RADIUS: f64 = 15.0;
 
-/// Dark to bright, in even steps of lightness; the order survives a grey printer.
-const PSNR_COLOURS: [[f64; 3]; 5] =
+/// A color map from dark to bright in even steps of lightness, so that its order survives a monochrome print.
+const PSNR_COLORS: [[f64; 3]; 5] =
     [[68.0, 1.0, 84.0], [59.0, 82.0, 139.0], [33.0, 145.0, 140.0], [94.0, 201.0, 98.0], [253.0, 231.0, 37.0]];
 
-/// Scales that all drawings share, so that they can be compared.
+/// Value ranges that all plots share, so that they can be compared.
 struct Scales {
     gamma: (f64, f64),
     resolution: (f64, f64),
@@ -21,8 +21,8 @@ struct Scales {
 }
 
 impl Scales {
-    fn of(trials: &[TrialRow]) -> Self {
-        let range = |value: fn(&TrialRow) -> f64| finite_range(trials.iter().map(value)).unwrap_or((0.0, 0.0));
+    fn of(trials: &[ReportTrial]) -> Self {
+        let range = |value: fn(&ReportTrial) -> f64| finite_range(trials.iter().map(value)).unwrap_or((0.0, 0.0));
         Self {
             gamma: range(|t| t.gamma),
             resolution: range(|t| f64::from(t.resolution)),
@@ -31,41 +31,42 @@ impl Scales {
         }
     }
 
-    /// The radius whose area stands for a size; never too small to be seen.
+    /// The radius of the circle whose area is proportional to a size; at least 1.5 pixels.
     fn radius(&self, size_bytes: u64) -> f64 {
         let share = size_bytes as f64 / self.largest_bytes.max(1) as f64;
         (LARGEST_RADIUS * share.sqrt()).max(1.5)
     }
 
-    fn colour(&self, psnr_db: f64) -> String {
+    fn color(&self, psnr_db: f64) -> String {
         let (low, high) = self.psnr_db;
         let t = if psnr_db == f64::INFINITY { 1.0 } else { (psnr_db - low) / (high - low) };
-        colour_at(if t.is_finite() { t.clamp(0.0, 1.0) } else { 0.5 })
+        color_at(if t.is_finite() { t.clamp(0.0, 1.0) } else { 0.5 })
     }
 }
 
-pub(crate) fn colour_at(t: f64) -> String {
-    let place = t * (PSNR_COLOURS.len() - 1) as f64;
-    let lower = (place as usize).min(PSNR_COLOURS.len() - 2);
+/// The color of `t` in 0..=1 on the map of PSNR, as `#rrggbb`.
+pub fn color_at(t: f64) -> String {
+    let place = t * (PSNR_COLORS.len() - 1) as f64;
+    let lower = (place as usize).min(PSNR_COLORS.len() - 2);
     let part = place - lower as f64;
-    let mix = |k: usize| (PSNR_COLOURS[lower][k] * (1.0 - part) + PSNR_COLOURS[lower + 1][k] * part).round() as u8;
+    let mix = |k: usize| (PSNR_COLORS[lower][k] * (1.0 - part) + PSNR_COLORS[lower + 1][k] * part).round() as u8;
     format!("#{:02x}{:02x}{:02x}", mix(0), mix(1), mix(2))
 }
 
-/// All trials, drawn and listed; nothing if the tuner measured none.
-pub(super) fn section(trials: &[TrialRow], limit: &Limit) -> String {
+/// The section of trials: plots, legend and table; empty without trials.
+pub(super) fn section(trials: &[ReportTrial], limit: &Limit) -> String {
     if trials.is_empty() {
         return String::new();
     }
     let scales = Scales::of(trials);
-    let mut sorted: Vec<&TrialRow> = trials.iter().collect();
+    let mut sorted: Vec<&ReportTrial> = trials.iter().collect();
     sorted.sort_by_key(|t| t.step);
     let figures: String = sorted.chunk_by(|a, b| a.step == b.step).map(|rows| figure(rows, &scales, limit)).collect();
     let content = format!("{}<div class=\"plots\">{figures}</div>{}", legend(&scales, limit), table(&sorted, limit));
     html::section("Trials", &content)
 }
 
-fn figure(rows: &[&TrialRow], scales: &Scales, limit: &Limit) -> String {
+fn figure(rows: &[&ReportTrial], scales: &Scales, limit: &Limit) -> String {
     let step = rows[0].step;
     let count = counted(rows.len(), "trial");
     let note = rows.iter().find(|t| t.chosen).map_or("none chosen".into(), |t| {
@@ -81,7 +82,7 @@ fn figure(rows: &[&TrialRow], scales: &Scales, limit: &Limit) -> String {
     format!("<figure><figcaption>{head}</figcaption>{}</figure>", drawing(rows, scales, limit))
 }
 
-fn drawing(rows: &[&TrialRow], scales: &Scales, limit: &Limit) -> String {
+fn drawing(rows: &[&ReportTrial], scales: &Scales, limit: &Limit) -> String {
     let (left, right, bottom) = (52.0, WIDTH - 12.0, HEIGHT - 42.0);
     let pad = LARGEST_RADIUS + 4.0;
     let x = Axis::fitting(scales.gamma, left + pad, right - pad);
@@ -90,10 +91,10 @@ fn drawing(rows: &[&TrialRow], scales: &Scales, limit: &Limit) -> String {
     // Large circles first, so that none hides a smaller one; the chosen one's ring above all.
     let mut by_size = rows.to_vec();
     by_size.sort_by_key(|t| std::cmp::Reverse(t.size_bytes));
-    let place = |t: &TrialRow| (x.at(t.gamma), y.at(f64::from(t.resolution)));
+    let place = |t: &ReportTrial| (x.at(t.gamma), y.at(f64::from(t.resolution)));
     for trial in &by_size {
         let class = if limit.holds(trial.size_bytes, trial.generation_ms) { "trial" } else { "trial over" };
-        let fill = format!(" fill=\"{}\"", scales.colour(trial.psnr_db));
+        let fill = format!(" fill=\"{}\"", scales.color(trial.psnr_db));
         parts.push(svg::circle(class, place(trial), scales.radius(trial.size_bytes), &fill, &words(trial)));
     }
     let chosen = by_size.iter().filter(|t| t.chosen);
@@ -102,18 +103,18 @@ fn drawing(rows: &[&TrialRow], scales: &Scales, limit: &Limit) -> String {
     svg::drawing(WIDTH, HEIGHT, "Resolution against gamma of each trial", &(parts.concat() + &name))
 }
 
-fn words(t: &TrialRow) -> String {
+fn words(t: &ReportTrial) -> String {
     let (gamma, size, time) = (significant(t.gamma, 3), bytes(t.size_bytes as f64), fixed(t.generation_ms, 1));
     format!("{} r {}, gamma {gamma}: {size}, {}, {time} ms", t.representation, t.resolution, decibels(t.psnr_db))
 }
 
-/// The key to circles, as a drawing of its own.
+/// The legend of fill and area.
 fn legend(scales: &Scales, limit: &Limit) -> String {
     let (low, high) = scales.psnr_db;
     let bar: String = (0..24)
         .map(|k| {
-            let colour = colour_at(f64::from(k) / 23.0);
-            format!("<rect x=\"{}\" y=\"14\" width=\"6.5\" height=\"12\" fill=\"{colour}\"/>", 60 + 6 * k)
+            let color = color_at(f64::from(k) / 23.0);
+            format!("<rect x=\"{}\" y=\"14\" width=\"6.5\" height=\"12\" fill=\"{color}\"/>", 60 + 6 * k)
         })
         .collect();
     let ends = svg::text("tick", (54.0, 24.0), "end", &fixed(low, 1))
@@ -134,9 +135,9 @@ fn legend(scales: &Scales, limit: &Limit) -> String {
     format!("<div class=\"key\"><p>Fill is PSNR, area is size, a ring is what the tuner chose{over}.</p>{key}</div>")
 }
 
-fn table(sorted: &[&TrialRow], limit: &Limit) -> String {
+fn table(sorted: &[&ReportTrial], limit: &Limit) -> String {
     let head = ["step", "as", "r", "gamma", "size kB", "generation ms", "encode ms", "PSNR dB", ""];
-    let row = |t: &&TrialRow| {
+    let row = |t: &&ReportTrial| {
         let mark = match (t.chosen, limit.holds(t.size_bytes, t.generation_ms)) {
             (true, true) => "chosen",
             (true, false) => "chosen, over the limit",
@@ -167,20 +168,20 @@ mod tests {
     fn area_stands_for_size() {
         let scales = Scales { gamma: (0.0, 1.0), resolution: (1.0, 2.0), psnr_db: (30.0, 40.0), largest_bytes: 400 };
         assert_eq!((scales.radius(400), scales.radius(100)), (LARGEST_RADIUS, LARGEST_RADIUS / 2.0));
-        assert_eq!((scales.colour(30.0), scales.colour(f64::INFINITY)), ("#440154".into(), "#fde725".into()));
-        assert_eq!(scales.colour(35.0), "#21918c");
+        assert_eq!((scales.color(30.0), scales.color(f64::INFINITY)), ("#440154".into(), "#fde725".into()));
+        assert_eq!(scales.color(35.0), "#21918c");
     }
 
     #[test]
     fn every_tuned_step_has_its_drawing_and_one_ring() {
-        let trial = |step, gamma, chosen| TrialRow {
+        let trial = |step, gamma, chosen| ReportTrial {
             step,
             gamma,
             chosen,
             resolution: 64,
             size_bytes: 10,
             psnr_db: 30.0,
-            ..TrialRow::default()
+            ..ReportTrial::default()
         };
         let trials = [trial(40, 0.1, true), trial(0, 0.1, false), trial(40, 0.01, false), trial(0, 0.02, true)];
         let html = section(&trials, &Limit::default());

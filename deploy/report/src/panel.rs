@@ -1,10 +1,10 @@
-//! Drawings of curves side by side: decibels upwards, whatever it may be to the right.
+//! Plots of quality curves: decibels on the vertical axis, any quantity on the horizontal one.
 
 use super::numbers::finite_range;
 use super::svg::{self, Axis};
 
-/// The report's style and that of curves.
-pub const STYLE: &str = concat!(include_str!("report.css"), include_str!("panel.css"));
+/// The style sheet of pages that hold these plots.
+pub const PANEL_STYLE: &str = concat!(include_str!("report.css"), include_str!("panel.css"));
 
 const WIDTH: f64 = 480.0;
 const HEIGHT: f64 = 300.0;
@@ -14,25 +14,25 @@ const RIGHT: f64 = WIDTH - 122.0;
 const TOP: f64 = 22.0;
 const BOTTOM: f64 = HEIGHT - 42.0;
 
-/// One curve or cloud: a class for its looks, a name for its end, and what to say of each point.
-pub struct Line {
-    /// Its looks: a class of the style sheet.
+/// One curve of a plot, or one set of unconnected points.
+pub struct PlotLine {
+    /// CSS class of the style sheet that colors it; class `trials` has points without a connecting line.
     pub class: &'static str,
-    /// Stands beside its end.
+    /// Label at the end of the curve; empty for none.
     pub name: String,
-    /// Across, decibels, and what to say of it.
+    /// For each point: horizontal value, decibels, and its tooltip.
     pub points: Vec<(f64, f64, String)>,
 }
 
-/// Looks of the curves of one drawing, in their order.
+/// CSS classes of the curves of one plot, in their order.
 pub const CLASSES: [&str; 10] = ["c0", "c1", "c2", "c3", "c4", "c5", "c6", "c7", "c8", "c9"];
 
-/// A drawing by itself.
-pub fn drawing(what: &str, x_name: &str, lines: &[Line]) -> String {
+/// A plot as an inline SVG element.
+pub fn drawing(what: &str, x_name: &str, lines: &[PlotLine]) -> String {
     svg::drawing(WIDTH, HEIGHT, what, &panel(x_name, lines))
 }
 
-/// Several drawings side by side, as a file of their own.
+/// Several plots side by side as a standalone SVG file with its style sheet.
 pub fn file(what: &str, panels: &[String]) -> String {
     let shifted =
         |(n, panel): (usize, &String)| format!("<g transform=\"translate({} 0)\">{panel}</g>", WIDTH * n as f64);
@@ -47,8 +47,8 @@ pub fn file(what: &str, panels: &[String]) -> String {
     )
 }
 
-/// Axes and lines.
-pub fn panel(x_name: &str, lines: &[Line]) -> String {
+/// The content of one plot: axes, curves and labels, without the enclosing SVG element.
+pub fn panel(x_name: &str, lines: &[PlotLine]) -> String {
     let all = || lines.iter().flat_map(|l| &l.points).filter(|p| p.0.is_finite() && p.1.is_finite());
     let (Some(xs), Some(ys)) = (finite_range(all().map(|p| p.0)), finite_range(all().map(|p| p.1))) else {
         return svg::text("tick", (0.5 * WIDTH, 0.5 * HEIGHT), "middle", "nothing that differs");
@@ -74,12 +74,12 @@ pub fn panel(x_name: &str, lines: &[Line]) -> String {
     parts + &names(ends)
 }
 
-/// Names at the right, from the top downwards, pushed apart where they would overlap.
-fn names(mut ends: Vec<(f64, &Line)>) -> String {
+/// Labels of curves at the right edge, shifted downwards where they would overlap.
+fn names(mut ends: Vec<(f64, &PlotLine)>) -> String {
     ends.retain(|(_, line)| !line.name.is_empty());
     ends.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut free = f64::NEG_INFINITY;
-    let name = |(at, line): (f64, &Line)| {
+    let name = |(at, line): (f64, &PlotLine)| {
         let at = at.max(free);
         free = at + 14.0;
         let mark = svg::line(line.class, &[(RIGHT + 6.0, at), (RIGHT + 16.0, at)]);

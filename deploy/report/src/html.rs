@@ -1,12 +1,12 @@
-//! The page's text parts: heading, facts, pictures and tables, and the one place that escapes.
+//! HTML fragments: heading, headline figures, pictures and tables, and the escaping of text.
 
 use super::numbers::{bytes, counted, decibels, fixed, grouped, kilobytes, median, significant};
-use super::{Limit, PicturePair, Report, StepRow};
+use super::{Limit, PicturePair, Report, ReportStep};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
-/// Text made safe inside an element or a quoted attribute.
-pub(crate) fn escape(text: &str) -> String {
+/// `text` with the five characters replaced that HTML would interpret in an element or a quoted attribute.
+pub fn escape(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
@@ -21,8 +21,8 @@ pub(crate) fn escape(text: &str) -> String {
     safe
 }
 
-/// The whole document around its parts.
-pub(crate) fn document(title: &str, style: &str, parts: &[String]) -> String {
+/// A whole document: `style` is its style sheet, `parts` are markup.
+pub fn document(title: &str, style: &str, parts: &[String]) -> String {
     let (title, body) = (escape(title), parts.concat());
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
@@ -31,12 +31,12 @@ pub(crate) fn document(title: &str, style: &str, parts: &[String]) -> String {
     )
 }
 
-/// A part of the page under a heading; `content` is markup.
-pub(crate) fn section(heading: &str, content: &str) -> String {
+/// A section of a page under a heading; `content` is markup.
+pub fn section(heading: &str, content: &str) -> String {
     format!("<section>\n<h2>{}</h2>\n{content}\n</section>\n", escape(heading))
 }
 
-/// Title, and what ran where and how.
+/// The head of the page: title, data source, machine, command and limits.
 pub(crate) fn heading(report: &Report) -> String {
     let entry = |name: &str, text: &str, tag: &str| {
         if text.is_empty() { String::new() } else { format!("<dt>{name}</dt><dd><{tag}>{}</{tag}></dd>", escape(text)) }
@@ -60,7 +60,7 @@ fn limit_words(limit: &Limit) -> String {
     }
 }
 
-/// The headline: how many steps, how large, how good, how often the limit broke.
+/// The headline figures: number of steps, median size, quality and time, and how often a limit was exceeded.
 pub(crate) fn facts(report: &Report) -> String {
     let steps = &report.steps;
     if steps.is_empty() {
@@ -97,7 +97,7 @@ fn tile(name: &str, value: &str, note: &str, alarming: bool) -> String {
     format!("<div{class}><dt>{name}</dt><dd>{} <small>{}</small></dd></div>", escape(value), escape(note))
 }
 
-fn span_words(steps: &[StepRow]) -> String {
+fn span_words(steps: &[ReportStep]) -> String {
     match steps {
         [] => String::new(),
         [only] => format!("step {}, time {}", only.step, significant(only.time, 4)),
@@ -113,8 +113,8 @@ fn span_words(steps: &[StepRow]) -> String {
     }
 }
 
-/// The angles of all test views, in the order met.
-pub(crate) fn angles(steps: &[StepRow]) -> Vec<f64> {
+/// The angles of all test views, in the order of first occurrence.
+pub(crate) fn angles(steps: &[ReportStep]) -> Vec<f64> {
     let mut angles = Vec::new();
     for (angle, _) in steps.iter().flat_map(|row| &row.views) {
         if !angles.contains(angle) {
@@ -124,7 +124,7 @@ pub(crate) fn angles(steps: &[StepRow]) -> Vec<f64> {
     angles
 }
 
-/// VDI on the left, ray cast on the right, the PSNR between them below.
+/// Picture pairs: rendered on the left, ray cast on the right, the PSNR between them below.
 pub(crate) fn pictures(pairs: &[PicturePair]) -> String {
     if pairs.is_empty() {
         return String::new();
@@ -146,8 +146,8 @@ fn pair(pair: &PicturePair) -> String {
     format!("<figure class=\"pair\">{images}<figcaption>{caption}</figcaption></figure>")
 }
 
-/// Every step with everything known of it.
-pub(crate) fn step_table(steps: &[StepRow]) -> String {
+/// A table of all steps with all their figures.
+pub(crate) fn step_table(steps: &[ReportStep]) -> String {
     if steps.is_empty() {
         return String::new();
     }
@@ -167,11 +167,11 @@ pub(crate) fn step_table(steps: &[StepRow]) -> String {
     let mut head: Vec<String> = fixed_head.map(String::from).to_vec();
     head.extend(angles.iter().map(|angle| format!("{}°", significant(*angle, 3))));
     head.push("limit".into());
-    let row = |row: &StepRow| (step_cells(row, &angles), !row.limit_kept);
+    let row = |row: &ReportStep| (step_cells(row, &angles), !row.limit_kept);
     section("Every step", &table("All steps", &head, steps.iter().map(row)))
 }
 
-fn step_cells(row: &StepRow, angles: &[f64]) -> Vec<String> {
+fn step_cells(row: &ReportStep, angles: &[f64]) -> Vec<String> {
     let mut cells = vec![
         row.step.to_string(),
         significant(row.time, 6),
@@ -191,8 +191,14 @@ fn step_cells(row: &StepRow, angles: &[f64]) -> Vec<String> {
     cells
 }
 
-/// A table that opens on demand; rows with `true` are emphasised.
-pub(crate) fn table(name: &str, head: &[String], rows: impl ExactSizeIterator<Item = (Vec<String>, bool)>) -> String {
+/// A figure: caption and note are text, `drawing` is markup.
+pub fn figure(title: &str, note: &str, drawing: &str) -> String {
+    let (title, note) = (escape(title), escape(note));
+    format!("<figure><figcaption><b>{title}</b><span class=\"note\">{note}</span></figcaption>{drawing}</figure>")
+}
+
+/// A table behind a summary line that opens on a click; rows flagged `true` are emphasized.
+pub fn table(name: &str, head: &[String], rows: impl ExactSizeIterator<Item = (Vec<String>, bool)>) -> String {
     let cell = |tag: &str, text: &String| format!("<{tag}>{}</{tag}>", escape(text));
     let summary = format!("{} ({})", escape(name), grouped(rows.len() as u64));
     let head: String = head.iter().map(|text| cell("th", text)).collect();
@@ -221,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_read_as_a_promise() {
+    fn limits_are_stated_in_words() {
         assert_eq!(
             limit_words(&Limit { size_bytes: Some(300_000), time_ms: Some(40.0) }),
             "at most 300 kB and 40 ms a step"
@@ -232,7 +238,7 @@ mod tests {
 
     #[test]
     fn views_that_only_some_steps_have_get_a_column_each() {
-        let with = |views: &[(f64, f64)]| StepRow { views: views.to_vec(), ..StepRow::default() };
+        let with = |views: &[(f64, f64)]| ReportStep { views: views.to_vec(), ..ReportStep::default() };
         let steps = [with(&[(10.0, 30.0)]), with(&[]), with(&[(10.0, 31.0), (20.0, 29.0)])];
         assert_eq!(angles(&steps), [10.0, 20.0]);
         assert_eq!(step_cells(&steps[1], &[10.0, 20.0])[10..12], ["–", "–"]);

@@ -1,8 +1,8 @@
-//! Plots over steps: size, generation time, PSNR, resolution and gamma.
+//! Plots over time steps: size, generation time, PSNR, resolution and gamma.
 
 use super::numbers::{counted, finite_range, kilobytes, significant};
 use super::svg::{self, Axis};
-use super::{Limit, StepRow, html};
+use super::{Limit, ReportStep, html};
 
 const WIDTH: f64 = 480.0;
 const HEIGHT: f64 = 220.0;
@@ -12,7 +12,7 @@ const RIGHT: f64 = 442.0;
 const TOP: f64 = 16.0;
 const BOTTOM: f64 = 180.0;
 
-/// One curve: its points as (step, value), and a name to stand at its end.
+/// One curve: points as (step, value), and a label for its end.
 struct Curve {
     class: &'static str,
     points: Vec<(f64, f64)>,
@@ -20,12 +20,12 @@ struct Curve {
 }
 
 impl Curve {
-    fn of(steps: &[StepRow], class: &'static str, value: impl Fn(&StepRow) -> Option<f64>) -> Self {
-        let point = |row: &StepRow| value(row).filter(|v| !v.is_nan()).map(|v| (row.step as f64, v));
+    fn of(steps: &[ReportStep], class: &'static str, value: impl Fn(&ReportStep) -> Option<f64>) -> Self {
+        let point = |row: &ReportStep| value(row).filter(|v| !v.is_nan()).map(|v| (row.step as f64, v));
         Self { class, points: steps.iter().filter_map(point).collect(), name: String::new() }
     }
 
-    /// With the corners of a value that is set and holds until it is set again.
+    /// The curve as a staircase, for a value that holds until it is set again.
     fn held(mut self) -> Self {
         let corners = self.points.windows(2).flat_map(|pair| [pair[0], (pair[1].0, pair[0].1)]);
         self.points = corners.chain(self.points.last().copied()).collect();
@@ -33,7 +33,7 @@ impl Curve {
     }
 }
 
-/// What to draw.
+/// One plot over time steps.
 struct Plot {
     title: &'static str,
     unit: &'static str,
@@ -43,7 +43,7 @@ struct Plot {
 }
 
 /// All plots over steps; nothing if there is no step.
-pub(super) fn section(steps: &[StepRow], limit: &Limit) -> String {
+pub(super) fn section(steps: &[ReportStep], limit: &Limit) -> String {
     if steps.is_empty() {
         return String::new();
     }
@@ -51,9 +51,9 @@ pub(super) fn section(steps: &[StepRow], limit: &Limit) -> String {
     html::section("Over the run", &format!("<div class=\"plots\">{figures}</div>"))
 }
 
-fn plots(steps: &[StepRow], limit: &Limit) -> Vec<Plot> {
-    let bold = |value: fn(&StepRow) -> f64| vec![Curve::of(steps, "bold", |row| Some(value(row)))];
-    let held = |value: fn(&StepRow) -> f64| vec![Curve::of(steps, "bold", |row| Some(value(row))).held()];
+fn plots(steps: &[ReportStep], limit: &Limit) -> Vec<Plot> {
+    let bold = |value: fn(&ReportStep) -> f64| vec![Curve::of(steps, "bold", |row| Some(value(row)))];
+    let held = |value: fn(&ReportStep) -> f64| vec![Curve::of(steps, "bold", |row| Some(value(row))).held()];
     let size_limit = limit.size_bytes.map(kilobytes);
     let size = bold(|row| kilobytes(row.size_bytes));
     vec![
@@ -77,9 +77,9 @@ fn plots(steps: &[StepRow], limit: &Limit) -> Vec<Plot> {
     ]
 }
 
-/// A thin curve for each view, named by its angle, below a bold one for all views pooled.
-fn psnr_curves(steps: &[StepRow]) -> Vec<Curve> {
-    let at = |row: &StepRow, angle: f64| row.views.iter().find(|view| view.0 == angle).map(|view| view.1);
+/// A thin curve for each test view, labeled with its angle, below a bold curve of all views pooled.
+fn psnr_curves(steps: &[ReportStep]) -> Vec<Curve> {
+    let at = |row: &ReportStep, angle: f64| row.views.iter().find(|view| view.0 == angle).map(|view| view.1);
     let view = |angle: f64| Curve {
         name: format!("{}°", significant(angle, 3)),
         ..Curve::of(steps, "thin", |row| at(row, angle))
@@ -90,7 +90,7 @@ fn psnr_curves(steps: &[StepRow]) -> Vec<Curve> {
     curves
 }
 
-fn figure(steps: &[StepRow], plot: &Plot) -> String {
+fn figure(steps: &[ReportStep], plot: &Plot) -> String {
     let broken = plot.limit.map_or(0, |most| plot.curves.iter().flat_map(|c| &c.points).filter(|p| p.1 > most).count());
     let note = match plot.limit {
         None => String::new(),
@@ -102,7 +102,7 @@ fn figure(steps: &[StepRow], plot: &Plot) -> String {
     format!("<figure>{caption}{}</figure>", drawing(steps, plot))
 }
 
-fn drawing(steps: &[StepRow], plot: &Plot) -> String {
+fn drawing(steps: &[ReportStep], plot: &Plot) -> String {
     let values = plot.curves.iter().flat_map(|curve| curve.points.iter().map(|p| p.1));
     let x =
         Axis::linear(finite_range(steps.iter().map(|row| row.step as f64)).unwrap_or((0.0, 1.0)), LEFT + 6.0, RIGHT);
@@ -126,7 +126,7 @@ fn drawing(steps: &[StepRow], plot: &Plot) -> String {
     svg::drawing(WIDTH, HEIGHT, &format!("{} over steps", plot.title), &parts.concat())
 }
 
-/// Room above the highest value, and below the lowest unless the axis starts at zero.
+/// The range of an axis: with a margin above the highest value, and below the lowest unless the axis starts at zero.
 fn widened((low, high): (f64, f64), from_zero: bool) -> (f64, f64) {
     if from_zero {
         return (low.min(0.0), if high > 0.0 { high * 1.06 } else { 1.0 });
@@ -135,7 +135,7 @@ fn widened((low, high): (f64, f64), from_zero: bool) -> (f64, f64) {
     (low - margin, high + margin)
 }
 
-/// The pixel row of a value; what is infinite lies on the upper edge, which is marked so.
+/// The pixel row of a value; infinite values lie on the upper edge, which carries an infinity sign.
 fn row_of(y: &Axis, value: f64) -> f64 {
     if value == f64::INFINITY { TOP - 6.0 } else { y.at(value) }
 }
@@ -149,7 +149,7 @@ fn draw_curve(curve: &Curve, x: &Axis, y: &Axis) -> String {
     svg::line(curve.class, &svg::thinned(&points, RIGHT - LEFT))
 }
 
-/// Names at the curves' ends, from the top downwards, pushed apart where they would overlap.
+/// Labels at the ends of curves, shifted downwards where they would overlap.
 fn names(curves: &[Curve], y: &Axis) -> String {
     let end = |curve: &Curve| curve.points.last().map(|p| row_of(y, p.1));
     let mut ends: Vec<_> = curves.iter().filter(|c| !c.name.is_empty()).filter_map(|c| Some((end(c)?, c))).collect();
