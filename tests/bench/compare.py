@@ -1,13 +1,13 @@
 """Measures Lamina beside VTK's ray caster and beside itself, on the scene of peers.toml; tests/bench/run sets it up.
 Usage: compare.py [--rounds 7] [--large-rounds 3] [--threads 2]
 
-A round is one frame of VTK and one `lamina bench` of each field, in turn, so that what else the machine does meets all;
+A round is one frame of VTK and one `lamina-lab bench` of each field, in turn, so that what else the machine does meets all;
 before each counted measurement Lamina runs it once to warm up, and VTK drew frames at the start. Times are medians
 over rounds; a ratio is the median of the rounds' own ratios, of wall and of processor time (all threads), and what is
 wanted must hold for both: on a busy machine wall times say more of others than of the program. VTK's time
 is its rays' casting alone, without the window. Fields: 256^3; the same with noise of 0.03; and 512^3 with that noise.
 
-Memory is that of processes of their own (`lamina bench --memory`): the most in use at once while a VDI is generated,
+Memory is that of processes of their own (`lamina-lab bench --memory`): the most in use at once while a VDI is generated,
 or read, decoded, prepared and drawn, less what such a process has in use after doing all that with 8 voxels and one ray
 (code, threads, tables). Reading a volume's file takes more for a moment; that is not counted.
 
@@ -27,14 +27,14 @@ def at(name):
     return os.path.join(OUT, name)
 
 
-def lamina(*arguments):
-    done = subprocess.run([LAMINA, *map(str, arguments)], stdout=subprocess.PIPE, text=True, check=True)
+def lamina(*arguments, program=LAMINA):
+    done = subprocess.run([program, *map(str, arguments)], stdout=subprocess.PIPE, text=True, check=True)
     return done.stdout
 
 
 def bench(path, *options):
-    """What `lamina bench` says of a file: by name, one object each."""
-    lines = map(json.loads, lamina("bench", path, "--json", *options).splitlines())
+    """What `lamina-lab bench` says of a file: by name, one object each."""
+    lines = map(json.loads, lamina("bench", path, "--json", *options, program=f"{LAMINA}-lab").splitlines())
     return {line["name"]: line for line in lines}
 
 

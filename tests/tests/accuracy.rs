@@ -1,4 +1,4 @@
-//! `lamina accuracy` as a user runs it, on the recorded blast.
+//! `lamina-lab accuracy` as a user runs it, on the recorded blast.
 
 #![allow(clippy::unwrap_used)]
 
@@ -44,7 +44,7 @@ fn every_knob_is_measured_and_errors_fall_with_the_step() {
         "--out",
         out.to_str().unwrap(),
     ];
-    let output = run("lamina", &arguments);
+    let output = run("lamina-lab", &arguments);
     let [said, error] = [&output.stdout, &output.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
     assert!(output.status.success(), "{error}");
     assert!(error.contains("meets 3 closed forms") && error.contains("reference converged"), "{error}");
@@ -114,7 +114,7 @@ fn what_cannot_be_measured_is_refused_before_work_starts() {
     let out = folder.path().join("out").display().to_string();
     let series = recorded_series().display().to_string();
     let refused = |input: &str, options: &[&str], words: &str| {
-        let output = run("lamina", &[&["accuracy", input, "--out", &out][..], options].concat());
+        let output = run("lamina-lab", &[&["accuracy", input, "--out", &out][..], options].concat());
         let error = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(!output.status.success() && error.contains(words) && !error.contains("panicked"), "{words}: {error}");
         assert!(!Path::new(&out).exists(), "nothing is written: {words}");

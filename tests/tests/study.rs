@@ -1,4 +1,4 @@
-//! `lamina study` and `lamina tune` as a user runs them, on the recorded blast.
+//! `lamina-lab study` and `lamina tune` as a user runs them, on the recorded blast.
 
 #![allow(clippy::unwrap_used)]
 
@@ -8,7 +8,8 @@ use std::path::Path;
 
 /// Standard output and error of a command that succeeds.
 fn lamina(arguments: &[&str]) -> (String, String) {
-    let output = run("lamina", arguments);
+    let program = if arguments[0] == "study" { "lamina-lab" } else { "lamina" };
+    let output = run(program, arguments);
     let [out, err] = [&output.stdout, &output.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
     assert!(output.status.success(), "{arguments:?}: {err}");
     (out, err)

@@ -29,6 +29,7 @@ fn crates_point_only_where_the_layout_says() {
         ("proto/vdi-render", &["model", "compute", "raycast"]),
         ("deploy/blast", &[]),
         ("deploy/volume-io", &["model"]),
+        ("deploy/report", &[]),
         ("proto/client", &["model", "rpc"]),
         ("proto/client/c", &["model", "client"]),
         ("generator-node", &["model", "compute", "raycast", "codec", "rpc"]),
@@ -56,6 +57,7 @@ fn one_crate_alone_opens_a_gpu() {
         "viz-node",
         "tuner",
         "deploy/cli",
+        "deploy/lab",
     ] {
         let text = std::fs::read_to_string(root().join(folder).join("Cargo.toml")).unwrap();
         let manifest: toml::Table = text.parse().unwrap();

@@ -1,1 +1,25 @@
-//! Watch a running simulation at a price you name.
+//! Lamina in one process: the commands of the binary `lamina` as a library.
+//!
+//! [`watch`] couples a simulation ([`source`]) to a generator-node, a viz-node and a tuner that run in this process
+//! ([`nodes`]). [`offline`] works on files without nodes, and [`in_process`] measures generation parameters without them,
+//! which [`tune`] and the laboratory `lamina-lab` use.
+
+#![deny(clippy::print_stdout)]
+
+#[macro_use]
+pub mod stdout;
+
+pub mod cli;
+pub mod dims;
+pub mod doctor;
+pub mod in_process;
+pub mod nodes;
+pub mod offline;
+pub mod pacer;
+mod picture_file;
+pub mod process;
+mod run_folder;
+pub mod scene_file;
+pub mod source;
+pub mod tune;
+pub mod watch;

@@ -2,8 +2,8 @@
 
 use crate::cli;
 use crate::nodes::{Nodes, Setup, Tuning};
-use crate::outputs::Outputs;
 use crate::pacer::Pacer;
+use crate::run_folder::Outputs;
 use crate::source::{Example, Recorded, Source, read_options};
 use anyhow::{Context, bail, ensure};
 use indicatif::{ProgressBar, ProgressStyle};

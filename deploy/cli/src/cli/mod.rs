@@ -1,0 +1,93 @@
+//! The command line of `lamina`, and the options that its commands share with those of `lamina-lab`.
+
+#![allow(missing_docs, reason = "the help of options is their documentation")]
+
+mod live;
+mod offline;
+
+pub use live::{Live, Pace, Replay, Term, Watch};
+pub use offline::{CodecName, Compare, Generate, LayoutName, Raycast, Render, Tune, View};
+
+use crate::dims::Dims;
+use clap::{Args, Parser, Subcommand};
+use lamina_compute::gpu::Choice;
+use lamina_model::VoxelType;
+use std::path::PathBuf;
+
+/// Watch a running simulation at a price you name.
+///
+/// Without a command: `live`.
+#[derive(Parser)]
+#[command(name = "lamina", version)]
+pub struct Cli {
+    /// The command; `None` is `live` with its defaults.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+}
+
+/// The commands of `lamina`.
+#[derive(Subcommand)]
+pub enum Command {
+    /// Run the example simulation (a blast into clumps) and watch it
+    Live(Live),
+    /// Replay recorded data as if it were being simulated, and watch it
+    Replay(Replay),
+    /// Ray-cast a volume to a picture
+    Raycast(Raycast),
+    /// Make the Volumetric Depth Image of a volume, or a reduced volume
+    Generate(Generate),
+    /// Render a Volumetric Depth Image, or a reduced volume, from another angle
+    Render(Render),
+    /// Compare two pictures; the last line is `psnr_db <number>`
+    Compare(Compare),
+    /// Find the best parameters of a volume under a contract
+    Tune(Tune),
+    /// Say what this machine offers
+    Doctor,
+}
+
+impl Default for Command {
+    fn default() -> Self {
+        #[derive(Parser)]
+        struct Defaults {
+            #[command(flatten)]
+            live: Live,
+        }
+        Self::Live(Defaults::parse_from(["lamina"]).live)
+    }
+}
+
+/// Properties of a raw file that the file itself does not state.
+#[derive(Args)]
+pub struct Raw {
+    /// Voxels per side of a raw file, x fastest
+    #[arg(long, value_name = "NXxNYxNZ")]
+    pub dims: Option<Dims>,
+    /// Voxel type of a raw file: uint8, uint16, int16, float32, float64
+    #[arg(long, value_name = "TYPE")]
+    pub dtype: Option<VoxelType>,
+    /// Array to read, where a file has several
+    #[arg(long, value_name = "NAME")]
+    pub field: Option<String>,
+}
+
+/// One volume of a file, the scene it is shown under, and the backend that casts its rays.
+#[derive(Args)]
+pub struct Input {
+    /// .pvd, .vti, .nhdr, .nrrd, .raw or .raw.gz
+    pub input: PathBuf,
+    #[command(flatten)]
+    pub raw: Raw,
+    /// Which time step of a series, counted from 0
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub time_step: usize,
+    /// Scene file (TOML)
+    #[arg(long, value_name = "FILE")]
+    pub scene: Option<PathBuf>,
+    /// What casts the rays: auto (a GPU if there is a real one), cpu or gpu
+    #[arg(long, default_value_t)]
+    pub backend: Choice,
+    /// Sampling step in voxels, instead of the scene's
+    #[arg(long, value_name = "VOXELS", allow_negative_numbers = true)]
+    pub step: Option<f64>,
+}

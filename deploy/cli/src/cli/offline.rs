@@ -1,0 +1,116 @@
+//! Options of the commands that work on files, without nodes.
+
+use super::Input;
+use clap::{Args, ValueEnum};
+use lamina_compute::gpu::Choice;
+use lamina_model::{Representation, Segmentation};
+use lamina_tuner::Contract;
+use lamina_tuner::search::Grid;
+use std::path::PathBuf;
+
+/// Options of `lamina tune`.
+#[derive(Args)]
+pub struct Tune {
+    #[command(flatten)]
+    pub input: Input,
+    /// What to keep and what is best, such as "size <= 300kB, psnr >= 35dB, minimise time"
+    #[arg(long, value_name = "CONTRACT", default_value_t)]
+    pub contract: Contract,
+    /// What a step may be turned into: vdi, volume, or both, of which the tuner takes what is better
+    #[arg(long, value_name = "NAME,..", value_delimiter = ',', default_values_t = Representation::ALL)]
+    pub representation: Vec<Representation>,
+    /// Parameters of VDIs to choose from: auto, coarse, paper, or R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
+    #[arg(long, default_value = "auto", value_name = "GRID")]
+    pub grid: Grid,
+}
+
+/// The view and file of one picture.
+#[derive(Args)]
+pub struct View {
+    /// Rotation about +y through the target, degrees
+    #[arg(long, default_value_t = 0.0, value_name = "DEG", allow_negative_numbers = true)]
+    pub view: f64,
+    /// Side of the picture, pixels
+    #[arg(long, default_value_t = 768, value_name = "PX")]
+    pub size: u32,
+    /// Where to write: .png, or .pfm for float
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+}
+
+/// Options of `lamina raycast`.
+#[derive(Args)]
+pub struct Raycast {
+    #[command(flatten)]
+    pub input: Input,
+    #[command(flatten)]
+    pub view: View,
+}
+
+/// Options of `lamina generate`.
+#[derive(Args)]
+pub struct Generate {
+    #[command(flatten)]
+    pub input: Input,
+    /// What the volume is turned into: vdi or volume
+    #[arg(long, value_name = "NAME", default_value_t)]
+    pub representation: Representation,
+    /// Rays per side; of a volume, the most sample points on a side
+    #[arg(long, default_value_t = 256, value_name = "R")]
+    pub resolution: u32,
+    /// Interrupt parameter, how much supersegments may leave out: 0 keeps every sample. Of a volume, the greatest error of a
+    /// value, 1 being the range shown
+    #[arg(long, default_value_t = 0.02, value_name = "G", allow_negative_numbers = true)]
+    pub gamma: f64,
+    /// End rays at this opacity; 1 never
+    #[arg(long, default_value_t = 1.0, value_name = "ALPHA")]
+    pub opacity_cutoff: f64,
+    /// How samples become the supersegments of a VDI: fitted, or greedy as in the paper
+    #[arg(long, value_name = "NAME", default_value_t)]
+    pub segmentation: Segmentation,
+    /// Byte layout: columns, or the paper's plain records
+    #[arg(long, default_value = "columns")]
+    pub layout: LayoutName,
+    /// What makes a VDI small: mixed (contexts of neighbouring rays), bzip2, or zstd in a sixth of the time [default: mixed; bzip2
+    /// for the plain layout]
+    #[arg(long, value_name = "NAME", hide_possible_values = true)]
+    pub codec: Option<CodecName>,
+    /// Where to write it
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum LayoutName {
+    Columns,
+    Plain,
+}
+
+#[derive(Clone, Copy, ValueEnum, PartialEq)]
+pub enum CodecName {
+    Mixed,
+    Bzip2,
+    Zstd,
+}
+
+/// Options of `lamina render`.
+#[derive(Args)]
+pub struct Render {
+    /// A Volumetric Depth Image or reduced volume, as `generate` writes them
+    #[arg(value_name = "FILE")]
+    pub input: PathBuf,
+    /// What draws: auto (a GPU if there is a real one), cpu or gpu
+    #[arg(long, default_value_t)]
+    pub backend: Choice,
+    #[command(flatten)]
+    pub view: View,
+}
+
+/// Options of `lamina compare`.
+#[derive(Args)]
+pub struct Compare {
+    /// A picture: .png or .pfm
+    pub a: PathBuf,
+    /// Another of the same size
+    pub b: PathBuf,
+}
