@@ -15,7 +15,7 @@ pub async fn with_heartbeat<T, M: Clone>(
     answers: &mpsc::Sender<Result<M, Status>>,
 ) -> Option<T> {
     tokio::pin!(work);
-    let mut heartbeat = tokio::time::interval(HEARTBEAT);
+    let mut heartbeat = tokio::time::interval_at(tokio::time::Instant::now() + HEARTBEAT, HEARTBEAT);
     loop {
         tokio::select! {
             done = &mut work => return Some(done),
