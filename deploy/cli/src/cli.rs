@@ -181,7 +181,7 @@ pub struct Study {
     /// R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
     #[arg(long, default_value = "paper", value_name = "GRID")]
     pub grid: Grid,
-    /// How samples become the supersegments of a VDI: greedy (and bzip2) as in the paper, or fitted (and mixed) as nodes send
+    /// How samples become the supersegments of a VDI: greedy (and bzip2) as in the paper, or fitted (and context-mixing) as nodes send
     /// them
     #[arg(long, value_name = "NAME", default_value_t = Segmentation::Greedy)]
     pub segmentation: Segmentation,
@@ -296,8 +296,8 @@ pub struct Generate {
     /// Byte layout: columns, or the paper's plain records
     #[arg(long, default_value = "columns")]
     pub layout: LayoutName,
-    /// What makes a VDI small: mixed (contexts of neighbouring rays), bzip2, or zstd in a sixth of the time [default: mixed; bzip2
-    /// for the plain layout]
+    /// What makes a VDI small: context-mixing (of neighboring rays), bzip2, or zstd in a sixth of the time [default:
+    /// context-mixing; bzip2 for the plain layout]
     #[arg(long, value_name = "NAME", hide_possible_values = true)]
     pub codec: Option<CodecName>,
     /// Where to write it
@@ -313,7 +313,7 @@ pub enum LayoutName {
 
 #[derive(Clone, Copy, ValueEnum, PartialEq)]
 pub enum CodecName {
-    Mixed,
+    ContextMixing,
     Bzip2,
     Zstd,
 }

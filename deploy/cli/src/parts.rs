@@ -65,7 +65,7 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
     let codec = match (arguments.codec, layout) {
         (Some(cli::CodecName::Bzip2), _) | (None, Layout::Plain) => Codec::Bzip2,
         (Some(cli::CodecName::Zstd), _) => Codec::Zstd,
-        (Some(cli::CodecName::Mixed), _) | (None, Layout::Columns) => Codec::Mixed,
+        (Some(cli::CodecName::ContextMixing), _) | (None, Layout::Columns) => Codec::ContextMixing,
     };
     let options = EncodeOptions { codec, layout }.check()?;
     let usual = (None, Layout::Columns, Segmentation::default());

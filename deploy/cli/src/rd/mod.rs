@@ -37,10 +37,10 @@ const VDI_CODINGS: [(&str, Segmentation, EncodeOptions, Detail); 5] = [
     ("VDI, columns", Segmentation::Greedy, EncodeOptions::BZIP2, Detail::Nearest),
     ("VDI, blended", Segmentation::Greedy, EncodeOptions::BZIP2, Detail::Blended),
     ("VDI, fitted", Segmentation::Fitted, EncodeOptions::BZIP2, Detail::Blended),
-    ("VDI, mixed", Segmentation::Fitted, MIXED, Detail::Blended),
+    ("VDI, context mixing", Segmentation::Fitted, CONTEXT_MIXING, Detail::Blended),
 ];
 const PLAIN: EncodeOptions = EncodeOptions { codec: Codec::Bzip2, layout: Layout::Plain };
-const MIXED: EncodeOptions = EncodeOptions { codec: Codec::Mixed, layout: Layout::Columns };
+const CONTEXT_MIXING: EncodeOptions = EncodeOptions { codec: Codec::ContextMixing, layout: Layout::Columns };
 
 /// Volumes of all sample points: in the tables only, as their curve lies on that of all volumes.
 const WHOLE: &str = "volume, whole";
@@ -132,7 +132,7 @@ impl Bench {
             let volumes = self.backend.represent_all(&self.field, &params, &BOUNDS, Segmentation::Fitted)?;
             let reduction_ms = start.elapsed().as_secs_f64() * 1e3;
             for volume in volumes {
-                let sample = self.sample(&volume, reduction_ms, &MIXED, Detail::Blended, &mut None)?;
+                let sample = self.sample(&volume, reduction_ms, &CONTEXT_MIXING, Detail::Blended, &mut None)?;
                 if share == 1.0 {
                     results.curves[first].add(sample.clone());
                 }
