@@ -9,7 +9,7 @@ use lamina_model::{
 };
 use lamina_raycast::{Backend, Field, most_points};
 use lamina_tuner::trial::{Cost, Measured, Trial, TrialError};
-use lamina_vdi_render::{self as viz, Detail, Prepared};
+use lamina_vdi_render::{self as viz, Detail, Drawable};
 use std::time::{Duration, Instant};
 
 /// Measures on one field; what the cache holds is not measured again.
@@ -22,7 +22,7 @@ pub struct Local {
     reference: ReferenceSamples,
     cache: Cache,
     /// What was measured last, for further batches.
-    held: Option<(GenerationParams, Prepared)>,
+    held: Option<(GenerationParams, Drawable)>,
 }
 
 impl Local {
@@ -58,18 +58,18 @@ impl Local {
     ///
     /// # Errors
     /// If it cannot be generated or coded.
-    pub fn shown(&self, params: &GenerationParams) -> Result<Prepared, Invalid> {
+    pub fn shown(&self, params: &GenerationParams) -> Result<Drawable, Invalid> {
         Ok(self.generate(params)?.0)
     }
 
     /// Generates, encodes and decodes.
-    fn generate(&self, params: &GenerationParams) -> Result<(Prepared, Cost, Spent), Invalid> {
+    fn generate(&self, params: &GenerationParams) -> Result<(Drawable, Cost, Spent), Invalid> {
         let start = clock();
         let (intermediate, generation_time) = self.represent(params)?;
         let generated = clock();
         let (bytes, cost) = self.encode(&intermediate, generation_time)?;
         let encoded = clock();
-        let shown = Prepared::new(lamina_codec::decode_any(&bytes, &DecodeLimits::default())?);
+        let shown = Drawable::new(lamina_codec::decode_any(&bytes, &DecodeLimits::default())?);
         let ns = |from: Duration, to: Duration| to.saturating_sub(from).as_nanos() as u64;
         let spent = Spent {
             generate_ns: ns(start, generated),
@@ -127,7 +127,7 @@ impl Local {
             let start = clock();
             if let Some((_, shown)) = &self.held {
                 let more = trial.quality.batches() as u32..batches;
-                let quality = self.viewer.quality(shown, &self.reference, more, Detail::Blended)?;
+                let quality = self.viewer.quality(shown, &self.reference, more, Detail::Cubic)?;
                 trial.quality.extend(&quality)?;
             }
             trial.spent.quality_ns += clock().saturating_sub(start).as_nanos() as u64;
