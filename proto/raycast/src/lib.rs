@@ -1,6 +1,6 @@
 //! Volume ray casting: from a scalar field under a scene to a picture, to a Volumetric Depth Image, or to a reduced volume.
 //!
-//! One algorithm at three levels: [`reference`] is the oracle in double precision, [`simd`] casts eight rays at a time on the
+//! One algorithm at three levels: [`mod@reference`] is the oracle in double precision, [`simd`] casts eight rays at a time on the
 //! processor, [`gpu`] is its counterpart in WGSL. Programs call [`Backend`].
 //!
 //! **Agreement.** The oracle evaluates the transfer function itself. The fast levels work in single precision and look the

@@ -1,6 +1,6 @@
 //! Rendering of Volumetric Depth Images and reduced volumes from any camera.
 //!
-//! One algorithm at three levels: [`reference`] is the oracle in double precision, `simd` renders on the processor, `gpu` is
+//! One algorithm at three levels: [`mod@reference`] is the oracle in double precision, `simd` renders on the processor, `gpu` is
 //! its counterpart in WGSL. Each renders a VDI by its nearest rays, with its image optionally displaced; [`Detail`] selects
 //! whether several such pictures are combined. Reduced volumes are ray-cast by `lamina_raycast`. Programs call [`Backend`].
 

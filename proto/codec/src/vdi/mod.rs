@@ -2,7 +2,7 @@
 //!
 //! `proto/formats/vdi.md` defines the format byte by byte; `tests/read_vdi.py` is written from that page alone and compared
 //! with this module. Depths are lossless; colors and opacities are rounded once, to 8 bits or fewer as gamma allows
-//! ([`quantize`]), and encoding a decoded VDI again gives the same bytes.
+//! ([`quantize()`]), and encoding a decoded VDI again gives the same bytes.
 //!
 //! [`decode`] accepts untrusted bytes: every stated size is checked against the limits and the other sizes before memory is
 //! allocated for it, and no block decompresses to more than its section states.
@@ -39,7 +39,7 @@ pub enum Codec {
     Bzip2,
     /// zstd at level 3: many times faster than bzip2, larger files.
     Zstd,
-    /// The smallest: context mixing of neighboring rays ([`context`]), not of bytes.
+    /// The smallest: context mixing of neighboring rays, not of bytes.
     #[default]
     ContextMixing,
 }
@@ -127,7 +127,7 @@ pub struct EncodedHeader {
     pub segments: u32,
 }
 
-/// Encodes a VDI, on all cores. Colors and opacities are rounded as [`quantize`] does, under [`Layout::Plain`] to 8 bits.
+/// Encodes a VDI, on all cores. Colors and opacities are rounded as [`quantize()`] does, under [`Layout::Plain`] to 8 bits.
 ///
 /// # Errors
 /// If the codec does not support the layout, a compressor fails, or [`Layout::Plain`] cannot hold the depths in 32-bit floats.

@@ -26,7 +26,7 @@ const SHORTEST: f32 = 1e-4;
 const WEAK_GRADIENT: f32 = 0.01;
 const FEWEST_ROWS: f32 = 4.0;
 
-struct ClippedRay {
+struct RayClip {
     // Ends of the part of the ray that is not clipped, in steps from the entry.
     kept: vec2f,
     // Half vector between light and eye, of length 1.
@@ -34,13 +34,13 @@ struct ClippedRay {
 }
 
 // A step with effects applied: straight color and optical depth, which is 0 for a transparent step.
-struct ShadedSample {
+struct ShadedStep {
     color: vec3f,
     depth: f32,
     length: f32,
 }
 
-fn clip_ray(span: RaySpan) -> ClippedRay {
+fn clip_ray(span: RaySpan) -> RayClip {
     // Clip the ray by the half spaces.
     var kept = vec2f(0.0, span.length);
     if CLIPPED {
@@ -65,10 +65,10 @@ fn clip_ray(span: RaySpan) -> ClippedRay {
         let size = length(sum);
         half = select(vec3f(0.0), sum / size, size > 0.0);
     }
-    return ClippedRay(kept, half);
+    return RayClip(kept, half);
 }
 
-fn shade_sample(span: RaySpan, clipped: ClippedRay, s: RaySample) -> ShadedSample {
+fn shade_sample(span: RaySpan, clipped: RayClip, s: MarchSample) -> ShadedStep {
     // Clip the step.
     var first = f32(s.step);
     var last = min(first + 1.0, span.length);
@@ -78,7 +78,7 @@ fn shade_sample(span: RaySpan, clipped: ClippedRay, s: RaySample) -> ShadedSampl
     }
     let size = last - first;
     if size <= SHORTEST {
-        return ShadedSample(vec3f(0.0), 0.0, 0.0);
+        return ShadedStep(vec3f(0.0), 0.0, 0.0);
     }
     // Classify the middle of the step.
     let middle = 0.5 * (first + last);
@@ -128,10 +128,10 @@ fn shade_sample(span: RaySpan, clipped: ClippedRay, s: RaySample) -> ShadedSampl
     }
     if SURFACES > 0u {
         if whole {
-            return meet_surfaces(span, clipped, vec2f(first, size), vec2f(low, high), ShadedSample(color, depth, size));
+            return meet_surfaces(span, clipped, vec2f(first, size), vec2f(low, high), ShadedStep(color, depth, size));
         }
     }
-    return ShadedSample(color, depth, size);
+    return ShadedStep(color, depth, size);
 }
 
 // Replaces `color` by the color field's at `index`, before lighting, unless a point of the cell is not finite.
@@ -174,7 +174,7 @@ fn sum_at(u: f32) -> IntegralSum {
 }
 
 // Composites the medium of a step with the surfaces crossed in it, in the order along the ray.
-fn meet_surfaces(span: RaySpan, clipped: ClippedRay, at: vec2f, ends: vec2f, medium: ShadedSample) -> ShadedSample {
+fn meet_surfaces(span: RaySpan, clipped: RayClip, at: vec2f, ends: vec2f, medium: ShadedStep) -> ShadedStep {
     var sum = vec3f(0.0);
     var through = 1.0;
     var place = 0.0;
@@ -203,7 +203,7 @@ fn meet_surfaces(span: RaySpan, clipped: ClippedRay, at: vec2f, ends: vec2f, med
     sum += through * rest * medium.color;
     through -= through * rest;
     let all = opacity_from_optical_depth(medium.depth + met);
-    return ShadedSample(min(sum / all, vec3f(1.0)), medium.depth + met, medium.length);
+    return ShadedStep(min(sum / all, vec3f(1.0)), medium.depth + met, medium.length);
 }
 
 // Position of the crossing of `level` within a step, as a share of it: two steps of the secant method.
@@ -223,7 +223,7 @@ fn crossing(span: RaySpan, at: vec2f, ends: vec2f, level: f32) -> f32 {
 }
 
 // A straight color at `t` steps from the entry with shadow, occlusion, shading and depth cue applied.
-fn shade(straight: vec3f, span: RaySpan, clipped: ClippedRay, t: f32) -> vec3f {
+fn shade(straight: vec3f, span: RaySpan, clipped: RayClip, t: f32) -> vec3f {
     var color = straight;
     let index = span.entry + t * span.delta;
     // Look the light volume up.

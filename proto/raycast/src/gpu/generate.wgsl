@@ -14,7 +14,7 @@
 const UNSURE: u32 = 0x80000000u;
 
 // The supersegment that samples are being added to; none while its end is 0.
-struct OpenSegment {
+struct ClusterState {
     start: u32,
     end: u32,
     // In steps.
@@ -57,10 +57,10 @@ fn generate(@builtin(global_invocation_id) id: vec3u) {
 
 // Clusters the samples of one ray, and counts or writes its supersegments.
 fn cluster_ray(span: RaySpan, place: ptr<function, ListCursor>) {
-    var open = OpenSegment(0u, 0u, 0.0, 0.0, vec3f(0.0), 0.0);
+    var open = ClusterState(0u, 0u, 0.0, 0.0, vec3f(0.0), 0.0);
     var optical_depth = 0.0;
     var state = MarchState(0u, 0u);
-    var clipped = ClippedRay(vec2f(0.0), vec3f(0.0));
+    var clipped = RayClip(vec2f(0.0), vec3f(0.0));
     if EFFECTS {
         clipped = clip_ray(span);
         state.next = u32(max(clipped.kept.x, 0.0));
@@ -97,7 +97,7 @@ fn cluster_ray(span: RaySpan, place: ptr<function, ListCursor>) {
                 if open.end > 0u {
                     close(open, 0u, place);
                 }
-                open = OpenSegment(s.step, 0u, 0.0, 0.0, vec3f(0.0), 0.0);
+                open = ClusterState(s.step, 0u, 0.0, 0.0, vec3f(0.0), 0.0);
             }
             // Composite the sample into the open supersegment.
             let shown = (1.0 - open.opacity) * ratio;
@@ -120,13 +120,13 @@ fn cluster_ray(span: RaySpan, place: ptr<function, ListCursor>) {
 
 // Largest channel difference between the premultiplied RGBA of the open supersegment and of a sample, both at the unit length,
 // so that the meaning of gamma does not depend on the step length.
-fn difference(open: OpenSegment, unit: vec4f) -> f32 {
+fn difference(open: ClusterState, unit: vec4f) -> f32 {
     let opacity = opacity_from_optical_depth(open.optical_depth * (view.unit_steps / open.length));
     let c = abs(open.color * (opacity / open.opacity) - unit.xyz);
     return max(max(c.x, c.y), max(c.z, abs(opacity - unit.w)));
 }
 
-fn close(open: OpenSegment, mark: u32, place: ptr<function, ListCursor>) {
+fn close(open: ClusterState, mark: u32, place: ptr<function, ListCursor>) {
     let n = (*place).next;
     (*place).next = n + 1u;
     if clustering.writing == 0u || n >= (*place).end {

@@ -60,7 +60,7 @@ struct MarchState {
     visible: u32,
 }
 
-struct RaySample {
+struct MarchSample {
     // Index of the step from the ray's entry into the box; the number of steps if there are no more samples.
     step: u32,
     // Length in steps: 1, or less at the ray's end.
@@ -72,7 +72,7 @@ struct RaySample {
 }
 
 // The next sample that may be visible.
-fn next_sample(span: RaySpan, state: ptr<function, MarchState>) -> RaySample {
+fn next_sample(span: RaySpan, state: ptr<function, MarchState>) -> MarchSample {
     while (*state).next < span.steps {
         let step = (*state).next;
         let length = min(span.length - f32(step), 1.0);
@@ -93,10 +93,10 @@ fn next_sample(span: RaySpan, state: ptr<function, MarchState>) -> RaySample {
         var u = 0.0;
         let there = value_at(index, &u);
         if EFFECTS || (there && u >= view.visible.x && u <= view.visible.y) {
-            return RaySample(step, length, row_at(u, view.bins, view.below), u, there);
+            return MarchSample(step, length, row_at(u, view.bins, view.below), u, there);
         }
     }
-    return RaySample(span.steps, 0.0, TableRow(0u, 0.0), 0.0, false);
+    return MarchSample(span.steps, 0.0, TableRow(0u, 0.0), 0.0, false);
 }
 
 fn distance_at(brick: vec3u) -> u32 {

@@ -75,7 +75,7 @@ fn color_at(i: u32, j: u32) -> vec3f {
 }
 
 // The last step: its optical depth is proportional to its length.
-fn short_step(s: RaySample) -> vec4f {
+fn short_step(s: MarchSample) -> vec4f {
     let unit = unit_row(s.row);
     if unit.w <= 0.0 {
         return vec4f(0.0);

@@ -73,7 +73,7 @@ pub struct VolumeSampler<'a, V> {
     pub table: &'a TransferLut,
 }
 
-/// True if [`VolumeSampler`] supports `field`: two sample points or more per axis, and positions, slices and bricks that fit 24, 31
+/// True if `VolumeSampler` supports `field`: two sample points or more per axis, and positions, slices and bricks that fit 24, 31
 /// and 31 bits.
 pub fn fits(field: &Field) -> bool {
     let ([nx, ny, nz], bricks) = (field.grid().dims(), field.empty_space().distances().len());

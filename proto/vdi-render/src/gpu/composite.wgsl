@@ -1,7 +1,7 @@
 // Compositing of one pixel's list along one ray; counterpart of simd/composite.rs.
 
 // Accumulated color and transmittance of a ray, front to back.
-struct RayAccumulator {
+struct LineAccumulator {
     color: vec3f,
     transmittance: f32,
     // Index in the list where the previous pixel's search ended: neighboring lists are similar.
@@ -10,7 +10,7 @@ struct RayAccumulator {
 
 // Composites the supersegments of `pixel` between two positions on the line, in the order along the ray; true if the ray has
 // become opaque.
-fn composite_list(line: ImageLine, pixel: u32, start: f32, stop: f32, light: ptr<function, RayAccumulator>) -> bool {
+fn composite_list(line: ImageLine, pixel: u32, start: f32, stop: f32, light: ptr<function, LineAccumulator>) -> bool {
     // Convert the positions to steps on the pixel's ray.
     let slot = slots[pixel];
     let span = spans[slot];
@@ -49,7 +49,7 @@ fn composite_list(line: ImageLine, pixel: u32, start: f32, stop: f32, light: ptr
 }
 
 // Composites `length` steps of a supersegment; true if the ray has become opaque.
-fn add(n: u32, length: f32, light: ptr<function, RayAccumulator>) -> bool {
+fn add(n: u32, length: f32, light: ptr<function, LineAccumulator>) -> bool {
     if length <= 0.0 {
         return false;
     }

@@ -7,7 +7,7 @@ const MIDDLE: u32 = 3u;
 const COARSE: u32 = 5u;
 
 // State of a walk over the tiles of one level, at the part of the ray inside one of them.
-struct TileWalk {
+struct LevelWalk {
     x: AxisWalk,
     y: AxisWalk,
     // Ends of that part, as positions mu.
@@ -17,14 +17,14 @@ struct TileWalk {
     end: f32,
 }
 
-fn level_at(line: ImageLine, shift: u32, start: f32, end: f32, lo: vec2i, hi: vec2i) -> TileWalk {
+fn level_at(line: ImageLine, shift: u32, start: f32, end: f32, lo: vec2i, hi: vec2i) -> LevelWalk {
     let x = axis_at(line.start.x, line.change.x, line.per_change.x, shift, start, lo.x, hi.x);
     let y = axis_at(line.start.y, line.change.y, line.per_change.y, shift, start, lo.y, hi.y);
-    return TileWalk(x, y, start, min(min(x.next, y.next), end), end);
+    return LevelWalk(x, y, start, min(min(x.next, y.next), end), end);
 }
 
 // Advances to the next tile; false behind the last one.
-fn next_tile(level: ptr<function, TileWalk>) -> bool {
+fn next_tile(level: ptr<function, LevelWalk>) -> bool {
     let l = *level;
     let x_first = l.x.next <= l.y.next;
     // The last tile of an axis is left at the end only, whatever rounding says.
@@ -43,7 +43,7 @@ fn next_tile(level: ptr<function, TileWalk>) -> bool {
 }
 
 // True if the tile holds something in the depth bins that the ray crosses in it.
-fn is_met(line: ImageLine, level: TileWalk, shift: u32, first: u32) -> bool {
+fn is_met(line: ImageLine, level: LevelWalk, shift: u32, first: u32) -> bool {
     if level.stop <= level.start {
         return false;
     }
@@ -55,15 +55,15 @@ fn is_met(line: ImageLine, level: TileWalk, shift: u32, first: u32) -> bool {
 }
 
 // A walk over the next finer level, whose tiles are 2^-`shift` as wide, inside a tile.
-fn children(line: ImageLine, level: TileWalk, shift: u32, finer: u32) -> TileWalk {
+fn children(line: ImageLine, level: LevelWalk, shift: u32, finer: u32) -> LevelWalk {
     let tile = vec2i(level.x.cell, level.y.cell);
     let last = vec2i((stored.size - 1u) >> vec2u(finer));
     let lo = tile << vec2u(shift);
     return level_at(line, finer, level.start, level.stop, lo, min(lo + ((1 << shift) - 1), last));
 }
 
-fn trace(line: ImageLine) -> RayAccumulator {
-    var light = RayAccumulator(vec3f(0.0), 1.0, 0u);
+fn trace(line: ImageLine) -> LineAccumulator {
+    var light = LineAccumulator(vec3f(0.0), 1.0, 0u);
     let last = vec2i((stored.size - 1u) >> vec2u(COARSE));
     var coarse = level_at(line, COARSE, 0.0, 1.0, vec2i(0), last);
     loop {
@@ -78,7 +78,7 @@ fn trace(line: ImageLine) -> RayAccumulator {
 }
 
 // Walks the middle tiles of a coarse one; true if the ray has become opaque.
-fn trace_coarse(line: ImageLine, coarse: TileWalk, light: ptr<function, RayAccumulator>) -> bool {
+fn trace_coarse(line: ImageLine, coarse: LevelWalk, light: ptr<function, LineAccumulator>) -> bool {
     var middle = children(line, coarse, COARSE - MIDDLE, MIDDLE);
     loop {
         if is_met(line, middle, MIDDLE, stored.first_masks.x) && trace_middle(line, middle, light) {
@@ -91,7 +91,7 @@ fn trace_coarse(line: ImageLine, coarse: TileWalk, light: ptr<function, RayAccum
     return false;
 }
 
-fn trace_middle(line: ImageLine, middle: TileWalk, light: ptr<function, RayAccumulator>) -> bool {
+fn trace_middle(line: ImageLine, middle: LevelWalk, light: ptr<function, LineAccumulator>) -> bool {
     var pixels = children(line, middle, MIDDLE - PIXELS, PIXELS);
     loop {
         if is_met(line, pixels, PIXELS, 0u) {

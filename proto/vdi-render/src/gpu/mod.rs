@@ -1,4 +1,4 @@
-//! VDI rendering on a GPU: WGSL counterparts of [`super::simd`] in single precision, and their host code.
+//! VDI rendering on a GPU: WGSL counterparts of the `simd` level in single precision, and their host code.
 //!
 //! The device holds the last few VDIs. A kernel returns a whole picture or a [`GpuError`], never a part of one. The choice
 //! between GPU and processor is made elsewhere ([`crate::Backend`]).

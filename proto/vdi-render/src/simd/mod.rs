@@ -7,7 +7,7 @@
 //!   conversion of depth to steps.
 //! - [`ray_setup`]: what all rays of a picture share; [`clip`]: the planes of the visible region; [`packet`]: eight clipped rays as
 //!   lines in the VDI's image.
-//! - [`picture`]: division of a picture into packets of neighboring rays.
+//! - [`mod@picture`]: division of a picture into packets of neighboring rays.
 //! - [`dda`]: traversal of tiles and pixels; [`trace`]: skipping of empty ones by their masks; [`composite`]: compositing of a list.
 //!
 //! **Agreement.** Rays are clipped in double precision. From there on positions are single precision, relative to the occupied
