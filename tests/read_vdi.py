@@ -1,7 +1,7 @@
 """Reads a VDI file, from the page proto/formats/vdi.md alone, and prints it as JSON.
 Usage: read_vdi.py FILE [--segments]    (adds [ray, start, end, red, green, blue, opacity code] of every supersegment)"""
 import bz2, json, struct, sys, zlib
-from decisions import SQUASH, STRETCH, Coder, clamp
+from range_coder import SQUASH, STRETCH, Coder, clamp
 
 BLOCK = 899_900
 FIELDS = "<3d3d3dd 3d3d dIddd Q3fBBII"
@@ -23,7 +23,7 @@ def header(data):
         "step_length": v[16],
         "params": {"resolution": v[17], "gamma": v[18], "opacity_cutoff": v[19], "step_voxels": v[20]},
         "transfer_id": v[21], "background": v[22:25],
-        "codec": ["bzip2", "zstd", "mixed"][v[25]], "layout": ["columns", "plain"][v[26]],
+        "codec": ["bzip2", "zstd", "context-mixing"][v[25]], "layout": ["columns", "plain"][v[26]],
         "segments": v[27], "occupied_rays": v[28],
     }
 
@@ -72,7 +72,7 @@ def plain(h, s, rays):
             yield [ray, round(start / h["step_length"]), round(end / h["step_length"]), *rgba]
 
 
-M32, NOWHERE = 2**32 - 1, 2**32 - 1
+M32, NO_NEIGHBOR = 2**32 - 1, 2**32 - 1
 
 
 def hash3(a, b, c):
@@ -96,17 +96,17 @@ def unfold(n):
     return n >> 1 ^ -(n & 1)
 
 
-def learnt(v, bit):
+def updated(v, bit):
     p, c = v - v % 16, v % 16
     change = ((32767 if bit else -32768) - v) * (65536 // (2 * c + 3)) + 2**18 >> 15
     return p + c + change // 16 * 16 + (c < 15)
 
 
-class Symbols:
+class SymbolDecoder:
     def __init__(self, coder, lines):
         self.coder, self.shift, self.tables, self.mixers = coder, 32 - lines, [{} for _ in range(4)], {}
 
-    def decide(self, contexts, group, node, mixer):
+    def decode_bit(self, contexts, group, node, mixer):
         places = [((c ^ group * 0x9E3779B1 & M32) * 0x85EBCA6B % 2**32 >> self.shift, node) for c in contexts]
         values = [table.get(place, 0) for table, place in zip(self.tables, places)]
         weights, s = self.mixers.get(mixer, [6144] * 4), [STRETCH[(v >> 4) + 2048] for v in values]
@@ -115,13 +115,13 @@ class Symbols:
         e = (65536 - p if bit else -p) >> 1
         self.mixers[mixer] = [clamp(w + ((2 * x * e >> 16) + 1 >> 1), -32768, 32767) for w, x in zip(weights, s)]
         for table, place, v in zip(self.tables, places, values):
-            table[place] = learnt(v, bit)
+            table[place] = updated(v, bit)
         return bit
 
     def tree(self, contexts, bits, kind):
         node, group, within = 1, 0, 1
         for level in reversed(range(bits)):
-            bit = self.decide(contexts, group, within, (kind, level))
+            bit = self.decode_bit(contexts, group, within, (kind, level))
             node, within = node << 1 | bit, within << 1 | bit
             if within >= 32:
                 group, within = node, 1
@@ -129,41 +129,41 @@ class Symbols:
 
     def number(self, contexts, kind):
         n, found = 0, 1
-        while n < 25 and self.decide(contexts, 0, min(n + 1, 15), (kind, "length", min(n, 15))):
+        while n < 25 and self.decode_bit(contexts, 0, min(n + 1, 15), (kind, "length", min(n, 15))):
             n += 1
         group, more = (0, (0, 16, 17, 20)[n]) if n < 4 else (n, 0)
         for digit in range(min(n, 3)):
-            found = found << 1 | self.decide(contexts, group, more + found, (kind, min(n, 15), digit))
-        return (found << max(n - 3, 0) | self.coder.even(max(n - 3, 0))) - 1
+            found = found << 1 | self.decode_bit(contexts, group, more + found, (kind, min(n, 15), digit))
+        return (found << max(n - 3, 0) | self.coder.uniform(max(n - 3, 0))) - 1
 
 
 def palette(data):
-    coder, same, lengths, colours = Coder(data), {}, {}, []
+    coder, same, lengths, colors = Coder(data), {}, {}, []
     opacities, last = [], False
     for o in range(256):
-        last = coder.single(same, last)
+        last = coder.modeled_bit(same, last)
         opacities += [o] if last else []
 
     def exp_golomb(kind):
         n = 0
-        while n < 9 and coder.single(lengths, (kind, n)):
+        while n < 9 and coder.modeled_bit(lengths, (kind, n)):
             n += 1
-        return (1 << n | coder.even(n)) - 1
+        return (1 << n | coder.uniform(n)) - 1
 
     red = green = blue = 0
-    for _ in range(coder.even(32)):
+    for _ in range(coder.uniform(32)):
         step = exp_golomb(0)
         red, green = red + step, green + unfold(exp_golomb(1 if step else 2))
         blue += unfold(exp_golomb(3))
-        colours.append((red, green, blue))
-    return colours, opacities
+        colors.append((red, green, blue))
+    return colors, opacities
 
 
 NONE = (0, 0, 0)
 
 
-# (colour, opacity, bin of length) of the first supersegment [start, end, opacity, colour] of those.
-def look(ray):
+# Context that the first supersegment [start, end, opacity, color] of a ray gives: (color + 1, opacity + 1, bin of length).
+def segment_context(ray):
     return (ray[0][3] + 1, ray[0][2] + 1, bin32(ray[0][1] - ray[0][0])) if ray else NONE
 
 
@@ -171,35 +171,35 @@ def beyond(ray, depth):
     return [s for s in ray if s[1] > depth]
 
 
-class Shapes:
+class GeometryDecoder:
     def __init__(self, data, opacities, segments):
         lines = lambda less, most: clamp(bits(segments) - less, 5, most)
         self.coder, self.any, self.bits = Coder(data), {}, bits(opacities)
         kinds = {"more": (6, 10), "gap": (6, 14), "length": (4, 14), "opacity": (4, 14)}
-        self.symbols = {name: Symbols(self.coder, lines(*of)) for name, of in kinds.items()}
+        self.symbols = {name: SymbolDecoder(self.coder, lines(*of)) for name, of in kinds.items()}
 
     def ray(self, around):
-        if not any(around) and not self.coder.single(self.any, 0):
+        if not any(around) and not self.coder.modeled_bit(self.any, 0):
             return []
         code, found, end, before, previous, older = self.symbols, [], 0, 0, NONE, NONE
-        bin_of = lambda gap: 99 if gap == NOWHERE else bin32(gap)
-        apart = lambda a, b: 99 if NOWHERE in (a, b) else bin32(abs(a - b))
+        gap_bin = lambda gap: 99 if gap == NO_NEIGHBOR else bin32(gap)
+        difference_bin = lambda a, b: 99 if NO_NEIGHBOR in (a, b) else bin32(abs(a - b))
         while True:
             first, rest = not found, [beyond(ray, end) for ray in around]
             left, up, right = (min(len(ray), 7) for ray in rest)
-            gaps = [max(ray[0][0] - end, 0) if ray else NOWHERE for ray in rest]
-            gl, gu, gr = (bin_of(g) for g in gaps)
+            gaps = [max(ray[0][0] - end, 0) if ray else NO_NEIGHBOR for ray in rest]
+            gl, gu, gr = (gap_bin(g) for g in gaps)
             both = 2 * min(left, 1) + min(up, 1)
             contexts = (hash3(gl, gu, first), hash3(right, gr, gu), hash3(previous[1], both, 0), hash3(min(len(found), 63), left, up))
-            if not code["more"].decide(contexts, 0, 0, (both, 0)):
+            if not code["more"].decode_bit(contexts, 0, 0, (both, 0)):
                 return found
             l, u, r = gaps
-            middle = 0 if NOWHERE in (l, u) else (l + u) // 2
-            expected = 0 if min(gaps) == NOWHERE else max(min(gaps), middle)
+            middle = 0 if NO_NEIGHBOR in (l, u) else (l + u) // 2
+            expected = 0 if min(gaps) == NO_NEIGHBOR else max(min(gaps), middle)
             kind = 2 * first + (expected >= 12)
             mixer = 3 * kind + (l == 0) + (u == 0)
             if expected >= 12:
-                contexts = (hash3(apart(l, u), kind, 0), hash3(gl, gu, kind), hash3(apart(r, expected), kind, 0),
+                contexts = (hash3(difference_bin(l, u), kind, 0), hash3(gl, gu, kind), hash3(difference_bin(r, expected), kind, 0),
                             hash3(previous[1], kind, 0))
                 gap = expected + unfold(code["gap"].number(contexts, mixer))
             else:
@@ -210,34 +210,34 @@ class Shapes:
             start = end + gap
             rest = [beyond(ray, start) for ray in around]
             left, up, right = (min(ray[0][1] - start, 4000) if ray and ray[0][0] <= start else 0 for ray in rest)
-            entered = lambda ray: 3 if not ray else 1 + (ray[0][0] > start) - (ray[0][0] < start)
-            contexts = (hash3(left, entered(rest[0]) + 4 * entered(rest[1]), bin32(up)), hash3(up, right, 0),
-                        hash3(look(rest[1])[1], up, 0), hash3(previous[1], previous[2], bin32(gap)))
+            start_order = lambda ray: 3 if not ray else 1 + (ray[0][0] > start) - (ray[0][0] < start)
+            contexts = (hash3(left, start_order(rest[0]) + 4 * start_order(rest[1]), bin32(up)), hash3(up, right, 0),
+                        hash3(segment_context(rest[1])[1], up, 0), hash3(previous[1], previous[2], bin32(gap)))
             length = 1 + code["length"].number(contexts, (left == up) + 2 * (left > 0) + 4 * (up > 0))
             end, size = start + length, bin32(length)
-            left, up = (look(beyond(ray, start + length // 2)) for ray in around[:2])
+            left, up = (segment_context(beyond(ray, start + length // 2)) for ray in around[:2])
             contexts = (hash3(left[1], left[2], size), hash3(up[1], up[2], size), hash3(previous[1], previous[2], size),
                         hash3(previous[1], older[1], size))
             mixer = 4 * min(size, 15) + 2 * (left[1] == up[1]) + (previous[1] == left[1])
             found.append([start, end, code["opacity"].tree(contexts, self.bits, mixer), 0])
-            before, older, previous = gap, previous, look(found[-1:])
+            before, older, previous = gap, previous, segment_context(found[-1:])
 
 
-class Colours:
-    def __init__(self, data, colours, segments):
-        self.code, self.bits = Symbols(Coder(data), clamp(bits(segments) - 3, 5, 15)), bits(colours)
+class ColorDecoder:
+    def __init__(self, data, colors, segments):
+        self.code, self.bits = SymbolDecoder(Coder(data), clamp(bits(segments) - 3, 5, 15)), bits(colors)
 
     def ray(self, ray, around):
         previous = NONE
         for s in ray:
             o, size = s[2] + 1, bin32(s[1] - s[0])
-            left, up = (look(beyond(beside, s[0] + (s[1] - s[0]) // 2)) for beside in around)
+            left, up = (segment_context(beyond(neighbor, s[0] + (s[1] - s[0]) // 2)) for neighbor in around)
             contexts = (hash3(previous[0], size, 0), hash3(left[0], o, size), hash3(up[0], o, 0), hash3(o, size, 0))
             s[3] = self.code.tree(contexts, self.bits, 4 * (left[0] == up[0]) + 2 * (left[1] == o) + (up[1] == o))
-            previous = look([s])
+            previous = segment_context([s])
 
 
-def mixed(h, data):
+def context_mixing(h, data):
     n, r, at = h["segments"], h["params"]["resolution"], 8 + struct.calcsize(FIELDS)
     count = max(1, min(n // 131072, r // 16))
     lengths = struct.unpack_from(f"<{2 * count + 1}Q", data, at)
@@ -247,18 +247,18 @@ def mixed(h, data):
         parts.append(data[at:at + length])
         at += length
     assert at == len(data) - 4, "bytes between the last part and the checksum"
-    colours, opacities = palette(parts[0])
+    colors, opacities = palette(parts[0])
     for k in range(count):
-        shapes, paint = Shapes(parts[2 * k + 1], len(opacities), n // count), Colours(parts[2 * k + 2], len(colours), n // count)
+        geometry, colors_of = GeometryDecoder(parts[2 * k + 1], len(opacities), n // count), ColorDecoder(parts[2 * k + 2], len(colors), n // count)
         above = [[]] * (r + 1)
         for y in range(k * r // count, (k + 1) * r // count):
             row = []
             for x in range(r):
                 left = row[-1] if row else []
-                row.append(shapes.ray([left, above[x], above[x + 1]]))
-                paint.ray(row[-1], [left, above[x]])
+                row.append(geometry.ray([left, above[x], above[x + 1]]))
+                colors_of.ray(row[-1], [left, above[x]])
                 for start, end, o, c in row[-1]:
-                    yield [y * r + x, start, end, *colours[c], opacities[o]]
+                    yield [y * r + x, start, end, *colors[c], opacities[o]]
             above = row + [[]]
 
 
@@ -267,8 +267,8 @@ h = header(data)
 rays, n, m = h["params"]["resolution"] ** 2, h["segments"], h["occupied_rays"]
 if h["codec"] == "zstd":
     sys.exit("codec zstd: Python's standard library has no decoder for it; write the file with bzip2")
-if h["codec"] == "mixed":
-    rows = list(mixed(h, data))
+if h["codec"] == "context-mixing":
+    rows = list(context_mixing(h, data))
 else:
     shapes = {"columns": [("counts", rays), ("first starts", m), ("gaps", n - m), ("high length bytes", n), ("bodies", n)],
               "plain": [("counts", rays), ("records", n)]}[h["layout"]]

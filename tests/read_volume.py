@@ -3,7 +3,7 @@ bound, then a value a line, x fastest.
 Usage: read_volume.py FILE"""
 import struct, sys, zlib
 from ctypes import c_float
-from decisions import SQUASH, STRETCH, Coder, clamp, learn
+from range_coder import SQUASH, STRETCH, Coder, clamp, update
 
 CLASSES = [(0,), (1,), (2,), (0, 1), (0, 2), (1, 2), (0, 1, 2)]
 WEIGHTS = {1: (-8, 0), 2: (-4, -4, 0, 0), 3: (-3, -3, -3, 0, 0, 0, 0)}
@@ -34,7 +34,7 @@ class Band:
         self.coder, self.size, self.bound = Coder(data[12:]), size, bound
         self.strides = (1, size[0], size[0] * size[1])
         self.values = [first] * (size[0] * size[1] * size[2])
-        self.marks = [0] * len(self.values)
+        self.residuals = [0] * len(self.values)
         self.flags, self.own, self.larger, self.digit, self.signs = {}, {}, {}, {}, {}
         self.tables, self.mixers = [{} for _ in range(5)], {}
         before = None
@@ -45,9 +45,9 @@ class Band:
         return v if self.low <= v <= self.high else self.high if v > self.high else self.low
 
     def one_level(self, h, before):
-        self.step = f32(f32(2 * self.bound) * ((self.coder.even(6) + 1) / 64))
+        self.step = f32(f32(2 * self.bound) * ((self.coder.uniform(6) + 1) / 64))
         self.scale = f32(1 / self.step)
-        self.bias = f32(self.step * (self.coder.even(5) / 64))
+        self.bias = f32(self.step * (self.coder.uniform(5) / 64))
         active, (bx, by, bz) = {}, (-(-n // (8 * h)) for n in self.size)
         for z in range(bz):
             for y in range(by):
@@ -55,14 +55,14 @@ class Band:
                     c = before[x // 2, y // 2, z // 2] if before else 1
                     for at in (x - 1, y, z), (x, y - 1, z), (x, y, z - 1), (x + 1, y - 1, z), (x, y + 1, z - 1):
                         c = 2 * c + active.get(at, 0)
-                    active[x, y, z] = self.coder.single(self.flags, 2 * c + (h == 1))
+                    active[x, y, z] = self.coder.modeled_bit(self.flags, 2 * c + (h == 1))
         for number, odd in enumerate(CLASSES):
             xs, ys, zs = (range(h if a in odd else 0, self.size[a], 2 * h) for a in range(3))
             if not (xs and ys and zs):
                 continue
             weights = WEIGHTS[len(odd)]
-            if self.coder.single(self.own, 0):
-                weights = [(self.coder.even(8) ^ 128) - 128 for _ in weights]
+            if self.coder.modeled_bit(self.own, 0):
+                weights = [(self.coder.uniform(8) ^ 128) - 128 for _ in weights]
             weights = [w / 64 for w in weights]
             for z in zs:
                 for y in ys:
@@ -78,10 +78,10 @@ class Band:
             return
         q = self.residual(i, at, h, number, t0, slope, bend, near)
         if isinstance(q, float):
-            self.values[i], self.marks[i] = self.within(q), 127
+            self.values[i], self.residuals[i] = self.within(q), 127
         elif q:
             self.values[i] = self.within(f32(expected + f32(f32(q * self.step) - (self.bias if q > 0 else -self.bias))))
-            self.marks[i] = clamp(q, -127, 127)
+            self.residuals[i] = clamp(q, -127, 127)
 
     def expect(self, i, at, h, odd, weights):
         v, half = self.values, lambda a, b: f32(f32(a + b) * 0.5)
@@ -124,53 +124,53 @@ class Band:
             expected = f32(expected + f32(w * difference))
         return self.within(expected), t[0], slope, bend, near
 
-    # A bit by five chances.
-    def mixed(self, indices, mixer):
-        chances = [table.setdefault(i, [1 << 21, 0]) for table, i in zip(self.tables, indices)]
+    # A bit whose probability mixes five models.
+    def decode_mixed_bit(self, indices, mixer):
+        models = [table.setdefault(i, [1 << 21, 0]) for table, i in zip(self.tables, indices)]
         weights = self.mixers.setdefault(mixer, [65536 * 7 // 20] * 5)
-        stretched = [STRETCH[c[0] >> 10] for c in chances]
+        stretched = [STRETCH[c[0] >> 10] for c in models]
         p = SQUASH[clamp(sum(w * s for w, s in zip(weights, stretched)) >> 16, -2047, 2047) + 2047]
         found = self.coder.bit(p)
         e = (65536 if found else 0) - p >> 4
         for i, limit in enumerate(LIMITS):
             weights[i] = clamp(weights[i] + (stretched[i] * e + 2048 >> 12), -196608, 196608)
-            learn(chances[i], found, limit)
+            update(models[i], found, limit)
         return found
 
-    # The number of steps, or a float: the value itself.
+    # The residual in steps, or a float: the value itself.
     def residual(self, i, at, h, number, t0, slope, bend, places):
-        coder, marks, d = self.coder, self.marks, [2 * h * s for s in self.strides]
-        bx, by, bz = (marks[i - d[a]] if at[a] >= 2 * h else 0 for a in range(3))
-        beside, row = 0, 1 if at[1] >= 2 * h else 2
+        coder, residuals, d = self.coder, self.residuals, [2 * h * s for s in self.strides]
+        bx, by, bz = (residuals[i - d[a]] if at[a] >= 2 * h else 0 for a in range(3))
+        diagonal, row = 0, 1 if at[1] >= 2 * h else 2
         if at[0] + 2 * h < self.size[0] and at[row] >= 2 * h:
-            beside = abs(marks[i + d[0] - d[row]])
-        near, lean = min(sum(abs(marks[p]) for p in places), 255), sum(marks[p] for p in places)
+            diagonal = abs(residuals[i + d[0] - d[row]])
+        near, lean = min(sum(abs(residuals[p]) for p in places), 255), sum(residuals[p] for p in places)
         back, order = abs(bx) + abs(by) + abs(bz), len(places) // 2 - 1
         s, b = octave(f32(slope * self.scale)), octave(f32(bend * self.scale))
-        k, total = 3 * min(self.level, 2) + order, bin8(near + 2 * (back + beside))
+        k, total = 3 * min(self.level, 2) + order, bin8(near + 2 * (back + diagonal))
         x, y, z = (min(abs(n), 2) for n in (bx, by, bz))
         contexts = (
-            (8 * k + bin8(near)) * 8 + bin8(back + beside),
+            (8 * k + bin8(near)) * 8 + bin8(back + diagonal),
             (16 * order + s) * 16 + b,
-            (4 * number + min(self.level, 3)) * 16 + min(near + 2 * back + beside, 15),
+            (4 * number + min(self.level, 3)) * 16 + min(near + 2 * back + diagonal, 15),
             (16 * order + b) * 8 + total,
-            ((9 * (3 * order + x) + 3 * y + z) * 4 + min(near, 3)) * 2 + min(beside, 1))
+            ((9 * (3 * order + x) + 3 * y + z) * 4 + min(near, 3)) * 2 + min(diagonal, 1))
         q = 0
-        while q < 3 and self.mixed([(c, q) for c in contexts], (q, 2 * k + min(total, 1))):
+        while q < 3 and self.decode_mixed_bit([(c, q) for c in contexts], (q, 2 * k + min(total, 1))):
             q += 1
         if q == 0:
             return 0
         if q == 3:
             n = 0
-            while n < 20 and coder.single(self.larger, (total // 4, n)):
+            while n < 20 and coder.modeled_bit(self.larger, (total // 4, n)):
                 n += 1
             if 0 < n < 20:
-                second = coder.single(self.digit, n)
-                q += ((2 + second) << n - 1 | coder.even(n - 1)) - 1
+                second = coder.modeled_bit(self.digit, n)
+                q += ((2 + second) << n - 1 | coder.uniform(n - 1)) - 1
             if n == 20 or q == 1 << 20:
-                return struct.unpack("<f", struct.pack("<I", coder.even(32)))[0]
+                return struct.unpack("<f", struct.pack("<I", coder.uniform(32)))[0]
         index = 27 * order + 9 * sign3(f32(t0 * self.scale) * 16) + 3 * sign3(lean) + sign3(bx + by + bz)
-        return -q if coder.single(self.signs, index) else q
+        return -q if coder.modeled_bit(self.signs, index) else q
 
 
 # The fields of a protobuf message, the last one of each number.

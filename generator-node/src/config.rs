@@ -35,7 +35,7 @@ pub struct Config {
     pub backend: Choice,
     /// How samples become the supersegments of VDIs: `fitted`, or `greedy` as in the paper.
     pub segmentation: Segmentation,
-    /// What makes VDIs small: `mixed`, `bzip2` or `zstd`.
+    /// What makes VDIs small: `context-mixing`, `bzip2` or `zstd`.
     pub codec: CodecName,
     /// Byte layout of VDIs: `columns`, or `plain` (the paper's records) for comparison.
     pub layout: LayoutName,
@@ -45,14 +45,14 @@ pub struct Config {
 
 /// A compressor's name in configuration files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 pub enum CodecName {
     /// bzip2, level 9.
     Bzip2,
     /// Zstandard, level 3.
     Zstd,
-    /// Mixed contexts of neighbouring rays.
-    Mixed,
+    /// Context mixing of neighboring rays.
+    ContextMixing,
 }
 
 /// A layout's name in configuration files.
@@ -80,7 +80,7 @@ impl Default for Config {
             params: None,
             backend: Choice::Auto,
             segmentation: Segmentation::Fitted,
-            codec: CodecName::Mixed,
+            codec: CodecName::ContextMixing,
             layout: LayoutName::Columns,
             scene: None,
         }
@@ -122,7 +122,7 @@ impl Config {
             codec: match self.codec {
                 CodecName::Bzip2 => Codec::Bzip2,
                 CodecName::Zstd => Codec::Zstd,
-                CodecName::Mixed => Codec::Mixed,
+                CodecName::ContextMixing => Codec::ContextMixing,
             },
             layout: match self.layout {
                 LayoutName::Columns => Layout::Columns,

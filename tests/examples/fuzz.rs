@@ -60,7 +60,7 @@ fn seeds() -> Result<Vec<Vec<u8>>, Box<dyn std::error::Error>> {
     let mut seeds = Vec::new();
     for resolution in [1, 3, 7] {
         let vdi = Intermediate::Vdi(Box::new(vdi(resolution, &mut random)?));
-        for codec in [Codec::Bzip2, Codec::Zstd, Codec::Mixed] {
+        for codec in [Codec::Bzip2, Codec::Zstd, Codec::ContextMixing] {
             let options = [Layout::Columns, Layout::Plain].map(|layout| EncodeOptions { codec, layout });
             for options in options.iter().filter(|o| o.check().is_ok()) {
                 seeds.push(encode_any(&vdi, options)?);

@@ -261,7 +261,7 @@ fn wrong_arguments_and_files_are_refused_with_the_remedy() {
     refused(&["render", &vdi, "--out", "x.jpg"], &[".png or .pfm"]);
     refused(&["generate", &series, "--dims", "8x8x8", "--out", &vdi], &["--dims"]);
     let volume = ["generate", &series, "--representation", "volume", "--out", &vdi];
-    for option in [["--codec", "mixed"], ["--layout", "plain"], ["--segmentation", "greedy"]] {
+    for option in [["--codec", "context-mixing"], ["--layout", "plain"], ["--segmentation", "greedy"]] {
         refused(&[&volume[..], &option].concat(), &[option[0], "volume"]);
     }
     refused(&["render", &vdi, "--size", "0", "--out", &png], &["image size"]);

@@ -6,7 +6,7 @@ use lamina_model::{GenerationParams, Intermediate, Representation, SamplePlan, S
 use lamina_raycast::{Backend, Field};
 use lamina_rpc::v1::{TunerStatusRequest, tuning_client::TuningClient};
 use lamina_tests::processes::{Daemon, free_port, recorded_series, run, wait_for};
-use lamina_vdi_render::{self as viz, Detail, Prepared};
+use lamina_vdi_render::{self as viz, Detail, Drawable};
 use lamina_viz_node::store::{Measured, StepRow};
 use lamina_volume_io::{Options, Series};
 use std::path::{Path, PathBuf};
@@ -143,7 +143,7 @@ fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
         // q again, from the recorded volume and the recorded bytes alone.
         let field = Field::new(series.read(n).unwrap(), &scene);
         let reference = Backend::cpu().reference_samples(&field, &plan, row.step).unwrap();
-        let q = viz::Backend::default().quality(&Prepared::new(shown), &reference, 0..1, Detail::Blended).unwrap();
+        let q = viz::Backend::default().quality(&Drawable::new(shown), &reference, 0..1, Detail::Cubic).unwrap();
         match row.psnr_db {
             Some(psnr_db) => {
                 assert!((f64::from(psnr_db) - q.psnr_db()).abs() < 0.01, "step {n}: {row:?} but {q:?}");

@@ -11,7 +11,7 @@ use lamina_rpc::connect::connect;
 use lamina_rpc::v1::{self, quality_client::QualityClient, tuning_client::TuningClient};
 use lamina_tests::processes::{Daemon, free_port, wait_for};
 use lamina_tests::{front_scene, sampled_cube, transfer};
-use lamina_vdi_render::{self as viz, Detail, Prepared};
+use lamina_vdi_render::{self as viz, Detail, Drawable};
 use lamina_viz_node::store::StepRow;
 use std::time::Duration;
 
@@ -40,9 +40,9 @@ fn measured(volume: &Volume, gamma: f64) -> (f64, f64) {
     let (field, params) = (Field::new(volume.clone(), &scene()), GenerationParams::new(RESOLUTION, gamma).unwrap());
     let (vdi, _) = Backend::cpu().generate(&field, &params, Segmentation::Fitted).unwrap();
     let bytes = encode_any(&Intermediate::Vdi(Box::new(vdi)), &EncodeOptions::default()).unwrap();
-    let shown = Prepared::new(decode_any(&bytes, &Default::default()).unwrap());
+    let shown = Drawable::new(decode_any(&bytes, &Default::default()).unwrap());
     let reference = Backend::cpu().reference_samples(&field, &plan(), 0).unwrap();
-    let quality = viz::Backend::default().quality(&shown, &reference, 0..plan().batches, Detail::Blended).unwrap();
+    let quality = viz::Backend::default().quality(&shown, &reference, 0..plan().batches, Detail::Cubic).unwrap();
     (bytes.len() as f64, quality.psnr_db())
 }
 

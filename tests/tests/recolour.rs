@@ -6,22 +6,22 @@ use lamina_codec::{DecodeLimits, EncodeOptions, decode_any, encode_any};
 use lamina_model::{ControlPoint, GenerationParams, Image, Representation, Scene, Segmentation, TransferFunction};
 use lamina_raycast::{Backend, Field};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube, transfer};
-use lamina_vdi_render::{self as viz, Detail, Prepared};
+use lamina_vdi_render::{self as viz, Detail, Drawable};
 
 const SIZE: u32 = 160;
 
 /// What the viewer has of the clumps, made with error bound `bound`.
-fn recorded(representation: Representation, bound: f64) -> Prepared {
+fn recorded(representation: Representation, bound: f64) -> Drawable {
     let field = Field::new(sampled_cube(48, clumps), &front_scene(clumps_transfer()));
     let params = GenerationParams::new(48, bound).unwrap().with_representation(representation);
     let (intermediate, _) = Backend::cpu().represent(&field, &params, Segmentation::Fitted).unwrap();
     let bytes = encode_any(&intermediate, &EncodeOptions::default()).unwrap();
-    Prepared::new(decode_any(&bytes, &DecodeLimits::default()).unwrap())
+    Drawable::new(decode_any(&bytes, &DecodeLimits::default()).unwrap())
 }
 
-fn picture(shown: &Prepared) -> Image {
+fn picture(shown: &Drawable) -> Image {
     let camera = shown.camera().orbit(25.0, 15.0, 1.0).unwrap();
-    viz::Backend::default().render(shown, &camera, SIZE, SIZE, Detail::Blended).unwrap()
+    viz::Backend::default().render(shown, &camera, SIZE, SIZE, Detail::Cubic).unwrap()
 }
 
 /// The data itself under `function`, from the same place.

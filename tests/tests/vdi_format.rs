@@ -69,7 +69,8 @@ fn rows(vdi: &Vdi, layout: Layout) -> Vec<Value> {
 #[test]
 fn the_independent_reader_finds_every_header_field_and_supersegment() {
     let original = assorted();
-    let options = [(Codec::Bzip2, Layout::Columns), (Codec::Bzip2, Layout::Plain), (Codec::Mixed, Layout::Columns)];
+    let options =
+        [(Codec::Bzip2, Layout::Columns), (Codec::Bzip2, Layout::Plain), (Codec::ContextMixing, Layout::Columns)];
     for (codec, layout) in options {
         let bytes = encode(&original, &EncodeOptions { codec, layout }).unwrap();
         let output = read_vdi(&bytes);
@@ -90,7 +91,7 @@ fn the_independent_reader_finds_every_header_field_and_supersegment() {
         assert_eq!(found["transfer_id"], json!(u64::MAX - 7));
         assert_eq!(found["background"], json!([0.0, 0.5, 1.0]));
         assert_eq!(found["segments"], json!(original.segments().len()));
-        assert_eq!(found["codec"], json!(if codec == Codec::Mixed { "mixed" } else { "bzip2" }));
+        assert_eq!(found["codec"], json!(if codec == Codec::ContextMixing { "context-mixing" } else { "bzip2" }));
     }
 }
 

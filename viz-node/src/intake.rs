@@ -188,7 +188,7 @@ impl Intake {
                 }
             };
             let backend = self.backend.clone();
-            let measure = move |_: &mut _| backend.estimate(&shown, &reference, Detail::Blended);
+            let measure = move |_: &mut _| backend.estimate(&shown, &reference, Detail::Cubic);
             match permit.run(Activity::Measure, measure).await {
                 Ok(Ok(estimate)) => {
                     tracing::info!(step, psnr_db = estimate.quality.psnr_db(), "measured");

@@ -2,7 +2,7 @@
 
 use crate::store::{Store, StoreError};
 use lamina_model::{ControlPoint, Image, Invalid};
-use lamina_vdi_render::{Backend, Detail, Prepared};
+use lamina_vdi_render::{Backend, Detail, Drawable};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -55,9 +55,9 @@ pub struct Painter {
 /// The volume last drawn in other colours: the next picture is likely to be of it, in the same; if it is not in other
 /// colours, this is dropped.
 struct Recoloured {
-    from: Arc<Prepared>,
+    from: Arc<Drawable>,
     points: Vec<ControlPoint>,
-    shown: Arc<Prepared>,
+    shown: Arc<Drawable>,
 }
 
 impl Painter {
@@ -97,7 +97,7 @@ impl Painter {
         self.recoloured.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn recoloured(&self, from: Arc<Prepared>, points: Vec<ControlPoint>) -> Result<Arc<Prepared>, Invalid> {
+    fn recoloured(&self, from: Arc<Drawable>, points: Vec<ControlPoint>) -> Result<Arc<Drawable>, Invalid> {
         let mut last = self.last();
         if let Some(last) = last.as_ref().filter(|l| Arc::ptr_eq(&l.from, &from) && l.points == points) {
             return Ok(last.shown.clone());

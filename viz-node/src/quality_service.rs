@@ -75,7 +75,7 @@ async fn measure(intake: Arc<Intake>, request: v1::QualityRequest) -> Result<Qua
     let work = move |laps: &mut Laps| {
         let shown = of.shown().map_err(|e| Status::invalid_argument(e.to_string()))?;
         laps.lap(Activity::Decode);
-        let quality = backend.quality(shown, &of.reference, first_batch..end, Detail::Blended);
+        let quality = backend.quality(shown, &of.reference, first_batch..end, Detail::Cubic);
         quality.map_err(|e| lamina_rpc::invalid(&e))
     };
     let permit = intake.share.acquire(Priority::of_trial(progress.first)).await;

@@ -4,7 +4,7 @@ use crate::store::StepRow;
 use lamina_codec::{self, CodecError, DecodeLimits};
 use lamina_model::{Quality, ReferenceSamples};
 use lamina_rpc::v1;
-use lamina_vdi_render::Prepared;
+use lamina_vdi_render::Drawable;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use tokio::sync::watch;
@@ -25,7 +25,7 @@ pub struct ArrivedTrial {
     pub reference: Arc<ReferenceSamples>,
     payload: Vec<u8>,
     limits: DecodeLimits,
-    shown: OnceLock<Result<Prepared, CodecError>>,
+    shown: OnceLock<Result<Drawable, CodecError>>,
 }
 
 impl ArrivedTrial {
@@ -38,14 +38,14 @@ impl ArrivedTrial {
     ///
     /// # Errors
     /// If its bytes are damaged or decode to too much.
-    pub fn shown(&self) -> Result<&Prepared, &CodecError> {
-        let decode = || lamina_codec::decode_any(&self.payload, &self.limits).map(Prepared::new);
+    pub fn shown(&self) -> Result<&Drawable, &CodecError> {
+        let decode = || lamina_codec::decode_any(&self.payload, &self.limits).map(Drawable::new);
         self.shown.get_or_init(decode).as_ref()
     }
 
     fn size_bytes(&self) -> usize {
         let decoded = self.shown.get().and_then(|shown| shown.as_ref().ok());
-        self.payload.len() + decoded.map_or(0, Prepared::size_bytes)
+        self.payload.len() + decoded.map_or(0, Drawable::size_bytes)
     }
 }
 

@@ -9,7 +9,7 @@ use lamina_model::{
 };
 use lamina_raycast::{Backend, Field, most_points};
 use lamina_tuner::trial::{Cost, Measured, Trial, TrialError};
-use lamina_vdi_render::{self as viz, Detail, Prepared};
+use lamina_vdi_render::{self as viz, Detail, Drawable};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
@@ -93,7 +93,7 @@ pub struct InProcessEvaluator {
     reference: ReferenceSamples,
     trials: Box<dyn TrialStore>,
     /// The parameters measured last with their decoded result, for further batches of pixels.
-    held: Option<(GenerationParams, Prepared)>,
+    held: Option<(GenerationParams, Drawable)>,
 }
 
 impl InProcessEvaluator {
@@ -130,7 +130,7 @@ impl InProcessEvaluator {
     ///
     /// # Errors
     /// If it cannot be generated or coded.
-    pub fn decoded(&self, params: &GenerationParams) -> Result<Prepared, Invalid> {
+    pub fn decoded(&self, params: &GenerationParams) -> Result<Drawable, Invalid> {
         Ok(self.generate(params)?.0)
     }
 
@@ -150,13 +150,13 @@ impl InProcessEvaluator {
     }
 
     /// Generates, encodes and decodes.
-    fn generate(&self, params: &GenerationParams) -> Result<(Prepared, Cost, SpentTime), Invalid> {
+    fn generate(&self, params: &GenerationParams) -> Result<(Drawable, Cost, SpentTime), Invalid> {
         let start = clock();
         let (intermediate, generation_time) = self.represent(params)?;
         let generated = clock();
         let (bytes, cost) = self.encode(&intermediate, generation_time)?;
         let encoded = clock();
-        let decoded = Prepared::new(lamina_codec::decode_any(&bytes, &DecodeLimits::default())?);
+        let decoded = Drawable::new(lamina_codec::decode_any(&bytes, &DecodeLimits::default())?);
         let ns = |from: Duration, to: Duration| to.saturating_sub(from).as_nanos() as u64;
         let spent = SpentTime {
             generate_ns: ns(start, generated),
@@ -200,7 +200,7 @@ impl InProcessEvaluator {
             let start = clock();
             if let Some((_, decoded)) = &self.held {
                 let more = trial.quality.batches() as u32..batches;
-                let quality = self.viewer.quality(decoded, &self.reference, more, Detail::Blended)?;
+                let quality = self.viewer.quality(decoded, &self.reference, more, Detail::Cubic)?;
                 trial.quality.extend(&quality)?;
             }
             trial.spent.quality_ns += clock().saturating_sub(start).as_nanos() as u64;

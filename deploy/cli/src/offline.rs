@@ -8,7 +8,7 @@ use anyhow::{Context, ensure};
 use lamina_codec::{self, Codec, CodecError, DecodeLimits, EncodeOptions, Layout};
 use lamina_model::{GenerationParams, Representation, Scene, Segmentation, Volume, psnr};
 use lamina_raycast::{Backend, Field};
-use lamina_vdi_render::{Detail, Prepared};
+use lamina_vdi_render::{Detail, Drawable};
 use lamina_volume_io::Series;
 use std::fs::File;
 use std::io::Read;
@@ -65,7 +65,7 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
     let codec = match (arguments.codec, layout) {
         (Some(cli::CodecName::Bzip2), _) | (None, Layout::Plain) => Codec::Bzip2,
         (Some(cli::CodecName::Zstd), _) => Codec::Zstd,
-        (Some(cli::CodecName::Mixed), _) | (None, Layout::Columns) => Codec::Mixed,
+        (Some(cli::CodecName::ContextMixing), _) | (None, Layout::Columns) => Codec::ContextMixing,
     };
     let options = EncodeOptions { codec, layout }.check()?;
     let usual = (None, Layout::Columns, Segmentation::default());
@@ -106,11 +106,11 @@ pub fn render(arguments: &cli::Render) -> anyhow::Result<()> {
         return Err(error).with_context(|| name.to_string());
     }
     file.read_to_end(&mut bytes).with_context(unreadable)?;
-    let shown = Prepared::new(lamina_codec::decode_any(&bytes, &limits).with_context(|| name.to_string())?);
+    let shown = Drawable::new(lamina_codec::decode_any(&bytes, &limits).with_context(|| name.to_string())?);
     let (camera, size) = (shown.camera().rotated_about_y(arguments.view.view)?, arguments.view.size);
     let backend = lamina_vdi_render::Backend::open(arguments.backend)?;
     let start = Instant::now();
-    let image = backend.render(&shown, &camera, size, size, Detail::Blended)?;
+    let image = backend.render(&shown, &camera, size, size, Detail::Cubic)?;
     say!("render_ms {:.1}", start.elapsed().as_secs_f64() * 1e3);
     picture_file::write(&arguments.view.out, &image)
 }

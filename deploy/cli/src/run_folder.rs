@@ -102,7 +102,7 @@ impl Outputs {
         for angle_deg in ANGLES_DEG {
             let camera = scene.camera.rotated_about_y(angle_deg)?;
             let reference = Backend::cpu().raycast(&field, &camera, PICTURE_SIZE, PICTURE_SIZE)?;
-            let rendered = viewer.render(&shown, &camera, PICTURE_SIZE, PICTURE_SIZE, Detail::Blended)?;
+            let rendered = viewer.render(&shown, &camera, PICTURE_SIZE, PICTURE_SIZE, Detail::Cubic)?;
             let pair = PicturePair {
                 step: row.step,
                 angle_deg,

@@ -49,8 +49,8 @@ pub struct Study {
     /// R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
     #[arg(long, default_value = "paper", value_name = "GRID")]
     pub grid: Grid,
-    /// How samples become the supersegments of a VDI: greedy (and bzip2) as in the paper, or fitted (and mixed) as nodes send
-    /// them
+    /// How samples become the supersegments of a VDI: greedy (and bzip2) as in the paper, or fitted (and
+    /// context-mixing) as nodes send them
     #[arg(long, value_name = "NAME", default_value_t = Segmentation::Greedy)]
     pub segmentation: Segmentation,
     /// Size limits to choose under; without: a ladder, each 1.5 times the one before

@@ -1,11 +1,11 @@
-//! What begins and ends the bytes of both formats: magic bytes, version, checksum.
+//! The envelope of both formats: magic bytes and version at the start, CRC-32 at the end.
 
 use crate::error::{self, CodecError};
 
-/// The checksum that ends a file.
+/// Bytes of the CRC-32 that ends a file.
 pub const CRC_BYTES: usize = 4;
 
-/// The version that bytes state which begin with `magic`, up to `newest`.
+/// The format version of `bytes`, which must begin with `magic` and state a version from 1 to `newest`.
 pub fn take_version(bytes: &[u8], magic: [u8; 4], newest: u16) -> Result<u16, CodecError> {
     let Some(rest) = bytes.strip_prefix(&magic) else {
         return Err(CodecError::NotAVdi);
@@ -20,7 +20,7 @@ pub fn take_version(bytes: &[u8], magic: [u8; 4], newest: u16) -> Result<u16, Co
     }
 }
 
-/// `bytes`, of which there must be `least`, without the checksum that ends them.
+/// The content of `bytes` before the CRC-32, which is verified. There must be at least `least` bytes.
 pub fn checked_body(bytes: &[u8], least: usize) -> Result<&[u8], CodecError> {
     let (body, crc) = match bytes.split_last_chunk::<CRC_BYTES>() {
         Some(split) if bytes.len() >= least => split,
@@ -33,7 +33,7 @@ pub fn checked_body(bytes: &[u8], least: usize) -> Result<&[u8], CodecError> {
     Ok(body)
 }
 
-/// What is said of bytes that end before their header does.
+/// The error for bytes that end before their header does.
 pub fn too_short() -> CodecError {
     CodecError::Damaged("it ends before its header does".into())
 }

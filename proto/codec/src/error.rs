@@ -1,41 +1,41 @@
-//! What can go wrong with an encoded VDI, told apart by what the caller can do about it.
+//! Errors of encoding and decoding, told apart by what the caller can do about them.
 
 use lamina_model::Invalid;
 
-/// Why a VDI could not be encoded or decoded.
+/// Why a VDI or reduced volume could not be encoded or decoded.
 #[derive(Debug, thiserror::Error)]
 pub enum CodecError {
-    /// Something else was handed in.
+    /// The bytes begin with the magic of neither format.
     #[error(
         "not a VDI, nor a reduced volume: it begins neither with \"LVDI\" nor \"LVOL\"; check that this is the right file"
     )]
     NotAVdi,
-    /// Written by a later program.
+    /// A later version of Lamina wrote the bytes.
     #[error("VDI format version {found} is newer than {newest}, the last one known here; update Lamina to read it")]
     NewerVersion {
-        /// The version it states.
+        /// The version that the bytes state.
         found: u16,
         /// The newest version this program reads.
         newest: u16,
     },
-    /// Cut short or changed on its way.
+    /// The bytes were cut short or changed in transit.
     #[error("damaged: {0}; fetch it again")]
     Damaged(String),
-    /// Larger than the reader allows.
+    /// The decoded content would exceed the reader's limit.
     #[error("{needed_bytes} bytes decoded, limit {limit_bytes}; raise max_decoded_bytes to accept it")]
     TooLarge {
-        /// What its lists would occupy.
+        /// Bytes that the decoded content would occupy.
         needed_bytes: u64,
-        /// What the limits allow.
+        /// Bytes that the limits allow.
         limit_bytes: u64,
     },
-    /// Intact (its checksum is right) but it contradicts itself: the writer is at fault.
+    /// The bytes are intact (the checksum is right) but contradict themselves: the writer is at fault.
     #[error("invalid VDI, {0}; report this to whoever wrote it")]
     Invalid(#[from] Invalid),
-    /// A value the chosen layout has no room for.
+    /// The chosen layout cannot represent a value.
     #[error("{0}; encode with Layout::Columns instead")]
     Unrepresentable(String),
-    /// The compressor or the header's serialiser refused.
+    /// The byte compressor or the serializer of the header failed.
     #[error("compressing a VDI failed: {0}")]
     Compress(std::io::Error),
 }
@@ -49,7 +49,7 @@ impl From<CodecError> for Invalid {
     }
 }
 
-/// The error for content that contradicts itself.
+/// The error for intact content that contradicts itself.
 pub(super) fn invalid(reason: impl Into<String>) -> CodecError {
     CodecError::Invalid(Invalid::new("vdi", reason))
 }

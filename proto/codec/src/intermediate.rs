@@ -1,4 +1,4 @@
-//! Whatever stands for a step, as bytes: which it is, its first four tell.
+//! Encoding and decoding of either representation of a time step, a VDI or a reduced volume, told apart by the magic bytes.
 
 use crate::error::CodecError;
 use crate::vdi::{self, EncodeOptions};
@@ -6,7 +6,7 @@ use crate::{DecodeLimits, volume};
 use lamina_model::Intermediate;
 use std::time::{Duration, Instant};
 
-/// Encodes either representation; `options` are for VDIs.
+/// Encodes either representation. `options` concern VDIs only.
 ///
 /// # Errors
 /// As [`crate::encode`].
@@ -17,7 +17,8 @@ pub fn encode_any(intermediate: &Intermediate, options: &EncodeOptions) -> Resul
     }
 }
 
-/// The same, and what generating, which took `made`, and encoding took: what a volume loses it loses while it is coded.
+/// Encodes as [`encode_any`] and also returns `[generation, encoding]`, the durations to report. `made` is the time that
+/// generation took; the encoding time of a reduced volume counts as generation, because its codec does the lossy part.
 ///
 /// # Errors
 /// As [`encode_any`].
@@ -32,10 +33,10 @@ pub fn encode_timed(
     Ok((bytes, [generation, encoding]))
 }
 
-/// Passes bytes whose checksum, version, header and decoded size are right, without decoding them.
+/// Verifies checksum, version, header and decoded size without decoding the content.
 ///
 /// # Errors
-/// As [`decode_any`], but for what only decoding can find.
+/// As [`decode_any`], except for those that only decoding can find.
 pub fn check_any(bytes: &[u8], limits: &DecodeLimits) -> Result<(), CodecError> {
     if bytes.starts_with(&volume::container::MAGIC) {
         volume::container::read_head(bytes, limits).map(drop)
@@ -44,10 +45,10 @@ pub fn check_any(bytes: &[u8], limits: &DecodeLimits) -> Result<(), CodecError> 
     }
 }
 
-/// Decodes either representation. `bytes` must be one whole of them and nothing else.
+/// Decodes either representation. `bytes` must be exactly one encoded VDI or reduced volume.
 ///
 /// # Errors
-/// If it is neither, a newer one, damaged, larger than `limits`, or contradicts itself.
+/// If the bytes are neither, of a newer version, damaged, larger than `limits`, or contradict themselves.
 pub fn decode_any(bytes: &[u8], limits: &DecodeLimits) -> Result<Intermediate, CodecError> {
     if bytes.starts_with(&volume::container::MAGIC) {
         Ok(Intermediate::Volume(Box::new(volume::decode(bytes, limits)?)))

@@ -1,7 +1,7 @@
-//! Encoded Volumetric Depth Images and reduced volumes: bytes that any version reads, small by context mixing.
+//! Codecs for Volumetric Depth Images and reduced volumes: versioned, documented byte formats.
 //!
-//! Formats are defined in `proto/formats`. Decoders take bytes from anyone: every claim is checked against the limits and the
-//! other claims before memory is set aside for it.
+//! `proto/formats` defines the formats. Decoders accept untrusted bytes: every size stated in them is checked against the
+//! limits and against the other sizes before memory is allocated for it.
 
 mod entropy;
 mod envelope;

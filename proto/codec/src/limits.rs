@@ -1,10 +1,10 @@
-//! What a decoder accepts.
+//! Limits on what a decoder accepts.
 
-/// How much a decoder accepts.
+/// Memory limits of a decoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DecodeLimits {
-    /// The most memory the decoded lists may take, bytes. Decoding itself takes up to as much again for a
-    /// moment, and 32 MB a core.
+    /// The most memory that decoded content may take, bytes. Decoding temporarily takes up to as much again, and 32 MB a
+    /// core.
     pub max_decoded_bytes: u64,
 }
 

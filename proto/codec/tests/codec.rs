@@ -15,7 +15,7 @@ const TABLE_AT: usize = 202;
 const ALL_OPTIONS: [EncodeOptions; 5] = [
     EncodeOptions { codec: Codec::Bzip2, layout: Layout::Columns },
     EncodeOptions { codec: Codec::Zstd, layout: Layout::Columns },
-    EncodeOptions { codec: Codec::Mixed, layout: Layout::Columns },
+    EncodeOptions { codec: Codec::ContextMixing, layout: Layout::Columns },
     EncodeOptions { codec: Codec::Bzip2, layout: Layout::Plain },
     EncodeOptions { codec: Codec::Zstd, layout: Layout::Plain },
 ];
@@ -95,7 +95,7 @@ fn with_crc(mut bytes: Vec<u8>) -> Vec<u8> {
 }
 
 #[test]
-fn depths_come_back_exactly_and_colours_at_gamma_0_within_half_a_code() {
+fn depths_come_back_exactly_and_colors_at_gamma_0_within_half_a_code() {
     for options in ALL_OPTIONS {
         let original = with_gamma(&assorted(9, 1), 0.0);
         let back = decode(&encode(&original, &options).unwrap(), &DecodeLimits::default()).unwrap();
@@ -184,7 +184,7 @@ fn rounding_by_gamma_moves_the_light_of_a_ray_by_little_more_than_gamma() {
     for gamma in [0.005, 0.01, 0.02, 0.025, 1.0 / 31.0] {
         for opacity in [1e-7, 1e-5, 0.0005, 0.0018, 0.003, 0.0152, 0.0156, 0.042, 0.05, 0.12, 0.3] {
             let (_, most) = uniform_media(opacity, [0.93, 0.5, 0.21], gamma);
-            // What is owed in opacity, and in colour before a code moves, and the quarter that a code may add.
+            // What is owed in opacity, and in color before a code moves, and the quarter that a code may add.
             let allowed = (0.77 * gamma).max(1.0 / 128.0) + gamma.max(1.0 / 128.0) + 0.25 * gamma;
             assert!(f64::from(most) < allowed, "gamma {gamma}, opacity {opacity}: {most:.4} where {allowed:.4} may be");
         }
@@ -222,7 +222,7 @@ fn golden_bytes_of_version_1() {
     assert_eq!(hex(&bytes[..TABLE_AT]), header);
     // Every block this small is stored by zstd as it is: magic, descriptor, size, 3 bytes of block header, then the data.
     // Counts 2, 0, 1, 0 differ by 2, -2, 1, -1; first starts 3, 2; one gap of 4; one length of 391 = 256 + 134 + 1.
-    // At gamma = 0.02 opacity has the codes k 255 / 50: of the depths 0.1 and 1, k = 11 and 31. Colours have codes k 255 / 15 in the
+    // At gamma = 0.02 opacity has the codes k 255 / 50: of the depths 0.1 and 1, k = 11 and 31. Colors have codes k 255 / 15 in the
     // first supersegment, k 255 / 127 in the opaque one and k 255 / 63 in the last: 0.2 is 51, 50 and 53.
     let stored =
         |raw: &[u8]| [&[0x28, 0xb5, 0x2f, 0xfd, 0x20, raw.len() as u8, 8 * raw.len() as u8 + 1, 0, 0], raw].concat();
@@ -240,7 +240,7 @@ fn golden_bytes_of_version_3() {
     let piece = |start, end, optical_depth| Supersegment { start, end, color: [1.0, 0.2, 0.0], optical_depth };
     let list = |k: u32| (0..k % 4).map(|n| piece(20 * n + k, 20 * n + 3 * k + 1, 0.1 * (n + k) as f32)).collect();
     let original = vdi(3, (0..9).map(|k| list(k / 2)).collect());
-    let bytes = encode(&original, &EncodeOptions { codec: Codec::Mixed, layout: Layout::Columns }).unwrap();
+    let bytes = encode(&original, &EncodeOptions { codec: Codec::ContextMixing, layout: Layout::Columns }).unwrap();
     let hex = bytes[TABLE_AT..bytes.len() - 4].iter().map(|b| format!("{b:02x}")).collect::<String>();
     let golden = "0f0000000000000011000000000000000200000000000000d138b8f00b8f85ebd496201746ee7f979822ba120bd2053ac30d6a4387b63b9ebafe";
     assert_eq!(hex, golden);
@@ -311,7 +311,7 @@ fn depths_that_plain_floats_cannot_hold_are_refused_with_the_remedy() {
     let plain = EncodeOptions { layout: Layout::Plain, ..EncodeOptions::BZIP2 };
     let error = encode(&original, &plain).unwrap_err();
     assert!(matches!(error, CodecError::Unrepresentable(_)) && error.to_string().contains("Layout::Columns"));
-    for codec in [Codec::Bzip2, Codec::Mixed] {
+    for codec in [Codec::Bzip2, Codec::ContextMixing] {
         let columns = encode(&original, &EncodeOptions { codec, layout: Layout::Columns }).unwrap();
         assert_eq!(decode(&columns, &DecodeLimits::default()).unwrap(), quantize(&original));
     }
@@ -416,7 +416,7 @@ proptest! {
     #[test]
     fn any_vdi_comes_back_as_its_quantised_self(resolution in 1_u32..12, seed: u64) {
         let original = assorted(resolution, seed);
-        for codec in [Codec::Bzip2, Codec::Zstd, Codec::Mixed] {
+        for codec in [Codec::Bzip2, Codec::Zstd, Codec::ContextMixing] {
             let bytes = encode(&original, &EncodeOptions { codec, layout: Layout::Columns }).unwrap();
             let back = decode(&bytes, &DecodeLimits::default()).unwrap();
             prop_assert_eq!(&back, &quantize(&original));

@@ -37,7 +37,7 @@ fn reduced(effects: Effects, unit: impl Fn(DVec3) -> f32) -> ReducedVolume {
 }
 
 #[test]
-fn colours_of_a_second_field_are_refused() {
+fn colors_of_a_second_field_are_refused() {
     let whole = reduced(Effects::default(), |_| 0.5);
     let range = ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap();
     let second = ColorField { name: "T".into(), range, points: ColorField::cool_to_warm() };

@@ -1,9 +1,9 @@
-//! What the kernels run on: SIMD lanes, a GPU, and the share of the processor that a node's heavy work may use.
+//! Hardware layer of the kernels: SIMD types, GPU access, and admission of heavy work to a share of the processor.
 //!
-//! - [`simd`]: eight single-precision numbers at a time; the only crate-level home of unsafe code.
+//! - [`simd`]: vectors of eight lanes; the intrinsics, and most of the workspace's unsafe code, are here.
 //! - [`gpu`]: the only place that opens a device.
-//! - `cpu`: all heavy work of a node (ray casting, coding, drawing, measuring) asks its [`CpuShare`] for a [`Permit`], which a token
-//!   bucket and a priority queue grant, and runs on threads of the node's own. The simulation owns the cores.
+//! - `cpu`: all heavy work of a node (ray casting, coding, rendering, measuring) asks its [`CpuShare`] for a [`Permit`], which a
+//!   token bucket and a priority queue grant, and runs on the node's own threads. The simulation owns the cores.
 //!
 //! This crate knows no voxels, no pictures and no messages.
 

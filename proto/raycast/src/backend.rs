@@ -1,4 +1,4 @@
-//! Where R runs.
+//! Choice of the level that casts rays.
 
 use super::gpu::{GpuError, GpuKernels};
 use super::{Field, reduce, reference};
@@ -13,25 +13,25 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// What casts the rays: chosen once, at start-up.
+/// The level that casts rays, chosen once at start-up.
 ///
-/// All give the same picture within what [`super`] states. What a GPU cannot do, because the volume or the result is too
-/// large for it or it failed, is done by the processor, with a line in the log.
+/// All levels give the same pictures and VDIs within the [crate's](crate) tolerances. What a GPU cannot do, because the
+/// volume or the result is too large for it or because it failed, the processor does, with a line in the log.
 #[derive(Debug, Clone)]
 pub enum Backend {
     /// Eight rays at a time on the processor.
     Cpu(Level),
-    /// A GPU, and the level that steps in for it.
+    /// A GPU, and the processor's level as its substitute.
     Gpu(Arc<GpuKernels>, Level),
 }
 
 impl Backend {
-    /// The processor, at its best level.
+    /// The processor, at the best level it supports.
     pub fn cpu() -> Self {
         Self::Cpu(Level::detect())
     }
 
-    /// What `choice` leads to on this machine.
+    /// The level that `choice` selects on this machine.
     ///
     /// # Errors
     /// If a GPU is asked for and none opens.
@@ -57,13 +57,13 @@ impl Backend {
         }
     }
 
-    /// The VDI of `field` from its scene's camera with `segmentation`, and the time it took: on a GPU the device's own. The
-    /// paper's tau.
+    /// Generates the VDI of `field` from its scene's camera with `segmentation`; also returns the time taken, on a GPU as the
+    /// device measures it. The paper's R and tau.
     ///
-    /// Rays do not end where they become opaque, unless `params` says so: what is hidden now is seen from the side.
+    /// Rays do not end where they become opaque, unless `params` sets a cutoff: what is hidden now is seen from other angles.
     ///
     /// # Errors
-    /// If the step is so short that rays would have too many of them, or the VDI too many supersegments (2^32).
+    /// If the step is so short that rays would have too many of them, or the VDI has 2^32 supersegments or more.
     pub fn generate(
         &self,
         field: &Field,
@@ -82,7 +82,7 @@ impl Backend {
         Ok((vdi, start.elapsed()))
     }
 
-    /// What `params` ask for, VDIs with `segmentation`, and the time it took.
+    /// Generates the representation that `params` asks for, VDIs with `segmentation`; also returns the time taken.
     ///
     /// # Errors
     /// As [`Self::generate`] and [`reduce`].
@@ -106,7 +106,7 @@ impl Backend {
         }
     }
 
-    /// What `params` ask for with each of `gammas` instead of their own.
+    /// Generates the representation that `params` asks for, once for each of `gammas` in place of its own.
     ///
     /// # Errors
     /// As [`Self::generate_all`] and [`reduce`].
@@ -122,7 +122,7 @@ impl Backend {
                 let vdis = self.generate_all(field, params, gammas, segmentation)?;
                 Ok(vdis.into_iter().map(|vdi| Intermediate::Vdi(Box::new(vdi))).collect())
             }
-            // The bound is the encoder's matter.
+            // A volume does not depend on its error bound before it is encoded.
             Representation::Volume => {
                 let volume = reduce(field, params)?;
                 gammas
@@ -133,8 +133,8 @@ impl Backend {
         }
     }
 
-    /// The VDI for each of `gammas`, the other parameters being those of `params`: one march for all, on the processor; with
-    /// effects one for each.
+    /// Generates the VDI of each of `gammas`, all other parameters being those of `params`. Without effects a single march on
+    /// the processor serves all gammas; with effects each takes one.
     ///
     /// # Errors
     /// As [`Self::generate`], or if a gamma is negative or not finite.
@@ -166,7 +166,7 @@ impl Backend {
         Ok(vdis.into_iter().flatten().collect())
     }
 
-    /// A whole picture of `field`, `width` x `height` pixels.
+    /// Casts a whole picture of `field`, `width` x `height` pixels.
     ///
     /// # Errors
     /// If the picture's size is out of bounds.
@@ -182,7 +182,7 @@ impl Backend {
         Image::new(width, height, simd::raycast(self.level(), field, &shot(camera, width, height)))
     }
 
-    /// The colours of some `pixels` (column, row) of that picture.
+    /// Casts some `pixels` (column, row) of that picture; returns their colors in order.
     ///
     /// # Errors
     /// If the picture's size is out of bounds.
@@ -204,7 +204,7 @@ impl Backend {
         Ok(simd::raycast_pixels(self.level(), field, &shot(camera, width, height), pixels))
     }
 
-    /// The colours that a VDI of time step `step` is compared with.
+    /// Casts the reference samples that VDIs of time step `step` are compared with.
     ///
     /// # Errors
     /// If the plan is out of bounds.
@@ -212,10 +212,10 @@ impl Backend {
         self.reference_slice(field, plan, step, 0..plan.batches)
     }
 
-    /// The same of some of the plan's batches.
+    /// Casts some batches of the reference samples.
     ///
     /// # Errors
-    /// If the plan cannot be carried out.
+    /// If the plan is out of bounds.
     pub fn reference_slice(
         &self,
         field: &Field,
@@ -240,7 +240,7 @@ impl Backend {
         }
     }
 
-    /// The GPU's answer, if there is a GPU and it has one.
+    /// The result of `work` on the GPU; `None` if there is no GPU or it could not do the work.
     fn on_gpu<T>(&self, work: impl FnOnce(&GpuKernels) -> Result<T, GpuError>) -> Option<Result<T, Invalid>> {
         let Self::Gpu(gpu, _) = self else { return None };
         match work(gpu) {

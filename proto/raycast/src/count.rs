@@ -1,9 +1,9 @@
-//! What kernels look up, counted in the crate's own tests; nothing elsewhere.
+//! Counters of expensive lookups in kernels, compiled into the crate's own tests only.
 
 #[cfg(test)]
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// Values, gradients, shadows, occlusion, colours.
+/// Values, gradients, shadows, occlusion, colors.
 #[cfg(test)]
 static COUNTS: [AtomicU64; 5] = [const { AtomicU64::new(0) }; 5];
 
@@ -19,27 +19,27 @@ macro_rules! counter {
 }
 
 counter!(
-    /// The field interpolated for an effect: at a step's end, a surface, the middle of what clipping leaves of a step.
+    /// Interpolation of the field for an effect: at the end of a step, at a surface, or in the middle of a clipped step.
     value,
     0
 );
 counter!(
-    /// A gradient taken.
+    /// Evaluation of a gradient.
     gradient,
     1
 );
 counter!(
-    /// The light volume looked up for shadow.
+    /// Lookup of the light volume for shadows.
     shadow,
     2
 );
 counter!(
-    /// The light volume looked up for ambient occlusion.
+    /// Lookup of the light volume for ambient occlusion.
     occlusion,
     3
 );
 counter!(
-    /// The second field looked up.
+    /// Lookup of the color field.
     color,
     4
 );
@@ -50,7 +50,7 @@ pub fn take() -> [u64; 5] {
     [0, 1, 2, 3, 4].map(|n| COUNTS[n].swap(0, Relaxed))
 }
 
-/// What the kernels of every level are asked to count.
+/// Test cases that the kernels of every level share.
 #[cfg(test)]
 pub mod cases {
     use crate::Field;
@@ -60,7 +60,7 @@ pub mod cases {
         Camera, ControlPoint, Effects, Grid, ScalarRange, Scale, Scene, TransferFunction, Volume, Voxels,
     };
 
-    /// Effects, and which of the five counts they are to raise.
+    /// Effects, each with the counters that it must raise.
     pub fn asked() -> Vec<(Effects, [bool; 5])> {
         let light = Some(DVec3::new(1.0, 2.0, 3.0));
         let none = Effects::default;
@@ -86,7 +86,7 @@ pub mod cases {
         ]
     }
 
-    /// A field of values that rise along x, seen along z.
+    /// A field whose values rise along x, and a camera that looks along z.
     pub fn field(effects: Effects) -> (Field, Camera) {
         let grid = Grid::new([8; 3], DVec3::ONE, DVec3::ZERO).unwrap();
         let voxels = Voxels::F32((0..512).map(|n| (n % 8) as f32 / 7.0).collect());
@@ -99,7 +99,7 @@ pub mod cases {
         (Field::new(volume, &scene), camera)
     }
 
-    /// Panics unless those `asked` for are many, and the others none.
+    /// Panics unless the counters in `asked` are high and all others are zero.
     pub fn check(effects: &Effects, asked: [bool; 5], found: [u64; 5]) {
         let right = found.iter().zip(asked).all(|(&n, asked)| if asked { n > 100 } else { n == 0 });
         assert!(right, "{effects:?}: {found:?}");
@@ -122,7 +122,7 @@ mod tests {
         take()
     }
 
-    /// One test, because the counts are the process's.
+    /// A single test, because the counters are global to the process.
     #[test]
     fn what_is_not_asked_for_is_not_looked_up() {
         for (effects, asked) in cases::asked() {

@@ -1,14 +1,14 @@
-//! R and the reference: pure functions from a scalar field under a scene to a VDI or to colours.
+//! Volume ray casting: from a scalar field under a scene to a picture, to a Volumetric Depth Image, or to a reduced volume.
 //!
-//! One algorithm at three levels: [`reference`] is the oracle, [`simd`] runs eight rays at a time on the CPU, [`gpu`] is its
-//! twin in WGSL. [`Backend`] is what the rest of the node calls.
+//! One algorithm at three levels: [`mod@reference`] is the oracle in double precision, [`simd`] casts eight rays at a time on the
+//! processor, [`gpu`] is its counterpart in WGSL. Programs call [`Backend`].
 //!
-//! **Agreement.** The oracle is double precision and asks the transfer function itself. The fast levels are single
-//! precision (positions, sums along a ray) and look the function up in a table (`transfer_lut`), which rounds off what lies
-//! between two of its rows: a kink, or the jump of two points at one position, over a 1024th of the range or less. So a
-//! sample may classify a little otherwise, and where its difference from the open supersegment is within rounding of
-//! gamma, it may join where the oracle's does not. Tests hold pictures above 80 dB (the GPU: 90) against the oracle's and
-//! lists equal on 99 rays of 100. The lane levels agree among themselves to the bit: none fuses multiply and add.
+//! **Agreement.** The oracle evaluates the transfer function itself. The fast levels work in single precision and look the
+//! function up in a table (`transfer_lut`), which smooths kinks, and jumps between two points at one position, over 1/1024 of
+//! the range or less. So a sample may classify slightly differently, and where its difference from the open supersegment is
+//! within rounding of gamma, it may join where the oracle's does not. Tests require pictures above 80 dB (the GPU: 90) against
+//! the oracle's, and equal lists on 99 rays of 100. The SIMD levels agree with each other to the bit: none fuses multiply and
+//! add.
 
 mod backend;
 mod count;

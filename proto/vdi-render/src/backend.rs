@@ -1,62 +1,62 @@
-//! Where I runs.
+//! Choice of the level that renders.
 
 use super::gpu::{GpuError, GpuKernels};
 use super::psnr::{QualityEstimate, estimate_of, quality_of};
-use super::reconstruction::{Detail, drawn};
-use super::{Prepared, PreparedVdi};
+use super::reconstruction::{Detail, reconstruct};
+use super::{Drawable, PreparedVdi};
 use lamina_compute::gpu::{Choice, DeviceError, Gpu, Opened};
 use lamina_model::{Camera, Image, Invalid, Quality, ReferenceSamples, Vdi};
 use std::fmt::Display;
 use std::ops::{Deref, Range};
 use std::sync::{Arc, OnceLock};
 
-/// What draws: chosen once, at start-up.
+/// The level that renders, chosen once at start-up.
 #[derive(Debug, Clone)]
 pub struct Backend {
-    vdis: Drawer,
+    vdis: VdiRenderer,
     choice: Choice,
-    /// What casts volumes; opened for the first one.
+    /// Ray caster of reduced volumes; opened at the first one.
     volumes: Arc<OnceLock<lamina_raycast::Backend>>,
 }
 
-/// What draws VDIs.
+/// The level that renders VDIs.
 #[derive(Debug, Clone)]
-enum Drawer {
-    /// All cores.
+enum VdiRenderer {
+    /// The processor, on all cores.
     Cpu,
-    /// A GPU; what it cannot do is left to the cores.
+    /// A GPU; the processor does what the GPU cannot.
     Gpu(Arc<GpuKernels>),
 }
 
 impl Default for Backend {
     /// The processor.
     fn default() -> Self {
-        Self { vdis: Drawer::Cpu, choice: Choice::Cpu, volumes: Arc::default() }
+        Self { vdis: VdiRenderer::Cpu, choice: Choice::Cpu, volumes: Arc::default() }
     }
 }
 
 impl Backend {
-    /// What `choice` leads to on this machine; the log says what and why.
+    /// The level that `choice` selects on this machine, logged with the reason.
     ///
     /// # Errors
     /// If a GPU is asked for by name and there is none that works.
     pub fn open(choice: Choice) -> Result<Self, DeviceError> {
-        Ok(Self { vdis: Drawer::open(choice)?, choice, volumes: Arc::default() })
+        Ok(Self { vdis: VdiRenderer::open(choice)?, choice, volumes: Arc::default() })
     }
 
-    /// VDIs are drawn by `kernels`.
+    /// A backend that renders VDIs by `kernels`.
     pub fn on_gpu(kernels: GpuKernels) -> Self {
-        Self { vdis: Drawer::Gpu(Arc::new(kernels)), choice: Choice::Gpu, volumes: Arc::default() }
+        Self { vdis: VdiRenderer::Gpu(Arc::new(kernels)), choice: Choice::Gpu, volumes: Arc::default() }
     }
 
-    /// A picture of either representation from `camera`; `detail` is how carefully VDIs are drawn. The paper's I.
+    /// Renders either representation from `camera`; VDIs with reconstruction `detail`. The paper's I.
     ///
     /// # Errors
     /// If the picture's size is out of bounds.
     #[doc(alias = "I")]
     pub fn render(
         &self,
-        shown: &Prepared,
+        shown: &Drawable,
         camera: &Camera,
         width: u32,
         height: u32,
@@ -66,72 +66,72 @@ impl Backend {
         Ok(image.expect("it is wanted"))
     }
 
-    /// The same, given up, with nothing drawn, once it is no longer `wanted`.
+    /// Renders as [`Self::render`] while `wanted`; returns `None` once it is not. Asked before each of the pictures that are blended.
     ///
     /// # Errors
     /// As [`Self::render`].
     pub fn render_while(
         &self,
-        shown: &Prepared,
+        shown: &Drawable,
         camera: &Camera,
         size: [u32; 2],
         detail: Detail,
         wanted: impl Fn() -> bool,
     ) -> Result<Option<Image>, Invalid> {
         match shown {
-            Prepared::Vdi(vdi) => self.vdi_while(vdi, camera, size, detail, wanted),
-            Prepared::Volume(_) if !wanted() => Ok(None),
-            Prepared::Volume(field) => self.volumes().raycast(field, camera, size[0], size[1]).map(Some),
+            Drawable::Vdi(vdi) => self.vdi_while(vdi, camera, size, detail, wanted),
+            Drawable::Volume(_) if !wanted() => Ok(None),
+            Drawable::Volume(field) => self.volumes().raycast(field, camera, size[0], size[1]).map(Some),
         }
     }
 
-    /// Errors of some batches of the sampled pixels, VDIs drawn with `detail`.
+    /// Measures the quality of some batches of the reference samples; VDIs are rendered with `detail`.
     ///
     /// # Errors
     /// If the samples do not fit their plan, or hold fewer batches.
     #[doc(alias = "q")]
     pub fn quality(
         &self,
-        shown: &Prepared,
+        shown: &Drawable,
         reference: &ReferenceSamples,
         batches: Range<u32>,
         detail: Detail,
     ) -> Result<Quality, Invalid> {
         match shown {
-            Prepared::Vdi(vdi) => self.quality_vdi(vdi, reference, batches, detail),
-            Prepared::Volume(field) => quality_of(reference, batches, |camera, size, pixels| {
+            Drawable::Vdi(vdi) => self.quality_vdi(vdi, reference, batches, detail),
+            Drawable::Volume(field) => quality_of(reference, batches, |camera, size, pixels| {
                 self.volumes().raycast_pixels(field, camera, size, size, pixels)
             }),
         }
     }
 
-    /// The same of all batches that `reference` holds, with the interval of its PSNR.
+    /// Measures the quality of all batches that `reference` holds, with the confidence interval of its PSNR.
     ///
     /// # Errors
     /// As [`Self::quality`].
     pub fn estimate(
         &self,
-        shown: &Prepared,
+        shown: &Drawable,
         reference: &ReferenceSamples,
         detail: Detail,
     ) -> Result<QualityEstimate, Invalid> {
         estimate_of(reference, |camera, size, pixels| match shown {
-            Prepared::Vdi(vdi) => self.vdi_pixels(vdi, camera, [size; 2], pixels, detail),
-            Prepared::Volume(field) => self.volumes().raycast_pixels(field, camera, size, size, pixels),
+            Drawable::Vdi(vdi) => self.vdi_pixels(vdi, camera, [size; 2], pixels, detail),
+            Drawable::Volume(field) => self.volumes().raycast_pixels(field, camera, size, size, pixels),
         })
     }
 
     fn volumes(&self) -> &lamina_raycast::Backend {
         let open = || {
             lamina_raycast::Backend::open(self.choice).unwrap_or_else(|error| {
-                tracing::warn!(%error, "volumes are drawn by the processor");
+                tracing::warn!(%error, "volumes are reconstruct by the processor");
                 lamina_raycast::Backend::cpu()
             })
         };
         self.volumes.get_or_init(open)
     }
 
-    /// A picture of `vdi` from `camera`.
+    /// Renders `vdi` from `camera`.
     ///
     /// # Errors
     /// If the picture's size is out of bounds.
@@ -156,10 +156,10 @@ impl Backend {
     ) -> Result<Option<Image>, Invalid> {
         Image::check_size(size[0], size[1])?;
         let on_cpu = |by| vdi.displaced(camera, size, by);
-        let colors = drawn(detail, vdi.magnification(camera, size[1]), |by| match &self.vdis {
+        let colors = reconstruct(detail, vdi.magnification(camera, size[1]), |by| match &self.vdis {
             _ if !wanted() => Err(None),
-            Drawer::Cpu => Ok(on_cpu(by)),
-            Drawer::Gpu(kernels) => {
+            VdiRenderer::Cpu => Ok(on_cpu(by)),
+            VdiRenderer::Gpu(kernels) => {
                 or_cpu(kernels, kernels.displaced(vdi, camera, size, by), || on_cpu(by)).map_err(Some)
             }
         });
@@ -170,7 +170,7 @@ impl Backend {
         }
     }
 
-    /// Errors of some batches of the sampled pixels of `vdi`.
+    /// Measures the quality of `vdi` on some batches of the reference samples.
     ///
     /// # Errors
     /// As [`Self::quality`].
@@ -184,7 +184,7 @@ impl Backend {
         quality_of(reference, batches, |camera, size, pixels| self.vdi_pixels(vdi, camera, [size; 2], pixels, detail))
     }
 
-    /// The colours of some `pixels` (column, row) of a picture of `vdi`, `size` pixels.
+    /// Renders some `pixels` (column, row) of a picture of `vdi` of `size` (width, height); returns their colors in order.
     ///
     /// # Errors
     /// If the picture's size is out of bounds.
@@ -198,19 +198,19 @@ impl Backend {
     ) -> Result<Vec<[f32; 3]>, Invalid> {
         Image::check_size(size[0], size[1])?;
         let on_cpu = |by| vdi.displaced_pixels(camera, size, pixels, by);
-        drawn(detail, vdi.magnification(camera, size[1]), |by| match &self.vdis {
-            Drawer::Cpu => Ok(on_cpu(by)),
-            Drawer::Gpu(kernels) => {
+        reconstruct(detail, vdi.magnification(camera, size[1]), |by| match &self.vdis {
+            VdiRenderer::Cpu => Ok(on_cpu(by)),
+            VdiRenderer::Gpu(kernels) => {
                 or_cpu(kernels, kernels.displaced_pixels(vdi, camera, size, pixels, by), || on_cpu(by))
             }
         })
     }
 }
 
-impl Drawer {
+impl VdiRenderer {
     fn open(choice: Choice) -> Result<Self, DeviceError> {
         let on_cpu = |reason: &dyn Display| {
-            tracing::info!(backend = "cpu", "pictures are drawn by the processor: {reason}");
+            tracing::info!(backend = "cpu", "pictures are reconstruct by the processor: {reason}");
             Ok(Self::Cpu)
         };
         let gpu = match Gpu::open(choice)? {
@@ -220,7 +220,7 @@ impl Drawer {
         match GpuKernels::new(gpu) {
             Ok(kernels) => {
                 let facts = kernels.facts();
-                tracing::info!(backend = "gpu", driver = facts.driver, "pictures are drawn by {}", facts.name);
+                tracing::info!(backend = "gpu", driver = facts.driver, "pictures are reconstruct by {}", facts.name);
                 Ok(Self::Gpu(Arc::new(kernels)))
             }
             Err(reason) if choice == Choice::Auto => on_cpu(&reason),
@@ -230,14 +230,14 @@ impl Drawer {
     }
 }
 
-/// What the GPU drew; if it could not, what the processor does.
-fn or_cpu<T>(kernels: &GpuKernels, drawn: Result<T, GpuError>, on_cpu: impl FnOnce() -> T) -> Result<T, Invalid> {
-    match drawn {
-        Ok(drawn) => Ok(drawn),
+/// The GPU's result, or the processor's if the GPU failed.
+fn or_cpu<T>(kernels: &GpuKernels, reconstruct: Result<T, GpuError>, on_cpu: impl FnOnce() -> T) -> Result<T, Invalid> {
+    match reconstruct {
+        Ok(reconstruct) => Ok(reconstruct),
         Err(GpuError::Invalid(e)) => Err(e),
         Err(e) => {
             if kernels.is_first_failure() {
-                tracing::warn!("{e}; drawn by the processor, and so is, unsaid, whatever fails from now on");
+                tracing::warn!("{e}; reconstruct by the processor, and so is, unsaid, whatever fails from now on");
             }
             Ok(on_cpu())
         }

@@ -1,20 +1,20 @@
-//! Whatever stands for a step, ready to be drawn.
+//! A time step in either representation, prepared for rendering.
 
 use super::PreparedVdi;
 use lamina_model::{Camera, ControlPoint, Intermediate, Invalid, TransferFunction, Vdi};
 use lamina_raycast::Field;
 use std::sync::Arc;
 
-/// A VDI or a reduced volume with what drawing it again and again needs.
-pub enum Prepared {
-    /// Drawn by the walk through its lists.
+/// A VDI or a reduced volume with the data structures that rendering needs, built once.
+pub enum Drawable {
+    /// Rendered by traversal of its lists.
     Vdi(Box<PreparedVdi>),
-    /// Ray-cast as the volume itself would be.
+    /// Ray-cast like the original volume.
     Volume(Box<Field>),
 }
 
-impl Prepared {
-    /// Prepares what was decoded.
+impl Drawable {
+    /// Prepares a decoded time step.
     pub fn new(intermediate: Intermediate) -> Self {
         match intermediate {
             Intermediate::Vdi(vdi) => Self::Vdi(Box::new(PreparedVdi::new(Arc::from(vdi)))),
@@ -22,7 +22,7 @@ impl Prepared {
         }
     }
 
-    /// The camera it was made for.
+    /// The camera of the scene it was made for.
     pub fn camera(&self) -> &Camera {
         match self {
             Self::Vdi(vdi) => &vdi.vdi().header().camera,
@@ -30,10 +30,10 @@ impl Prepared {
         }
     }
 
-    /// The same under other control points, which show nothing where the scene's show nothing: what was not recorded.
+    /// The same volume under other control points, made transparent where the scene's are: there values were not recorded.
     ///
     /// # Errors
-    /// If it is a VDI, whose colours are its data, or the points are none.
+    /// If it is a VDI, which holds colors instead of values, or the points are invalid.
     pub fn with_points(&self, points: Vec<ControlPoint>) -> Result<Self, Invalid> {
         let Self::Volume(field) = self else {
             let reason = "a VDI holds colours, not values; they can be chosen anew where a step is a volume";
@@ -44,7 +44,7 @@ impl Prepared {
         Ok(Self::Volume(Box::new(field.with_transfer(wished.where_shown_by(recorded)?)?)))
     }
 
-    /// What a volume is seen under.
+    /// The transfer function of a volume; `None` for a VDI.
     pub fn transfer(&self) -> Option<&TransferFunction> {
         match self {
             Self::Vdi(_) => None,
@@ -60,7 +60,7 @@ impl Prepared {
         }
     }
 
-    /// Bytes held, nearly.
+    /// Approximate bytes in memory.
     pub fn size_bytes(&self) -> usize {
         match self {
             Self::Vdi(vdi) => size_of_val(vdi.vdi().offsets()) + size_of_val(vdi.vdi().segments()) + vdi.size_bytes(),

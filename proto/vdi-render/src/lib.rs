@@ -1,8 +1,8 @@
-//! I: pure functions from a VDI, or a reduced volume, and a camera to colours.
+//! Rendering of Volumetric Depth Images and reduced volumes from any camera.
 //!
-//! One algorithm at three levels: [`reference`] is the oracle, `simd` what runs on the processor, `gpu` its twin in WGSL.
-//! All draw the nearest rays of a VDI, its image displaced or not; [`Detail`] says whether several such pictures are blended.
-//! A reduced volume is cast by the kernels of `lamina_raycast`. [`Backend`] is what programs call.
+//! One algorithm at three levels: [`mod@reference`] is the oracle in double precision, `simd` renders on the processor, `gpu` is
+//! its counterpart in WGSL. Each renders a VDI by its nearest rays, with its image optionally displaced; [`Detail`] selects
+//! whether several such pictures are combined. Reduced volumes are ray-cast by `lamina_raycast`. Programs call [`Backend`].
 
 mod backend;
 mod drawable;
@@ -13,7 +13,7 @@ pub mod reference;
 mod simd;
 
 pub use backend::Backend;
-pub use drawable::Prepared;
+pub use drawable::Drawable;
 pub use lamina_compute::simd::Level;
 pub use psnr::QualityEstimate;
 pub use reconstruction::{Detail, Displacement};

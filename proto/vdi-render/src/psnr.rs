@@ -1,18 +1,18 @@
-//! q: the PSNR of pictures against reference samples.
+//! Quality: PSNR of rendered pixels against reference samples.
 
 use lamina_model::{Camera, Invalid, Quality, ReferenceSamples, SquaredError, ViewError};
 use std::ops::Range;
 
-/// Quality from few pixels.
+/// Quality estimated from sampled pixels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct QualityEstimate {
     /// Errors of the batches measured.
     pub quality: Quality,
-    /// Half the width of the 95 % interval about its PSNR, decibels.
+    /// Half the width of the 95 % confidence interval of its PSNR, decibels.
     pub half_width_db: f64,
 }
 
-/// Squared errors of some batches of the sampled pixels, view by view, batch after batch.
+/// Squared errors of sampled pixels, per view, batch after batch.
 struct PixelErrors {
     angles_deg: Vec<f64>,
     per_batch: usize,
@@ -29,7 +29,8 @@ impl PixelErrors {
         Quality { views: self.angles_deg.iter().zip(&self.errors).map(view).collect() }
     }
 
-    /// The mean of n pixels has a standard error of s / sqrt(n), which the strata only make smaller; in decibels to first order.
+    /// Half-width of the interval: the mean of n pixels has a standard error of at most s / sqrt(n), as stratification only
+    /// reduces it; converted to decibels to first order.
     fn half_width_db(&self) -> f64 {
         let all = || self.errors.iter().flatten();
         let n = all().count() as f64;
@@ -45,7 +46,7 @@ impl PixelErrors {
 /// 0.975 quantile of the normal distribution.
 const NORMAL_975: f64 = 1.960;
 
-/// Errors of some batches of the sampled pixels, which `render_pixels` draws of a square picture.
+/// Quality on some batches of the reference samples, whose pixels `render_pixels` renders (camera, side of the picture, pixels).
 ///
 /// # Errors
 /// If the samples do not fit their plan, or hold fewer batches.
@@ -57,7 +58,7 @@ pub fn quality_of(
     Ok(pixel_errors(reference, batches, render_pixels)?.quality())
 }
 
-/// The same of all batches that the reference holds, with its interval.
+/// Quality on all batches that the reference holds, with its confidence interval.
 ///
 /// # Errors
 /// As [`quality_of`].
@@ -87,7 +88,7 @@ fn pixel_errors(
     let mut errors = Vec::with_capacity(cameras.len());
     for (v, camera) in cameras.iter().enumerate() {
         let wanted = reference.batch_colors(v, &batches).ok_or_else(missing)?;
-        // One call for all batches: neighbouring pixels of different batches share work.
+        // Render all batches in one call: neighboring pixels of different batches share work.
         let pixels: Vec<_> = batches.clone().flat_map(|b| plan.pixels(v, b)).collect();
         let rendered = render_pixels(camera, plan.image_size, &pixels)?;
         let error = |(a, b): (&[f32; 3], &[f32; 3])| {

@@ -1,49 +1,49 @@
-//! How much care a picture of a VDI takes: the nearest rays of the VDI, or what those around make of a place between them.
+//! Reconstruction of a VDI's image between its rays: nearest rays, or a cubic combination of displaced pictures.
 //!
-//! A novel ray that takes, at every place, the list of the pixel it is in sees steps as wide as that pixel. The mean of four
-//! pictures for which the VDI's image is displaced by parts of a pixel weighs the lists around by how near they are: nearly
-//! linear interpolation, on a rotated grid, so that edges along the VDI's rows and columns get four grades from four pictures.
-//! Linear interpolation blurs. What it takes from the fine structure is what neighbouring pixels' near sides differ by from their
-//! far sides, so that much of four pictures displaced to the one is added, of four to the other taken away: together nearly cubic
-//! convolution (R. G. Keys, "Cubic Convolution Interpolation for Digital Image Processing", IEEE Trans. ASSP 29, 1981), but
-//! never brighter or darker than the lists around, so that edges get no rims. Where the VDI's pixels are as small as the
-//! picture's there is nothing between them to restore, and the difference is noise: it fades out.
+//! With nearest rays, the pixels of the VDI are visible as steps. The mean of four pictures, for which the VDI's image is
+//! displaced by parts of a pixel, weights the lists around a position by distance: nearly linear interpolation on a rotated
+//! grid, so that edges along the VDI's rows and columns get four grades. Linear interpolation blurs. The detail that it loses is
+//! approximated by the difference between the near and the far sides of the adjacent pixels, which takes eight more displaced
+//! pictures; adding it gives nearly cubic convolution (R. G. Keys, "Cubic Convolution Interpolation for Digital Image
+//! Processing", IEEE Trans. ASSP 29, 1981). The sum is clamped to the range of the four pictures, so that edges get no
+//! overshoot. Where the VDI's pixels are as small as the picture's, the difference is noise, and it fades out.
 //!
-//! Rings and weight are those of least error, by least squares over the displacements of VDIs of seven data sets (athena_snr,
-//! isabel, engine, bonsai, heptane, egpbos, tgv_lambda2; r 128, 256, 384; 10 to 60 degrees); each set's own weights on them
-//! would gain 0.04 dB more. All their media are soft: at an opaque, lit isosurface, where neighbouring lists end at other depths,
-//! linear interpolation is 0.2 dB better.
+//! Displacements and weight minimize the squared error over VDIs of seven data sets (athena_snr, isabel, engine, bonsai,
+//! heptane, egpbos, tgv_lambda2; r 128, 256, 384; 10 to 60 degrees); weights fitted to each set would gain 0.04 dB more. All
+//! their media are soft: at an opaque, lit isosurface, where neighboring lists end at different depths, linear interpolation is
+//! 0.2 dB better.
 //!
-//! The first ring stays in the pixel, the others are both in the four pixels beside it, where their difference is none: seen from
-//! the generation camera at the VDI's own resolution nothing changes. Where the volume reaches beyond the VDI's image, its
+//! The inner ring stays within the pixel, and both outer rings lie in the four adjacent pixels, where their difference vanishes:
+//! from the generation camera at the VDI's own resolution nothing changes. Where the volume extends beyond the VDI's image, its
 //! outermost pixels fade.
 
-/// How carefully a VDI is drawn.
+/// Reconstruction between the rays of a VDI.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Detail {
-    /// The lists that are nearest: for pictures in motion.
+    /// Nearest rays: for pictures in motion.
     Nearest,
-    /// Those around, blended, for four to twelve times the work: for pictures at rest, and what quality is measured of.
-    Blended,
+    /// Nearly cubic, in four to twelve times the time: for still pictures and quality measurements.
+    Cubic,
 }
 
-/// By how much the VDI's image is displaced, in its pixels: columns and rows.
+/// Displacement of the VDI's image in its pixels: columns, rows.
 pub type Displacement = [f64; 2];
 
-/// The first of four displacements, each a quarter turn from the one before: inside a pixel, ..
-const WITHIN: Displacement = [0.375, 0.125];
-/// .. to the near sides of those beside it, ..
-const NEAR: Displacement = [0.625, 0.125];
-/// .. and to their far sides.
-const FAR: Displacement = [1.375, 0.125];
-/// How much of the difference is added where a pixel of the VDI is much larger than one of the picture.
+/// Displacement within the pixel, for linear interpolation; the other three are quarter turns of it.
+const INNER_RING: Displacement = [0.375, 0.125];
+/// Displacement to the near sides of the adjacent pixels.
+const NEAR_RING: Displacement = [0.625, 0.125];
+/// Displacement to the far sides of the adjacent pixels.
+const FAR_RING: Displacement = [1.375, 0.125];
+/// Weight of the difference between near and far sides where pixels of the VDI are much larger than those of the picture.
 const SHARPNESS: f64 = 0.27;
 
-/// The colours that `draw` gives, taken with `detail`. A pixel of the VDI is as wide as `magnification` pixels of the picture.
+/// Combines the pictures that `draw` gives for displacements as `detail` asks. `magnification` is the width of a VDI pixel in
+/// pixels of the picture.
 ///
 /// # Errors
 /// Those of `draw`.
-pub fn drawn<E>(
+pub fn reconstruct<E>(
     detail: Detail,
     magnification: f64,
     mut draw: impl FnMut(Displacement) -> Result<Vec<[f32; 3]>, E>,
@@ -51,14 +51,14 @@ pub fn drawn<E>(
     if detail == Detail::Nearest {
         return draw([0.0; 2]);
     }
-    let [first, second, third, fourth] = turns(WITHIN);
+    let [first, second, third, fourth] = turns(INNER_RING);
     let (mut blended, second, third, fourth) = (draw(first)?, draw(second)?, draw(third)?, draw(fourth)?);
     let sharpness = (SHARPNESS * (magnification - 0.5).clamp(0.0, 1.0)) as f32;
     let finer = if sharpness > 0.0 { difference(draw)? } else { Vec::new() };
     for (n, color) in blended.iter_mut().enumerate() {
         for (c, value) in color.iter_mut().enumerate() {
             let around = [*value, second[n][c], third[n][c], fourth[n][c]];
-            // Two pairs: four equal colours have exactly their mean.
+            // Sum in two pairs, so that four equal colors give exactly their mean.
             let linear = 0.25 * ((around[0] + around[2]) + (around[1] + around[3]));
             let (least, most) = around.iter().fold((linear, linear), |(l, m), &a| (l.min(a), m.max(a)));
             *value = (linear + finer.get(n).map_or(0.0, |finer| sharpness * finer[c])).clamp(least, most);
@@ -67,18 +67,18 @@ pub fn drawn<E>(
     Ok(blended)
 }
 
-/// What the near sides of the pixels beside differ by from their far sides.
+/// Mean of the near sides of adjacent pixels minus that of their far sides.
 fn difference<E>(mut draw: impl FnMut(Displacement) -> Result<Vec<[f32; 3]>, E>) -> Result<Vec<[f32; 3]>, E> {
     let mut sum: Vec<[f32; 3]> = Vec::new();
-    for (by, share) in turns(NEAR).map(|by| (by, 0.25)).into_iter().chain(turns(FAR).map(|by| (by, -0.25))) {
-        let drawn = draw(by)?;
-        sum.resize(drawn.len(), [0.0; 3]);
-        sum.as_flattened_mut().iter_mut().zip(drawn.as_flattened()).for_each(|(s, d)| *s += share * d);
+    for (by, share) in turns(NEAR_RING).map(|by| (by, 0.25)).into_iter().chain(turns(FAR_RING).map(|by| (by, -0.25))) {
+        let reconstruct = draw(by)?;
+        sum.resize(reconstruct.len(), [0.0; 3]);
+        sum.as_flattened_mut().iter_mut().zip(reconstruct.as_flattened()).for_each(|(s, d)| *s += share * d);
     }
     Ok(sum)
 }
 
-/// Four quarter turns of a displacement.
+/// A displacement and its three quarter turns.
 fn turns([x, y]: Displacement) -> [Displacement; 4] {
     [[x, y], [-y, x], [-x, -y], [y, -x]]
 }
@@ -92,7 +92,7 @@ mod tests {
     fn magnified(magnification: f64, at: [f64; 2], pixel: &impl Fn([i64; 2]) -> f32) -> f32 {
         let place = |by: Displacement| std::array::from_fn(|i| (at[i] + by[i]).floor() as i64);
         let draw = |by: Displacement| Ok::<_, Infallible>(vec![[pixel(place(by)); 3]]);
-        drawn(Detail::Blended, magnification, draw).unwrap()[0][0]
+        reconstruct(Detail::Cubic, magnification, draw).unwrap()[0][0]
     }
 
     /// The same between large pixels of rows that are `row`.
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn middles_of_pixels_keep_their_colour() {
+    fn middles_of_pixels_keep_their_color() {
         let pixel = |[i, j]: [i64; 2]| [0.1, 0.9, 0.4, 0.3, 0.8][(i + 2 * j).rem_euclid(5) as usize];
         (0..25).for_each(|n| {
             let (i, j) = (n % 5 - 2, n / 5 - 2);
@@ -171,7 +171,7 @@ mod tests {
                 count += 1;
                 Ok::<_, Infallible>(vec![[0.5; 3]])
             };
-            assert_eq!(drawn(Detail::Blended, magnification, draw).unwrap(), [[0.5; 3]]);
+            assert_eq!(reconstruct(Detail::Cubic, magnification, draw).unwrap(), [[0.5; 3]]);
             count
         };
         assert_eq!([0.0, 0.5, 0.51, 100.0].map(count), [4, 4, 12, 12]);

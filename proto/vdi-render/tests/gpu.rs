@@ -1,5 +1,5 @@
-//! The GPU kernels against the scalar oracle, on any Vulkan device, be it in software. Without one the tests say that they
-//! skip; with REQUIRE_GPU=1 they fail instead.
+//! The GPU kernels against the oracle, on any Vulkan device, hardware or software. Without one the tests print that they are
+//! skipped; with REQUIRE_GPU=1 they fail instead.
 
 #![allow(clippy::unwrap_used)]
 
@@ -107,7 +107,7 @@ fn random_vdi(camera: Camera, resolution: u32, share: f64, opaque: u32) -> Arc<V
     Arc::new(Vdi::new(header, offsets, segments).unwrap())
 }
 
-/// Views about, in and behind the volume; sizes whose pixel centres lie on no pixel boundary of the VDI.
+/// Views about, in and behind the volume; sizes whose pixel centers lie on no pixel boundary of the VDI.
 fn views(generation: Camera) -> Vec<(Camera, u32, u32)> {
     let mut views: Vec<_> = [0.0, 10.0, 60.0, 90.0, 180.0].map(|a| generation.rotated_about_y(a).unwrap()).into();
     views.push(look([0.3, -0.4, 0.2], [-0.5, 0.1, -0.3], 80.0));
@@ -149,10 +149,10 @@ fn displaced(vdi: &Vdi, camera: &Camera) -> Vec<Camera> {
 
 fn agreement(kernels: &GpuKernels, vdi: &Arc<Vdi>, (camera, width, height): (Camera, u32, u32)) -> Agreement {
     let exact = reference::render(vdi, &camera, width, height).unwrap();
-    let drawn = kernels.render(&PreparedVdi::new(vdi.clone()), &camera, width, height).unwrap();
+    let reconstruct = kernels.render(&PreparedVdi::new(vdi.clone()), &camera, width, height).unwrap();
     let place = |n: usize| (n as u32 % width, n as u32 / width);
     let (mut found, mut suspects, mut squares) = (Agreement::default(), Vec::new(), 0.0);
-    for (n, (a, b)) in exact.pixels().iter().zip(drawn.pixels()).enumerate() {
+    for (n, (a, b)) in exact.pixels().iter().zip(reconstruct.pixels()).enumerate() {
         let d = difference(a, b);
         if d <= MAX_CHANNEL {
             found.channel = found.channel.max(d);
@@ -174,7 +174,7 @@ fn agreement(kernels: &GpuKernels, vdi: &Arc<Vdi>, (camera, width, height): (Cam
     }
     for (range, &(i, j)) in ranges.iter().zip(&suspects) {
         let n = (j * width + i) as usize;
-        for (c, value) in drawn.pixels()[n].into_iter().enumerate() {
+        for (c, value) in reconstruct.pixels()[n].into_iter().enumerate() {
             let explained = (range[0][c] - MAX_CHANNEL..=range[1][c] + MAX_CHANNEL).contains(&value);
             let (r, position, exact) = (vdi.resolution(), camera.position(), exact.pixels()[n]);
             assert!(explained, "r {r}, from {position}, ({i}, {j}): {value} for {exact:?}, beside it {range:?}");
@@ -221,13 +221,13 @@ fn two_colors() -> Arc<Vdi> {
 }
 
 #[test]
-fn a_list_made_by_hand_has_the_colours_it_must_from_both_sides() {
+fn a_list_made_by_hand_has_the_colors_it_must_from_both_sides() {
     let Some(kernels) = kernels() else { return };
     let vdi = two_colors();
     let (near, far, background) = ((-0.5_f64).exp(), (-2.0_f64).exp(), vdi.header().background);
     let behind = near * far;
     for (z, red, green) in [(4.0, 1.0 - near, near * (1.0 - far)), (-4.0, far * (1.0 - near), 1.0 - far)] {
-        // The centre pixel looks along z.
+        // The center pixel looks along z.
         let camera = Camera::new(DVec3::new(0.0, 0.0, z), DVec3::ZERO, DVec3::Y, 40.0).unwrap();
         let image = kernels.render(&PreparedVdi::new(vdi.clone()), &camera, 3, 3).unwrap();
         let expected = [red, green, 0.0].map(|c| c as f32);
@@ -294,7 +294,7 @@ fn blended_pictures_are_the_processors() {
     let vdi = PreparedVdi::new(random_vdi(outside(), 33, 0.5, 0));
     let camera = outside().rotated_about_y(30.0).unwrap();
     let backends = [Backend::on_gpu(kernels), Backend::default()];
-    let [on_gpu, on_cpu] = backends.map(|b| b.render_vdi(&vdi, &camera, 96, 64, Detail::Blended).unwrap());
+    let [on_gpu, on_cpu] = backends.map(|b| b.render_vdi(&vdi, &camera, 96, 64, Detail::Cubic).unwrap());
     let pairs = on_gpu.pixels().iter().zip(on_cpu.pixels());
     // On the edge of two lists a place may fall to either, and counts a quarter.
     let apart = pairs.filter(|(a, b)| difference(a, b) > MAX_CHANNEL).count() as f64 / f64::from(96 * 64);
@@ -316,7 +316,7 @@ fn quality_is_the_processors() {
     let colors = vec![vec![[0.3, 0.4, 0.5]; plan.samples_per_view()]; 2];
     let reference = ReferenceSamples { step: 0, batches: 0..plan.batches, plan, scene, colors };
     let (on_gpu, on_cpu) = (Backend::on_gpu(kernels), Backend::open(Choice::Cpu).unwrap());
-    let [a, b] = [on_gpu, on_cpu].map(|backend| backend.quality_vdi(&vdi, &reference, 0..4, Detail::Blended).unwrap());
+    let [a, b] = [on_gpu, on_cpu].map(|backend| backend.quality_vdi(&vdi, &reference, 0..4, Detail::Cubic).unwrap());
     assert!((a.psnr_db() - b.psnr_db()).abs() < 1e-3);
     for (a, b) in a.views.iter().zip(&b.views) {
         let [db_a, db_b] = [a, b].map(lamina_model::ViewError::psnr_db);

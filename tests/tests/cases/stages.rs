@@ -29,7 +29,7 @@ pub const STAGES: [&str; 10] =
 const CODECS: [(&str, Codec, Layout); 5] = [
     ("columns bzip2", Codec::Bzip2, Layout::Columns),
     ("columns zstd", Codec::Zstd, Layout::Columns),
-    ("columns mixed", Codec::Mixed, Layout::Columns),
+    ("columns context-mixing", Codec::ContextMixing, Layout::Columns),
     ("plain bzip2", Codec::Bzip2, Layout::Plain),
     ("plain zstd", Codec::Zstd, Layout::Plain),
 ];

@@ -11,7 +11,7 @@ pub use row::{Measured, Number, StepRow, ViewPsnr};
 use folder::Folder;
 use lamina_codec::{self, DecodeLimits};
 use lamina_rpc::v1;
-use lamina_vdi_render::{Prepared, QualityEstimate};
+use lamina_vdi_render::{Drawable, QualityEstimate};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::Path;
@@ -86,7 +86,7 @@ struct State {
     pending: BTreeSet<u64>,
     in_memory: BTreeMap<u64, Arc<Vec<u8>>>,
     folder: Option<Folder>,
-    decoded: VecDeque<(String, u64, Arc<Prepared>)>,
+    decoded: VecDeque<(String, u64, Arc<Drawable>)>,
 }
 
 /// All steps of the current run.
@@ -259,16 +259,16 @@ impl Store {
     ///
     /// # Errors
     /// If it is not held or damaged.
-    pub fn prepared(&self, step: u64) -> Result<Arc<Prepared>, StoreError> {
+    pub fn prepared(&self, step: u64) -> Result<Arc<Drawable>, StoreError> {
         let run_id = self.run().map(|r| r.id).unwrap_or_default();
-        let is_it = |(run, number, _): &&(String, u64, Arc<Prepared>)| *run == run_id && *number == step;
+        let is_it = |(run, number, _): &&(String, u64, Arc<Drawable>)| *run == run_id && *number == step;
         if let Some((_, _, shown)) = self.state().decoded.iter().find(is_it) {
             return Ok(shown.clone());
         }
         let bytes = self.encoded(step)?;
         let decoded =
             lamina_codec::decode_any(&bytes, &self.limits).map_err(|reason| StoreError::Damaged { step, reason })?;
-        let shown = Arc::new(Prepared::new(decoded));
+        let shown = Arc::new(Drawable::new(decoded));
         let mut state = self.state();
         if state.run.as_ref().is_none_or(|r| r.id != run_id) {
             // Another run began meanwhile; these bytes may be of either.

@@ -209,7 +209,7 @@ async fn image(State(web): State<Web>, Query(query): Query<ImageQuery>) -> Respo
     };
     let Some(step) = step else { return (StatusCode::NOT_FOUND, "no step yet").into_response() };
     let (zoom, size) = (query.zoom, query.size);
-    let detail = if query.draft { Detail::Nearest } else { Detail::Blended };
+    let detail = if query.draft { Detail::Nearest } else { Detail::Cubic };
     let orbit = Orbit { azimuth_deg: query.azimuth, elevation_deg: query.elevation, zoom, size, detail };
     let points = match query.points.as_deref().map(serde_json::from_str::<Vec<ControlPoint>>).transpose() {
         Ok(points) => points,

@@ -71,8 +71,8 @@ pub struct Generate {
     /// Byte layout: columns, or the paper's plain records
     #[arg(long, default_value = "columns")]
     pub layout: LayoutName,
-    /// What makes a VDI small: mixed (contexts of neighbouring rays), bzip2, or zstd in a sixth of the time [default: mixed; bzip2
-    /// for the plain layout]
+    /// What makes a VDI small: context-mixing (of neighboring rays), bzip2, or zstd in a sixth of the time [default:
+    /// context-mixing; bzip2 for the plain layout]
     #[arg(long, value_name = "NAME", hide_possible_values = true)]
     pub codec: Option<CodecName>,
     /// Where to write it
@@ -88,7 +88,7 @@ pub enum LayoutName {
 
 #[derive(Clone, Copy, ValueEnum, PartialEq)]
 pub enum CodecName {
-    Mixed,
+    ContextMixing,
     Bzip2,
     Zstd,
 }

@@ -100,8 +100,7 @@ impl<'a> Product<'a> {
                 decoded
             };
             let size = self.views.size();
-            let draw =
-                || Ok(self.backends.1.render_vdi(&prepared, self.views.middle(), size, size, Detail::Blended)?);
+            let draw = || Ok(self.backends.1.render_vdi(&prepared, self.views.middle(), size, size, Detail::Cubic)?);
             trial.drawing.push(timed(draw)?.1);
         }
         self.trials.insert(params.key(), trial);
@@ -112,7 +111,7 @@ impl<'a> Product<'a> {
     fn through_codec(&self, value: f64, vdi: &Vdi) -> anyhow::Result<(PreparedVdi, Shot)> {
         let (bytes, time) = timed(|| Ok(lamina_codec::encode(vdi, &EncodeOptions::default())?))?;
         let decoded = PreparedVdi::new(Arc::new(lamina_codec::decode(&bytes, &DecodeLimits::default())?));
-        let (point, seen) = self.seen(value, &decoded, Detail::Blended)?;
+        let (point, seen) = self.seen(value, &decoded, Detail::Cubic)?;
         let (encode_ms, size_bytes) = (Some(1e3 * time.as_secs_f64()), Some(bytes.len() as u64));
         Ok((decoded, (Point { encode_ms, size_bytes, params: Some(vdi.header().params), ..point }, seen)))
     }
@@ -157,7 +156,7 @@ impl<'a> Product<'a> {
         if bits <= 8 {
             self.encoded(bits.into(), &rounded)
         } else {
-            self.seen(bits.into(), &PreparedVdi::new(&rounded), Detail::Blended)
+            self.seen(bits.into(), &PreparedVdi::new(&rounded), Detail::Cubic)
         }
     }
 
@@ -181,7 +180,7 @@ impl<'a> Product<'a> {
                 let mut cast = Vec::new();
                 for camera in &cameras {
                     drawn.extend_from_slice(
-                        self.backends.1.render_vdi(vdi, camera, size, size, Detail::Blended)?.pixels(),
+                        self.backends.1.render_vdi(vdi, camera, size, size, Detail::Cubic)?.pixels(),
                     );
                     cast.extend_from_slice(self.backends.0.raycast(self.field, camera, size, size)?.pixels());
                 }

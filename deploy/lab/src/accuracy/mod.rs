@@ -112,7 +112,7 @@ fn visible(volume: &Volume, scene: &Scene) -> anyhow::Result<Field> {
     let finite = (0..voxels.len()).any(|n| voxels.get(n).is_finite());
     ensure!(finite, "no voxel is a finite number: there is nothing to measure");
     let field = prepare(volume.clone(), scene);
-    let empty = field.skip().distances().iter().all(|&d| d > 0);
+    let empty = field.empty_space().distances().iter().all(|&d| d > 0);
     ensure!(!empty, "the scene's transfer function leaves all of this volume transparent: there is nothing to measure");
     Ok(field)
 }

@@ -53,7 +53,7 @@ pub fn blended(product: &Product, base: &GenerationParams) -> anyhow::Result<Cur
         let (point, seen) = product.drawn(rays, &vdi, detail)?;
         Ok((Point { params: Some(*base), ..point }, seen))
     };
-    let shots = [(1.0, Detail::Nearest), (12.0, Detail::Blended)].map(shot).into_iter();
+    let shots = [(1.0, Detail::Nearest), (12.0, Detail::Cubic)].map(shot).into_iter();
     Ok(curve(sweeps::BLENDED, shots.collect::<anyhow::Result<Vec<Shot>>>()?))
 }
 

@@ -114,7 +114,7 @@ fn viewer_round(clock: &mut Clock, bytes: &[u8], sizes: &[u32]) -> anyhow::Resul
     let (camera, viewer) = (vdi.header().camera.rotated_about_y(NOVEL_ANGLE_DEG)?, viz::Backend::default());
     for &size in sizes {
         clock.time(format!("render {r} at {size}"), || prepared.render(&camera, size, size))?;
-        let blended = || viewer.render_vdi(&prepared, &camera, size, size, Detail::Blended);
+        let blended = || viewer.render_vdi(&prepared, &camera, size, size, Detail::Cubic);
         clock.time(format!("blend {r} at {size}"), blended)?;
     }
     Ok(())

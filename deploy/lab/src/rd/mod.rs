@@ -18,7 +18,7 @@ use lamina_raycast::{Backend, Field, most_points};
 use lamina_report::numbers::significant;
 use lamina_report::panel::{CLASSES, PlotLine, file, panel};
 use lamina_tuner::units::show_bytes;
-use lamina_vdi_render::{self as viz, Detail, Prepared};
+use lamina_vdi_render::{self as viz, Detail, Drawable};
 use std::fmt::Write;
 use std::path::Path;
 use std::time::Instant;
@@ -36,12 +36,12 @@ const QUOTED_DB: [f64; 3] = [36.0, 40.0, 44.0];
 const VDI_CODINGS: [(&str, Segmentation, EncodeOptions, Detail); 5] = [
     ("VDI, plain", Segmentation::Greedy, PLAIN, Detail::Nearest),
     ("VDI, columns", Segmentation::Greedy, EncodeOptions::BZIP2, Detail::Nearest),
-    ("VDI, blended", Segmentation::Greedy, EncodeOptions::BZIP2, Detail::Blended),
-    ("VDI, fitted", Segmentation::Fitted, EncodeOptions::BZIP2, Detail::Blended),
-    ("VDI, mixed", Segmentation::Fitted, MIXED, Detail::Blended),
+    ("VDI, blended", Segmentation::Greedy, EncodeOptions::BZIP2, Detail::Cubic),
+    ("VDI, fitted", Segmentation::Fitted, EncodeOptions::BZIP2, Detail::Cubic),
+    ("VDI, context mixing", Segmentation::Fitted, CONTEXT_MIXING, Detail::Cubic),
 ];
 const PLAIN: EncodeOptions = EncodeOptions { codec: Codec::Bzip2, layout: Layout::Plain };
-const MIXED: EncodeOptions = EncodeOptions { codec: Codec::Mixed, layout: Layout::Columns };
+const CONTEXT_MIXING: EncodeOptions = EncodeOptions { codec: Codec::ContextMixing, layout: Layout::Columns };
 
 /// Volumes of all sample points: in the tables only, as their curve lies on that of all volumes.
 const WHOLE: &str = "volume, whole";
@@ -63,7 +63,7 @@ struct Bench {
 }
 
 impl Bench {
-    fn psnr_db(&self, shown: &Prepared, detail: Detail) -> anyhow::Result<f64> {
+    fn psnr_db(&self, shown: &Drawable, detail: Detail) -> anyhow::Result<f64> {
         Ok(self.viewer.quality(shown, &self.reference, 0..self.reference.plan.batches, detail)?.psnr_db())
     }
 
@@ -87,7 +87,7 @@ impl Bench {
         let psnr_db = match seen {
             Some(seen) if seen.detail == detail && seen.decoded == decoded => seen.psnr_db,
             _ => {
-                let psnr_db = self.psnr_db(&Prepared::new(decoded.clone()), detail)?;
+                let psnr_db = self.psnr_db(&Drawable::new(decoded.clone()), detail)?;
                 *seen = Some(Seen { decoded, detail, psnr_db });
                 psnr_db
             }
@@ -133,7 +133,7 @@ impl Bench {
             let volumes = self.backend.represent_all(&self.field, &params, &BOUNDS, Segmentation::Fitted)?;
             let reduction_ms = start.elapsed().as_secs_f64() * 1e3;
             for volume in volumes {
-                let sample = self.sample(&volume, reduction_ms, &MIXED, Detail::Blended, &mut None)?;
+                let sample = self.sample(&volume, reduction_ms, &CONTEXT_MIXING, Detail::Cubic, &mut None)?;
                 if share == 1.0 {
                     results.curves[first].add(sample.clone());
                 }

@@ -5,7 +5,7 @@ use super::curve::{Curve, Sample};
 use anyhow::{Context, ensure};
 use lamina_model::{Volume, Voxels};
 use lamina_raycast::Field;
-use lamina_vdi_render::{Detail, Prepared};
+use lamina_vdi_render::{Detail, Drawable};
 use std::path::Path;
 
 /// First line of such a table. One of the last two is empty: a coding of pictures states its PSNR, one of volumes names the
@@ -34,7 +34,7 @@ pub fn curves(table: &Path, bench: &Bench) -> anyhow::Result<Vec<Curve>> {
             let bytes = std::fs::read(&path).with_context(|| format!("{}: cannot be read", path.display()))?;
             let voxels = Voxels::from_le_bytes(lamina_model::VoxelType::F32, &bytes);
             let volume = Volume::new(*bench.field.grid(), voxels).with_context(|| path.display().to_string())?;
-            bench.psnr_db(&Prepared::Volume(Box::new(Field::new(volume, bench.field.scene()))), Detail::Blended)?
+            bench.psnr_db(&Drawable::Volume(Box::new(Field::new(volume, bench.field.scene()))), Detail::Cubic)?
         };
         let bytes = bytes.parse().with_context(|| format!("{name}: bytes of \"{line}\""))?;
         let sample = Sample { bytes, psnr_db, how: how.to_owned(), times_ms: [f64::NAN; 3] };

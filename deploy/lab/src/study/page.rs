@@ -88,7 +88,7 @@ fn strip(m: &Measured, limits: &Limits) -> anyhow::Result<String> {
     for angle in ANGLES_DEG {
         let camera = m.trial.field().scene().camera.rotated_about_y(angle)?;
         let reference = Backend::cpu().raycast(m.trial.field(), &camera, PICTURE, PICTURE)?;
-        let drawn = viz::Backend::default().render(&shown, &camera, PICTURE, PICTURE, Detail::Blended)?;
+        let drawn = viz::Backend::default().render(&shown, &camera, PICTURE, PICTURE, Detail::Cubic)?;
         let image = |image: &lamina_model::Image, what: &str| -> anyhow::Result<String> {
             let data = STANDARD.encode(png(image)?);
             Ok(format!("<img src=\"data:image/png;base64,{data}\" alt=\"{what} at {angle} degrees\">"))

@@ -1,27 +1,27 @@
-//! Probabilities that learn, and the logistic domain, in which several of them are averaged to one.
+//! Adaptive bit models, and the logistic domain in which a mixer averages several of them.
 //!
 //! M. Mahoney, "Adaptive Weighing of Context Models for Lossless Data Compression", Florida Tech CS-2005-16, section 3.
-//! All arithmetic after the tables is on integers; the tables come from products and quotients of `f64` in a fixed
-//! order, so they are the same on every machine.
+//! Everything but the construction of the tables is integer arithmetic. The tables come from products and quotients of
+//! `f64` in a fixed order, so encoder and decoder hold the same tables on every machine.
 use super::range_coder::Coder;
 use std::sync::LazyLock;
 
-/// Units of ln(p / (1 - p)) = 1.
+/// Fixed-point scale of the logistic domain: ln(p / (1 - p)) = 1 is stored as 256.
 const UNIT: i32 = 256;
-/// Largest |ln(p / (1 - p))| in units.
+/// Largest |ln(p / (1 - p))| that is represented, in units of 1 / [`UNIT`].
 const LIMIT: i32 = 2047;
 
-/// The logistic function and its inverse as tables.
+/// Lookup tables of the logistic function (`squash`) and of its inverse (`stretch`).
 #[derive(Debug)]
-pub struct Tables {
+pub struct LogisticTables {
     squash: [u16; 2 * LIMIT as usize + 1],
     stretch: [i16; 4096],
 }
 
-impl Tables {
-    /// The tables, computed once.
+impl LogisticTables {
+    /// The tables, computed at the first call and shared from then on.
     pub fn get() -> &'static Self {
-        static TABLES: LazyLock<Tables> = LazyLock::new(Tables::new);
+        static TABLES: LazyLock<LogisticTables> = LazyLock::new(LogisticTables::new);
         &TABLES
     }
 
@@ -33,13 +33,13 @@ impl Tables {
         Self { squash, stretch }
     }
 
-    /// ln(p / (1 - p)) of a probability in 1/4096.
+    /// ln(p / (1 - p)), in units of 1 / [`UNIT`], of a probability in 1/4096.
     #[inline(always)]
     pub fn stretch(&self, probability: u32) -> i16 {
         self.stretch[(probability & 4095) as usize]
     }
 
-    /// The probability in 1/65536, 32..=65504, whose ln(p / (1 - p)) is `x`.
+    /// The probability in 1/65536, 32..=65504, whose ln(p / (1 - p)) is `x` (in units of 1 / [`UNIT`]).
     #[inline(always)]
     pub fn squash(&self, x: i32) -> u32 {
         u32::from(self.squash[(x.clamp(-LIMIT, LIMIT) + LIMIT) as usize])
@@ -49,7 +49,7 @@ impl Tables {
 /// e^(i / UNIT) for i in 0..=LIMIT, by repeated products of e^(1 / UNIT).
 fn powers() -> Vec<f64> {
     let step = 1.0 / f64::from(UNIT);
-    // The series of e^step.
+    // Taylor series of e^step, in Horner form.
     let root = 1.0 + step * (1.0 + step / 2.0 * (1.0 + step / 3.0 * (1.0 + step / 4.0)));
     std::iter::successors(Some(1.0), |power| Some(power * root)).take(LIMIT as usize + 1).collect()
 }
@@ -61,12 +61,12 @@ fn logistic(x: i32, powers: &[f64]) -> u16 {
     (share * 65536.0).clamp(32.0, 65504.0) as u16
 }
 
-/// The probability of one kind of decision, learnt from its past: the mean at first, later with a fixed rate. The
-/// highest 22 bits are the probability of a set bit, the lowest ten count decisions.
+/// Adaptive probability of one binary decision. At first it is the mean of the bits seen, later an exponential average
+/// with a fixed rate. The highest 22 bits hold the probability of a set bit, the lowest ten count the bits seen.
 #[derive(Debug, Clone, Copy)]
-pub struct Chance(u32);
+pub struct BitModel(u32);
 
-/// Rates by number of decisions: 16384 / (n + 1.5) / 2.
+/// Adaptation rate after n bits: 16384 / (n + 1.5) / 2.
 const RATES: [u16; 256] = rates();
 
 const fn rates() -> [u16; 256] {
@@ -78,16 +78,16 @@ const fn rates() -> [u16; 256] {
     rates
 }
 
-/// Decisions after which the rate of a single model stays.
-const SETTLED: u8 = 24;
+/// Bits after which the adaptation rate of a model that is used alone stays constant.
+const COUNT_LIMIT: u8 = 24;
 
-impl Default for Chance {
+impl Default for BitModel {
     fn default() -> Self {
         Self(1 << 31)
     }
 }
 
-impl Chance {
+impl BitModel {
     /// Probability of a set bit in 1/65536, 32..=65504.
     #[inline(always)]
     fn probability(self) -> u32 {
@@ -96,25 +96,25 @@ impl Chance {
 
     /// Probability of a set bit in 1/4096.
     #[inline(always)]
-    pub fn coarse(self) -> u32 {
+    pub fn probability_12bit(self) -> u32 {
         self.0 >> 20
     }
 
-    /// Moves the probability towards what was seen, at a rate that stays after so many decisions.
+    /// Moves the probability towards `bit`. The rate falls with each bit until `count_limit` of them were seen.
     #[inline(always)]
-    pub fn learn(&mut self, bit: bool, settled: u8) {
+    pub fn update(&mut self, bit: bool, count_limit: u8) {
         let count = (self.0 & 255) as u8;
         let goal = if bit { (1 << 22) - 1 } else { 0 };
         let change = ((goal - (self.0 >> 10) as i32) >> 3).wrapping_mul(i32::from(RATES[usize::from(count)]));
         let moved = self.0.wrapping_add_signed(change) & !1023;
-        self.0 = moved | u32::from(count + u8::from(count < settled));
+        self.0 = moved | u32::from(count + u8::from(count < count_limit));
     }
 }
 
-/// A decision by a single model.
+/// Codes or reads one bit with the probability of a single model, and updates the model. Returns the bit.
 #[inline]
-pub fn single<C: Coder>(coder: &mut C, model: &mut Chance, bit: bool) -> bool {
-    let bit = coder.at(model.probability(), bit);
-    model.learn(bit, SETTLED);
+pub fn code_bit<C: Coder>(coder: &mut C, model: &mut BitModel, bit: bool) -> bool {
+    let bit = coder.code_bit(model.probability(), bit);
+    model.update(bit, COUNT_LIMIT);
     bit
 }

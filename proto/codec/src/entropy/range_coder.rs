@@ -1,21 +1,22 @@
-//! A binary range coder whose interval is 64 bits wide, so that it is seldom widened, and then by four bytes at once.
+//! Binary range coder with a 64-bit interval, which is renormalized by four bytes at a time.
 //!
 //! G. N. N. Martin, "Range encoding: an algorithm for removing redundancy from a digitised message", Video & Data
-//! Recording Conference, 1979; a carry is added to the bytes that are already out.
+//! Recording Conference, 1979. Carries propagate into the bytes already written.
 
-/// What is coded or read: the one place where both differ.
+/// The operations that encoder and decoder have in common, so that one body of model code serves both: an encoder writes
+/// the value that is passed, a decoder ignores it and returns the value read.
 pub trait Coder {
-    /// Codes `bit`, which is set with `probability` in 1/65536 (32..=65504), or reads and returns the next one.
-    fn at(&mut self, probability: u32, bit: bool) -> bool;
+    /// Codes `bit`, whose probability of being set is `probability` in 1/65536 (32..=65504). Returns the bit.
+    fn code_bit(&mut self, probability: u32, bit: bool) -> bool;
 
-    /// Codes the lowest `count` bits of `number`, at most 16, all as likely, or reads them.
-    fn even(&mut self, count: u32, number: u32) -> u32;
+    /// Codes the lowest `count` (at most 16) bits of `number` as equally likely values. Returns them.
+    fn code_uniform(&mut self, count: u32, number: u32) -> u32;
 }
 
-/// The interval is widened when it is narrower.
-const NARROW: u64 = 1 << 32;
+/// A narrower interval is renormalized.
+const MIN_RANGE: u64 = 1 << 32;
 
-/// Codes decisions into bytes.
+/// Range encoder: codes bits into a byte vector.
 #[derive(Debug)]
 pub struct Encoder {
     low: u64,
@@ -30,15 +31,15 @@ impl Default for Encoder {
 }
 
 impl Encoder {
-    /// The part of the interval that starts at `start` and is `range` wide.
+    /// Replaces the interval by its part that begins `start` above its lower end and is `range` wide.
     #[inline(always)]
-    fn narrow(&mut self, start: u64, range: u64) {
+    fn select_interval(&mut self, start: u64, range: u64) {
         let (low, carry) = self.low.overflowing_add(start);
         (self.low, self.range) = (low, range);
         if carry {
             self.carry();
         }
-        if self.range < NARROW {
+        if self.range < MIN_RANGE {
             self.out.extend_from_slice(&((self.low >> 32) as u32).to_be_bytes());
             self.low <<= 32;
             self.range <<= 32;
@@ -55,9 +56,9 @@ impl Encoder {
         }
     }
 
-    /// The bytes of all decisions so far.
+    /// Ends the stream and returns the bytes of all bits coded.
     pub fn finish(mut self) -> Vec<u8> {
-        // The shortest number inside the interval; what a decoder reads beyond the end are zeros.
+        // Choose the number inside the interval with the most trailing zero bytes: a decoder reads zeros beyond the end.
         for zeros in (0..64).step_by(8).rev() {
             let below = (1_u64 << zeros) - 1;
             let up = (below - (self.low & below)).wrapping_add(1) & below;
@@ -78,58 +79,58 @@ impl Encoder {
 
 impl Coder for Encoder {
     #[inline(always)]
-    fn at(&mut self, probability: u32, bit: bool) -> bool {
+    fn code_bit(&mut self, probability: u32, bit: bool) -> bool {
         let split = (self.range >> 16) * u64::from(probability);
         if bit {
-            self.narrow(0, split)
+            self.select_interval(0, split)
         } else {
-            self.narrow(split, self.range - split)
+            self.select_interval(split, self.range - split)
         }
         bit
     }
 
     #[inline]
-    fn even(&mut self, count: u32, number: u32) -> u32 {
+    fn code_uniform(&mut self, count: u32, number: u32) -> u32 {
         let part = self.range >> count;
         let number = number & ((1 << count) - 1);
-        self.narrow(part * u64::from(number), part);
+        self.select_interval(part * u64::from(number), part);
         number
     }
 }
 
-/// Reads decisions back. Bytes cut short read as zeros.
+/// Range decoder. Reads zeros beyond the end of its bytes.
 #[derive(Debug)]
 pub struct Decoder<'a> {
-    /// Where in the interval the bytes are.
+    /// Position of the coded number within the interval.
     code: u64,
     range: u64,
     bytes: &'a [u8],
 }
 
 impl<'a> Decoder<'a> {
-    /// Starts at the first decision in `bytes`.
+    /// A decoder at the first bit of `bytes`.
     pub fn new(bytes: &'a [u8]) -> Self {
         let mut decoder = Self { code: 0, range: u64::MAX, bytes };
-        decoder.code = decoder.four() << 32 | decoder.four();
+        decoder.code = decoder.next_word() << 32 | decoder.next_word();
         decoder
     }
 
     #[inline(always)]
-    fn four(&mut self) -> u64 {
-        if let Some((four, rest)) = self.bytes.split_first_chunk() {
+    fn next_word(&mut self) -> u64 {
+        if let Some((word, rest)) = self.bytes.split_first_chunk() {
             self.bytes = rest;
-            return u64::from(u32::from_be_bytes(*four));
+            return u64::from(u32::from_be_bytes(*word));
         }
-        let mut four = [0; 4];
-        four[..self.bytes.len()].copy_from_slice(self.bytes);
+        let mut word = [0; 4];
+        word[..self.bytes.len()].copy_from_slice(self.bytes);
         self.bytes = &[];
-        u64::from(u32::from_be_bytes(four))
+        u64::from(u32::from_be_bytes(word))
     }
 
     #[inline(always)]
-    fn widen(&mut self) {
-        if self.range < NARROW {
-            self.code = self.code << 32 | self.four();
+    fn renormalize(&mut self) {
+        if self.range < MIN_RANGE {
+            self.code = self.code << 32 | self.next_word();
             self.range <<= 32;
         }
     }
@@ -137,7 +138,7 @@ impl<'a> Decoder<'a> {
 
 impl Coder for Decoder<'_> {
     #[inline(always)]
-    fn at(&mut self, probability: u32, _: bool) -> bool {
+    fn code_bit(&mut self, probability: u32, _: bool) -> bool {
         let split = (self.range >> 16) * u64::from(probability);
         let bit = self.code < split;
         if bit {
@@ -146,18 +147,18 @@ impl Coder for Decoder<'_> {
             self.code -= split;
             self.range -= split;
         }
-        self.widen();
+        self.renormalize();
         bit
     }
 
     #[inline]
-    fn even(&mut self, count: u32, _: u32) -> u32 {
+    fn code_uniform(&mut self, count: u32, _: u32) -> u32 {
         let part = self.range >> count;
-        // Garbage may lie beyond the last part.
+        // Corrupt bytes may point beyond the last part.
         let number = (self.code / part).min((1 << count) - 1);
         self.code -= number * part;
         self.range = part;
-        self.widen();
+        self.renormalize();
         number as u32
     }
 }
@@ -182,15 +183,15 @@ mod tests {
             let decisions = decisions(n);
             let mut encoder = Encoder::default();
             for &(probability, bit, number) in &decisions {
-                encoder.at(probability, bit);
-                encoder.even(number % 17, number);
+                encoder.code_bit(probability, bit);
+                encoder.code_uniform(number % 17, number);
             }
             let bytes = encoder.finish();
             let mut decoder = Decoder::new(&bytes);
             for &(probability, bit, number) in &decisions {
-                assert_eq!(decoder.at(probability, false), bit);
+                assert_eq!(decoder.code_bit(probability, false), bit);
                 let count = number % 17;
-                assert_eq!(decoder.even(count, 0), number & ((1 << count) - 1));
+                assert_eq!(decoder.code_uniform(count, 0), number & ((1 << count) - 1));
             }
         }
     }
@@ -199,12 +200,12 @@ mod tests {
     fn likely_decisions_take_few_bytes_and_carries_are_carried() {
         let mut encoder = Encoder::default();
         // Always the upper end of the interval, where carries arise.
-        (0..10_000).for_each(|_| _ = encoder.at(32, false));
-        encoder.even(16, 0xffff);
+        (0..10_000).for_each(|_| _ = encoder.code_bit(32, false));
+        encoder.code_uniform(16, 0xffff);
         let bytes = encoder.finish();
         assert!(bytes.len() < 16, "{} bytes", bytes.len());
         let mut decoder = Decoder::new(&bytes);
-        assert!((0..10_000).all(|_| !decoder.at(32, true)));
-        assert_eq!(decoder.even(16, 0), 0xffff);
+        assert!((0..10_000).all(|_| !decoder.code_bit(32, true)));
+        assert_eq!(decoder.code_uniform(16, 0), 0xffff);
     }
 }

@@ -1,13 +1,13 @@
-//! The column layout: depths as integer differences, in byte planes; colour, opacity and length side by side.
+//! Column layout of a VDI: depths as integer differences in byte planes; color, opacity and low length byte interleaved.
 //!
-//! Measured on marched supernova, engine, heptane and dark-matter volumes: straight colours come from a curve, the transfer
-//! function, so a few hundred to a few thousand distinct ones recur. A column a channel hides that from bzip2 and takes
-//! 1.6 to 1.9 times the bytes, differences to neighbours take more still; so the codes stay as they are, beside the length
-//! that their opacity depends on.
+//! Measured on VDIs of supernova, engine, heptane and dark-matter volumes: straight colors lie on the curve of the transfer
+//! function, so a few hundred to a few thousand distinct ones recur. One column per channel hides that from bzip2 and takes
+//! 1.6 to 1.9 times the bytes; differences to neighbors take still more. So the codes are stored as they are, next to the
+//! length, with which opacity correlates.
 
 use super::header::Contents;
 use super::quantize;
-use super::sections::{Section, Shape};
+use super::sections::{Section, SectionShape};
 use crate::error::{CodecError, invalid};
 use lamina_model::{Vdi, VdiHeader};
 
@@ -15,22 +15,22 @@ use lamina_model::{Vdi, VdiHeader};
 const BODY_BYTES: usize = 5;
 
 /// Sections of the column layout, in file order.
-pub(super) fn shapes(contents: &Contents) -> [Shape; 5] {
+pub(super) fn shapes(contents: &Contents) -> [SectionShape; 5] {
     let rays = u64::from(contents.header.header.params.resolution()).pow(2);
     let (segments, occupied) = (u64::from(contents.header.segments), u64::from(contents.occupied_rays));
-    let integers = |name, elements| Shape { name, elements, widths: 0..=4 };
+    let integers = |name, elements| SectionShape { name, elements, widths: 0..=4 };
     [
         integers("counts", rays),
         integers("first starts", occupied),
         integers("gaps", segments - occupied),
         integers("high length bytes", segments),
-        Shape { name: "bodies", elements: segments, widths: BODY_BYTES as u8..=BODY_BYTES as u8 },
+        SectionShape { name: "bodies", elements: segments, widths: BODY_BYTES as u8..=BODY_BYTES as u8 },
     ]
 }
 
 pub(super) fn write(vdi: &Vdi) -> Vec<Section> {
     let n = vdi.segments().len();
-    let (mut counts, mut firsts) = (Differences::default(), Differences::default());
+    let (mut counts, mut firsts) = (DeltaEncoder::default(), DeltaEncoder::default());
     let (mut gaps, mut highs) = (Vec::with_capacity(n), Vec::with_capacity(n));
     let mut bodies = Vec::with_capacity(BODY_BYTES * n);
     let codes = quantize::codes(vdi);
@@ -65,10 +65,10 @@ pub(super) fn read(sections: &[Section], contents: &Contents) -> Result<Vdi, Cod
     };
     let (segment_count, occupied) = (contents.header.segments as usize, contents.occupied_rays as usize);
     let rays = (contents.header.header.params.resolution() as usize).pow(2);
-    let offsets = read_offsets(&Planes::new(counts, rays), contents)?;
-    let (firsts, gaps) = (Planes::new(firsts, occupied), Planes::new(gaps, segment_count - occupied));
-    let highs = Planes::new(highs, segment_count);
-    let (mut firsts, mut gaps, mut first) = (firsts.iter(), gaps.iter(), Sums::default());
+    let offsets = read_offsets(&BytePlanes::new(counts, rays), contents)?;
+    let (firsts, gaps) = (BytePlanes::new(firsts, occupied), BytePlanes::new(gaps, segment_count - occupied));
+    let highs = BytePlanes::new(highs, segment_count);
+    let (mut firsts, mut gaps, mut first) = (firsts.iter(), gaps.iter(), DeltaDecoder::default());
     let mut segments = Vec::with_capacity(segment_count);
     for w in offsets.windows(2) {
         let mut depth = 0;
@@ -76,7 +76,7 @@ pub(super) fn read(sections: &[Section], contents: &Contents) -> Result<Vdi, Cod
             let skipped = if k == w[0] { firsts.next().and_then(|d| first.next(d)) } else { gaps.next() };
             let body = &bodies.bytes[BODY_BYTES * k as usize..][..BODY_BYTES];
             let length = u64::from(highs.get(k as usize)) << 8 | u64::from(body[4]);
-            let Some((start, end)) = skipped.and_then(|s| place(depth, s, length)) else {
+            let Some((start, end)) = skipped.and_then(|s| segment_range(depth, s, length)) else {
                 return Err(invalid(format!("supersegment {k} ends beyond {} steps", VdiHeader::MAX_STEPS)));
             };
             depth = end;
@@ -86,16 +86,17 @@ pub(super) fn read(sections: &[Section], contents: &Contents) -> Result<Vdi, Cod
     Ok(Vdi::new(contents.header.header, offsets, segments)?)
 }
 
-/// Start and end of a supersegment `skipped` steps behind `depth`, `length` + 1 steps long.
-fn place(depth: u32, skipped: u32, length: u64) -> Option<(u32, u32)> {
+/// Start and end of a supersegment that begins `skipped` steps behind `depth` and is `length` + 1 steps long; `None` if it
+/// ends beyond [`VdiHeader::MAX_STEPS`].
+fn segment_range(depth: u32, skipped: u32, length: u64) -> Option<(u32, u32)> {
     let start = u64::from(depth) + u64::from(skipped);
     let end = start + length + 1;
     (end <= u64::from(VdiHeader::MAX_STEPS)).then_some((start as u32, end as u32))
 }
 
-fn read_offsets(counts: &Planes, contents: &Contents) -> Result<Vec<u32>, CodecError> {
+fn read_offsets(counts: &BytePlanes, contents: &Contents) -> Result<Vec<u32>, CodecError> {
     let mut offsets = Vec::with_capacity(counts.len + 1);
-    let (mut sums, mut occupied, mut end) = (Sums::default(), 0, 0_u32);
+    let (mut sums, mut occupied, mut end) = (DeltaDecoder::default(), 0, 0_u32);
     offsets.push(0);
     for difference in counts.iter() {
         let count = sums.next(difference);
@@ -115,16 +116,15 @@ fn read_offsets(counts: &Planes, contents: &Contents) -> Result<Vec<u32>, CodecE
     Ok(offsets)
 }
 
-/// Differences of successive values, the first one's to 0, with the sign in the lowest bit (0, -1, 1, -2, .. become
-/// 0, 1, 2, 3, ..).
+/// Differences between successive values, the first one to 0, in zigzag code (0, -1, 1, -2, .. become 0, 1, 2, 3, ..).
 #[derive(Default)]
-struct Differences {
+struct DeltaEncoder {
     last: u32,
     values: Vec<u32>,
 }
 
-impl Differences {
-    /// `value` is at most [`VdiHeader::MAX_STEPS`], so that no difference overflows.
+impl DeltaEncoder {
+    /// Appends `value`, at most [`VdiHeader::MAX_STEPS`], so that no difference overflows.
     fn push(&mut self, value: u32) {
         let d = value as i32 - self.last as i32;
         self.values.push((d << 1 ^ d >> 31) as u32);
@@ -132,14 +132,14 @@ impl Differences {
     }
 }
 
-/// Undoes [`Differences`].
+/// Undoes [`DeltaEncoder`].
 #[derive(Default)]
-struct Sums {
+struct DeltaDecoder {
     last: u32,
 }
 
-impl Sums {
-    /// The next value; none if it is negative or beyond any depth.
+impl DeltaDecoder {
+    /// The next value; `None` if it is negative or above [`VdiHeader::MAX_STEPS`].
     fn next(&mut self, difference: u32) -> Option<u32> {
         let d = i64::from(difference >> 1) ^ -i64::from(difference & 1);
         let value = u32::try_from(i64::from(self.last) + d).ok().filter(|&v| v <= VdiHeader::MAX_STEPS)?;
@@ -148,7 +148,7 @@ impl Sums {
     }
 }
 
-/// All lowest bytes, then all second bytes, and so on, up to the highest byte in use.
+/// The lowest bytes of all values, then the second bytes of all, up to the highest byte that is not zero everywhere.
 fn byte_planes(values: &[u32]) -> Section {
     let all_bits = values.iter().fold(0, |bits, v| bits | v);
     let width = (32 - all_bits.leading_zeros()).div_ceil(8) as u8;
@@ -156,15 +156,15 @@ fn byte_planes(values: &[u32]) -> Section {
     Section { width, bytes: (0..width).flat_map(plane).collect() }
 }
 
-/// Integers in byte planes.
-struct Planes<'a> {
+/// Integers stored in byte planes.
+struct BytePlanes<'a> {
     width: usize,
     len: usize,
     bytes: &'a [u8],
 }
 
-impl<'a> Planes<'a> {
-    /// `section` holds `len` elements, as its shape demanded.
+impl<'a> BytePlanes<'a> {
+    /// The planes of `section`, whose shape was checked to hold `len` elements.
     fn new(section: &'a Section, len: usize) -> Self {
         Self { width: usize::from(section.width), len, bytes: &section.bytes }
     }

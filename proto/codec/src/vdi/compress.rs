@@ -1,5 +1,5 @@
-//! The byte compressors. Every block is compressed alone, so that all cores take part and a reader knows, before it
-//! decompresses, exactly how many bytes must come out; a block that yields more or fewer is refused.
+//! Byte compressors. Every block is compressed on its own, so that all cores take part and a reader knows the decompressed
+//! size in advance; a block that yields more or fewer bytes is refused.
 
 use super::Codec;
 use crate::error::CodecError;
@@ -9,31 +9,31 @@ use std::io::{self, Read, Write};
 /// this size fill its block and never spill a few bytes into a second.
 pub(super) const BLOCK_BYTES: usize = 899_900;
 
-/// 1 to 22. Level 3 is zstd's own default; level 9 takes four times as long for 7 to 13 percent less.
+/// zstd's default level, of 1 to 22; level 9 takes four times as long for 7 to 13 percent less.
 const ZSTD_LEVEL: i32 = 3;
 
-/// A codec that takes bytes.
+/// A general-purpose compressor.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Bytewise {
+pub(super) enum ByteCompressor {
     Bzip2,
     Zstd,
 }
 
-impl Bytewise {
-    /// `codec`, if it takes bytes.
+impl ByteCompressor {
+    /// The compressor of `codec`; `None` for a codec that does not work on bytes.
     pub fn of(codec: Codec) -> Option<Self> {
         match codec {
             Codec::Bzip2 => Some(Self::Bzip2),
             Codec::Zstd => Some(Self::Zstd),
-            Codec::Mixed => None,
+            Codec::ContextMixing => None,
         }
     }
 }
 
-pub(super) fn compress(codec: Bytewise, block: &[u8]) -> Result<Vec<u8>, CodecError> {
+pub(super) fn compress(codec: ByteCompressor, block: &[u8]) -> Result<Vec<u8>, CodecError> {
     match codec {
-        Bytewise::Bzip2 => bzip2_block(block),
-        Bytewise::Zstd => zstd::bulk::compress(block, ZSTD_LEVEL),
+        ByteCompressor::Bzip2 => bzip2_block(block),
+        ByteCompressor::Zstd => zstd::bulk::compress(block, ZSTD_LEVEL),
     }
     .map_err(CodecError::Compress)
 }
@@ -44,16 +44,16 @@ fn bzip2_block(block: &[u8]) -> io::Result<Vec<u8>> {
     encoder.finish()
 }
 
-/// Fills `raw` from `packed`, which must hold just that many bytes.
-pub(super) fn decompress(codec: Bytewise, packed: &[u8], raw: &mut [u8]) -> io::Result<()> {
+/// Decompresses `packed` into `raw`, which it must fill exactly.
+pub(super) fn decompress(codec: ByteCompressor, packed: &[u8], raw: &mut [u8]) -> io::Result<()> {
     let whole = match codec {
-        Bytewise::Bzip2 => {
+        ByteCompressor::Bzip2 => {
             let mut decoder = bzip2::bufread::BzDecoder::new(packed);
             decoder.read_exact(raw)?;
-            // Reading on checks the stream's own end mark, and that nothing is left on either side.
+            // One more read verifies the end mark of the stream and that nothing is left on either side.
             decoder.read(&mut [0])? == 0 && decoder.into_inner().is_empty()
         }
-        Bytewise::Zstd => zstd::bulk::decompress_to_buffer(packed, raw)? == raw.len(),
+        ByteCompressor::Zstd => zstd::bulk::decompress_to_buffer(packed, raw)? == raw.len(),
     };
     if whole { Ok(()) } else { Err(io::Error::new(io::ErrorKind::InvalidData, "it holds another number of bytes")) }
 }

@@ -1,7 +1,7 @@
-//! The header: fields in order, fixed-size little-endian integers and floats. The only module that names bincode.
+//! Header of a VDI: fixed-size little-endian integers and floats in a fixed order. The only module that uses bincode.
 //!
-//! Its own plain struct, so that a change to a model type cannot silently change the bytes. `proto/formats/vdi.md` lists the
-//! fields; the golden bytes in the tests hold both to it.
+//! It has a plain struct of its own, so that a change to a model type cannot silently change the bytes. `proto/formats/vdi.md`
+//! lists the fields; golden bytes in the tests pin both.
 
 use super::{Codec, EncodedHeader, Layout};
 use crate::error::{CodecError, invalid};
@@ -36,7 +36,7 @@ struct HeaderFields {
     occupied_rays: u32,
 }
 
-/// What the header says of the lists behind it.
+/// The header, with the number of occupied rays.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Contents {
     pub header: EncodedHeader,
@@ -80,8 +80,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<Contents, CodecError> {
     if consumed != bytes.len() {
         return Err(invalid(format!("its header claims {} bytes and has {consumed}", bytes.len())));
     }
-    let codec = Codec::from_id(fields.codec)
-        .ok_or_else(|| invalid(format!("its codec {} is none of 0 (bzip2), 1 (zstd) and 2 (mixed)", fields.codec)))?;
+    let codec = Codec::from_id(fields.codec).ok_or_else(|| {
+        invalid(format!("its codec {} is none of 0 (bzip2), 1 (zstd) and 2 (context-mixing)", fields.codec))
+    })?;
     let layout = Layout::from_id(fields.layout)
         .ok_or_else(|| invalid(format!("its layout {} is neither 0 (columns) nor 1 (plain)", fields.layout)))?;
     let (segments, occupied_rays) = (fields.segments, fields.occupied_rays);

@@ -1,11 +1,11 @@
-//! The VDI codec: a versioned header, rays by [`context`], or depth and colour columns by a byte compressor, a checksum.
+//! VDI codec: a versioned header, then rays by context mixing ([`context`]) or columns by a byte compressor, then a checksum.
 //!
-//! `proto/formats/vdi.md` is the format's definition, byte by byte; `read_vdi.py` of the test suites
-//! is written from that page alone and compared with this module. Depths come back exactly; colours and opacities are
-//! rounded once, to 8 bits or fewer as gamma allows ([`quantize`]), and encoding what was decoded gives the same bytes.
+//! `proto/formats/vdi.md` defines the format byte by byte; `tests/read_vdi.py` is written from that page alone and compared
+//! with this module. Depths are lossless; colors and opacities are rounded once, to 8 bits or fewer as gamma allows
+//! ([`quantize()`]), and encoding a decoded VDI again gives the same bytes.
 //!
-//! [`decode`] takes bytes from anyone: every claim is checked against the limits and the other claims before memory is
-//! set aside for it, and no block decompresses to more than its section says.
+//! [`decode`] accepts untrusted bytes: every stated size is checked against the limits and the other sizes before memory is
+//! allocated for it, and no block decompresses to more than its section states.
 
 mod columns;
 mod compress;
@@ -21,27 +21,27 @@ pub use quantize::quantize;
 use crate::envelope::{CRC_BYTES, checked_body, take_version, too_short};
 use crate::error::{self, CodecError};
 use crate::limits::DecodeLimits;
-use compress::Bytewise;
+use compress::ByteCompressor;
 use header::Contents;
 use lamina_model::{Invalid, Supersegment, Vdi, VdiHeader};
 
-/// First bytes of every file.
+/// First bytes of every encoded VDI.
 const MAGIC: [u8; 4] = *b"LVDI";
-/// The newest version read.
+/// The newest format version that is read.
 const NEWEST: u16 = 3;
-/// Magic, version, and the header's length.
+/// Bytes of magic, version, and header length.
 const PREAMBLE_BYTES: usize = 8;
 
-/// What makes it small.
+/// Compression method of a VDI.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Codec {
-    /// What the paper's sizes are compared with. Level 9.
+    /// bzip2 at level 9, which published sizes are compared with.
     Bzip2,
-    /// Many times faster and larger. Level 3.
+    /// zstd at level 3: many times faster than bzip2, larger files.
     Zstd,
-    /// Smallest: each ray in the context of those beside it ([`context`]), not as bytes.
+    /// The smallest: context mixing of neighboring rays, not of bytes.
     #[default]
-    Mixed,
+    ContextMixing,
 }
 
 impl Codec {
@@ -49,30 +49,30 @@ impl Codec {
         match self {
             Self::Bzip2 => 0,
             Self::Zstd => 1,
-            Self::Mixed => 2,
+            Self::ContextMixing => 2,
         }
     }
 
-    /// The version of the format that it came with.
+    /// The format version that introduced it.
     fn version(self) -> u16 {
         match self {
             Self::Bzip2 | Self::Zstd => 1,
-            Self::Mixed => 3,
+            Self::ContextMixing => 3,
         }
     }
 
     fn from_id(id: u8) -> Option<Self> {
-        [Self::Bzip2, Self::Zstd, Self::Mixed].into_iter().find(|c| c.id() == id)
+        [Self::Bzip2, Self::Zstd, Self::ContextMixing].into_iter().find(|c| c.id() == id)
     }
 }
 
-/// How supersegments are laid out before compression.
+/// Arrangement of supersegments before compression by a byte compressor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Layout {
-    /// Depths as integer differences in byte planes; opacity on a scale that suits both ends.
+    /// Depths as integer differences in byte planes; opacity codes that are fine near transparent and near opaque.
     #[default]
     Columns,
-    /// The paper's: records of two float depths and RGBA, for comparison. Opacity on a linear scale.
+    /// The paper's records of two float depths and RGBA, for comparison; opacity codes are linear.
     Plain,
 }
 
@@ -89,48 +89,48 @@ impl Layout {
     }
 }
 
-/// What an encoder may choose.
+/// Options of an encoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct EncodeOptions {
-    /// What makes it small.
+    /// Compression method.
     pub codec: Codec,
-    /// What is compressed; [`Codec::Mixed`] knows [`Layout::Columns`] only.
+    /// Arrangement; [`Codec::ContextMixing`] takes [`Layout::Columns`] only.
     pub layout: Layout,
 }
 
 impl EncodeOptions {
-    /// What the paper's sizes are compared with: columns by bzip2.
+    /// Columns compressed by bzip2, which published sizes are compared with.
     pub const BZIP2: Self = Self { codec: Codec::Bzip2, layout: Layout::Columns };
 
-    /// The same, if they go together.
+    /// These options, if the codec supports the layout.
     ///
     /// # Errors
-    /// Names what does not.
+    /// If it does not.
     pub fn check(self) -> Result<Self, Invalid> {
-        if self.codec == Codec::Mixed && self.layout == Layout::Plain {
-            return Err(Invalid::new("codec", "mixed knows no plain layout; give bzip2 or zstd for that"));
+        if self.codec == Codec::ContextMixing && self.layout == Layout::Plain {
+            return Err(Invalid::new("codec", "context-mixing has no plain layout; give bzip2 or zstd for that"));
         }
         Ok(self)
     }
 }
 
-/// What can be told of an encoded VDI without decompressing it.
+/// What can be read from an encoded VDI without decompressing it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EncodedHeader {
-    /// Where its rays and depths lie.
+    /// Camera, box and step length.
     pub header: VdiHeader,
-    /// What made it small.
+    /// Compression method.
     pub codec: Codec,
-    /// What is compressed.
+    /// Arrangement of supersegments.
     pub layout: Layout,
     /// Number of supersegments.
     pub segments: u32,
 }
 
-/// Encodes a VDI, on all cores. Colours and opacities are rounded as [`quantize`] says, in [`Layout::Plain`] to 8 bits.
+/// Encodes a VDI, on all cores. Colors and opacities are rounded as [`quantize()`] does, under [`Layout::Plain`] to 8 bits.
 ///
 /// # Errors
-/// If the options do not [go together](EncodeOptions::check), or [`Layout::Plain`] is asked for and its 32-bit floats cannot hold the depths, or a compressor fails.
+/// If the codec does not support the layout, a compressor fails, or [`Layout::Plain`] cannot hold the depths in 32-bit floats.
 pub fn encode(vdi: &Vdi, options: &EncodeOptions) -> Result<Vec<u8>, CodecError> {
     let EncodeOptions { codec, layout } = options.check()?;
     let segments = vdi.segments().len() as u32;
@@ -141,7 +141,7 @@ pub fn encode(vdi: &Vdi, options: &EncodeOptions) -> Result<Vec<u8>, CodecError>
     bytes.extend(codec.version().to_le_bytes());
     bytes.extend((head.len() as u16).to_le_bytes());
     bytes.extend(head);
-    match (Bytewise::of(codec), layout) {
+    match (ByteCompressor::of(codec), layout) {
         (None, _) => bytes.extend(rays::write(vdi)),
         (Some(compressor), Layout::Columns) => sections::write(&columns::write(vdi), compressor, &mut bytes)?,
         (Some(compressor), Layout::Plain) => sections::write(&plain::write(vdi)?, compressor, &mut bytes)?,
@@ -150,22 +150,22 @@ pub fn encode(vdi: &Vdi, options: &EncodeOptions) -> Result<Vec<u8>, CodecError>
     Ok(bytes)
 }
 
-/// Decodes a VDI, on all cores. `bytes` must be one whole encoded VDI and nothing else.
+/// Decodes a VDI, on all cores. `bytes` must be exactly one encoded VDI.
 ///
 /// # Errors
-/// If it is no VDI, a newer one, damaged, larger than `limits`, or contradicts itself.
+/// If the bytes are not a VDI, of a newer version, damaged, larger than `limits`, or contradict themselves.
 pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<Vdi, CodecError> {
     let (version, contents, rest) = check(bytes, limits)?;
     let codec = contents.header.codec;
     if version == 2 {
-        return Err(error::invalid("it is of version 2, a draft that no release wrote; make it again"));
+        return Err(error::invalid("it is of version 2, a draft that no release wrote; generate it again"));
     }
     if codec.version() != version {
         return Err(error::invalid(format!("version {version} has no codec {}", codec.id())));
     }
-    match (Bytewise::of(codec), contents.header.layout) {
+    match (ByteCompressor::of(codec), contents.header.layout) {
         (None, Layout::Columns) => rays::read(rest, &contents),
-        (None, Layout::Plain) => Err(error::invalid("codec 2 knows no plain layout")),
+        (None, Layout::Plain) => Err(error::invalid("codec 2 has no plain layout")),
         (Some(compressor), Layout::Columns) => {
             columns::read(&sections::read(rest, compressor, &columns::shapes(&contents))?, &contents)
         }
@@ -175,15 +175,15 @@ pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<Vdi, CodecError> {
     }
 }
 
-/// Passes bytes whose checksum, version, header and decoded size are right.
+/// Verifies checksum, version, header and decoded size without decoding the lists.
 ///
 /// # Errors
-/// As [`decode`], but for what only decoding can find.
+/// As [`decode`], except for those that only decoding can find.
 pub(crate) fn check_whole(bytes: &[u8], limits: &DecodeLimits) -> Result<(), CodecError> {
     check(bytes, limits).map(drop)
 }
 
-/// Checks everything but the lists; gives the version, the header, and the bytes of the lists.
+/// Checks everything but the lists. Returns the version, the header, and the bytes of the lists.
 fn check<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<(u16, Contents, &'a [u8]), CodecError> {
     let version = take_version(bytes, MAGIC, NEWEST)?;
     let (contents, rest) = read_contents(checked_body(bytes, PREAMBLE_BYTES + CRC_BYTES)?)?;
@@ -191,16 +191,16 @@ fn check<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<(u16, Contents, &
     Ok((version, contents, rest))
 }
 
-/// Reads the header alone; `bytes` may end after it, and the checksum is not looked at.
+/// Reads the header alone; `bytes` may end after it, and the checksum is not verified.
 ///
 /// # Errors
-/// If it is no VDI, a newer one, cut short, or its header contradicts itself.
+/// If the bytes are not a VDI, of a newer version or cut short, or the header contradicts itself.
 pub fn peek(bytes: &[u8]) -> Result<EncodedHeader, CodecError> {
     take_version(bytes, MAGIC, NEWEST)?;
     Ok(read_contents(bytes)?.0.header)
 }
 
-/// The header and what follows it.
+/// The header and the bytes behind it.
 fn read_contents(bytes: &[u8]) -> Result<(Contents, &[u8]), CodecError> {
     let (preamble, rest) = bytes.split_at_checked(PREAMBLE_BYTES).ok_or_else(too_short)?;
     let length = usize::from(u16::from_le_bytes([preamble[6], preamble[7]]));

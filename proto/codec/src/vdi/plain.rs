@@ -1,9 +1,9 @@
-//! The plain layout, for comparison with the paper: per supersegment one record of two float depths and an RGBA colour.
-//! Opacity is rounded on a linear scale of 255 steps, as such records do; thin supersegments suffer.
+//! Plain layout, for comparison with the paper: one record of two float depths and an RGBA color per supersegment. Opacity
+//! is rounded to a linear scale of 255 steps, which is coarse for thin supersegments.
 
 use super::header::Contents;
 use super::quantize;
-use super::sections::{Section, Shape};
+use super::sections::{Section, SectionShape};
 use crate::error::{CodecError, invalid};
 use lamina_model::composite::{opacity_from_optical_depth, optical_depth_from_opacity};
 use lamina_model::{Supersegment, Vdi, VdiHeader};
@@ -14,9 +14,9 @@ const COUNT_BYTES: usize = 4;
 const RECORD_BYTES: usize = 12;
 
 /// Sections of the plain layout, in file order.
-pub(super) fn shapes(contents: &Contents) -> [Shape; 2] {
+pub(super) fn shapes(contents: &Contents) -> [SectionShape; 2] {
     let rays = u64::from(contents.header.header.params.resolution()).pow(2);
-    let fixed = |name, elements, width: usize| Shape { name, elements, widths: width as u8..=width as u8 };
+    let fixed = |name, elements, width: usize| SectionShape { name, elements, widths: width as u8..=width as u8 };
     [fixed("counts", rays, COUNT_BYTES), fixed("records", u64::from(contents.header.segments), RECORD_BYTES)]
 }
 
@@ -70,7 +70,7 @@ fn opacity_code(optical_depth: f32) -> u8 {
     code.max(u8::from(optical_depth > 0.0))
 }
 
-/// World distance from the ray's entry into the box.
+/// World distance of depth `steps` from the ray's entry into the box.
 fn distance(steps: u32, step_length: f64) -> Result<f32, CodecError> {
     let distance = (f64::from(steps) * step_length) as f32;
     if step_count(distance, step_length) != Some(steps) {

@@ -1,6 +1,6 @@
-//! Rays in the context of their neighbours, by [`super::context`].
+//! Glue between a VDI and its context-mixing coder, [`super::context`].
 
-use super::context::{self, Segment};
+use super::context::{self, QuantizedSegment};
 use super::header::Contents;
 use super::quantize;
 use crate::error::{CodecError, invalid};
@@ -12,14 +12,14 @@ pub(super) fn write(vdi: &Vdi) -> Vec<u8> {
     let codes = quantize::codes(vdi);
     let segment = |k: usize| {
         let s = &vdi.segments()[k];
-        Segment { start: s.start, end: s.end, code: codes[k] }
+        QuantizedSegment { start: s.start, end: s.end, code: codes[k] }
     };
     context::encode(vdi.header().params.resolution() as usize, vdi.offsets(), segment)
 }
 
 pub(super) fn read(bytes: &[u8], contents: &Contents) -> Result<Vdi, CodecError> {
     let (header, segments) = (contents.header.header, contents.header.segments as usize);
-    let make = |s: Segment| quantize::supersegment(s.start, s.end, s.code);
+    let make = |s: QuantizedSegment| quantize::supersegment(s.start, s.end, s.code);
     let (offsets, segments) = context::decode(bytes, header.params.resolution() as usize, segments, make)
         .map_err(|e| invalid(e.to_string()))?;
     let occupied = offsets.windows(2).filter(|w| w[0] < w[1]).count();

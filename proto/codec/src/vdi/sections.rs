@@ -1,41 +1,45 @@
 //! Sections: arrays of fixed-width elements, cut into blocks, compressed block by block. First the table of all
 //! sections (width, then the compressed length of each block), then all blocks.
 
-use super::compress::{self, BLOCK_BYTES, Bytewise};
+use super::compress::{self, BLOCK_BYTES, ByteCompressor};
 use crate::error::{CodecError, invalid};
 use rayon::prelude::*;
 use std::ops::RangeInclusive;
 
-/// An uncompressed array.
+/// An uncompressed array of fixed-width elements.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Section {
-    /// Bytes an element; 0 for integers that are all zero.
+    /// Bytes per element; 0 for integers that are all zero.
     pub width: u8,
     pub bytes: Vec<u8>,
 }
 
-/// What a section must look like, known from the header.
-pub(super) struct Shape {
+/// The shape that the header prescribes for a section.
+pub(super) struct SectionShape {
     pub name: &'static str,
     pub elements: u64,
     pub widths: RangeInclusive<u8>,
 }
 
-pub(super) fn write(sections: &[Section], codec: Bytewise, out: &mut Vec<u8>) -> Result<(), CodecError> {
+pub(super) fn write(sections: &[Section], codec: ByteCompressor, out: &mut Vec<u8>) -> Result<(), CodecError> {
     let pack = |s: &Section| s.bytes.par_chunks(BLOCK_BYTES).map(|b| compress::compress(codec, b)).collect();
     let packed: Vec<Vec<Vec<u8>>> = sections.par_iter().map(pack).collect::<Result<_, CodecError>>()?;
     for (section, blocks) in sections.iter().zip(&packed) {
         out.push(section.width);
-        // A block of 899,900 bytes grows by a few percent at worst, so its length always fits.
+        // A block of 899,900 bytes grows by a few percent at worst, so its length always fits 32 bits.
         blocks.iter().for_each(|b| out.extend((b.len() as u32).to_le_bytes()));
     }
     packed.iter().flatten().for_each(|b| out.extend(b));
     Ok(())
 }
 
-/// Reads sections of the given shapes, which together must fill `bytes`. Nothing is allocated for a section before its
-/// blocks are known to lie within `bytes`.
-pub(super) fn read(mut bytes: &[u8], codec: Bytewise, shapes: &[Shape]) -> Result<Vec<Section>, CodecError> {
+/// Reads sections of the given shapes, which together must fill `bytes`. Allocates nothing for a section before its blocks
+/// are known to lie within `bytes`.
+pub(super) fn read(
+    mut bytes: &[u8],
+    codec: ByteCompressor,
+    shapes: &[SectionShape],
+) -> Result<Vec<Section>, CodecError> {
     let mut table = Vec::with_capacity(shapes.len());
     for shape in shapes {
         let width = take(&mut bytes, 1)?[0];

@@ -1,13 +1,13 @@
-//! Large volumes in bands of planes, each coded by itself, so that all cores take part.
+//! Partition of large volumes into bands of planes, coded independently on all cores.
 //!
-//! A band knows nothing of its neighbours and learns everything anew: at [`BAND_VOXELS`] that costs about a percent of the
-//! bytes. Where the bands lie follows from the sizes alone.
+//! Models start untrained in each band, which at [`BAND_VOXELS`] costs about a percent of the bytes. The partition follows
+//! from the grid's dimensions alone.
 use super::{decode::decode as decode_band, encode::encode as encode_band};
-use crate::entropy::Error;
+use crate::entropy::EntropyError;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Voxels of a band, nearly.
+/// Approximate voxels of a band.
 const BAND_VOXELS: usize = 1 << 22;
 /// Fewest planes of a band.
 const BAND_PLANES: usize = 16;
@@ -19,8 +19,8 @@ fn bands([nx, ny, nz]: [usize; 3]) -> Vec<Range<usize>> {
     (0..count).map(|k| k * nz / count..(k + 1) * nz / count).collect()
 }
 
-/// Codes `values` of a volume of `dims` voxels (x fastest), all finite, so that each comes back within `bound` (more
-/// than 0, in units of the values), or within the interval that `free` gives for its index, which holds the value.
+/// Encodes `values` of a volume of `dims` voxels (x fastest), all finite, so that each decodes within `bound` (above 0, in
+/// units of the values) or, where `free` gives an interval for a voxel's index, within that interval.
 ///
 /// # Panics
 /// If `dims` do not multiply to the number of values.
@@ -44,24 +44,24 @@ pub fn encode(
 /// Decodes a volume of `dims` voxels coded with the same `bound`.
 ///
 /// # Errors
-/// If the bytes are not as many as they claim, or a number in them cannot be.
-pub fn decode(bytes: &[u8], dims: [usize; 3], bound: f32) -> Result<Vec<f32>, Error> {
-    let plane = dims[0].checked_mul(dims[1]).ok_or(Error::Sizes)?;
-    let voxels = plane.checked_mul(dims[2]).ok_or(Error::Sizes)?;
+/// If the lengths of bands do not fit the bytes, or a value is impossible.
+pub fn decode(bytes: &[u8], dims: [usize; 3], bound: f32) -> Result<Vec<f32>, EntropyError> {
+    let plane = dims[0].checked_mul(dims[1]).ok_or(EntropyError::SizeOverflow)?;
+    let voxels = plane.checked_mul(dims[2]).ok_or(EntropyError::SizeOverflow)?;
     let bands = bands(dims);
-    let (lengths, mut rest) = bytes.split_at_checked(8 * bands.len()).ok_or(Error::Short)?;
+    let (lengths, mut rest) = bytes.split_at_checked(8 * bands.len()).ok_or(EntropyError::LengthMismatch)?;
     let mut coded = Vec::with_capacity(bands.len());
     for length in lengths.as_chunks::<8>().0 {
-        let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| Error::Short)?;
-        let (band, after) = rest.split_at_checked(length).ok_or(Error::Short)?;
+        let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| EntropyError::LengthMismatch)?;
+        let (band, after) = rest.split_at_checked(length).ok_or(EntropyError::LengthMismatch)?;
         coded.push(band);
         rest = after;
     }
     if !rest.is_empty() {
-        return Err(Error::Short);
+        return Err(EntropyError::LengthMismatch);
     }
     let band = |(z, bytes): (Range<usize>, &[u8])| decode_band(bytes, [dims[0], dims[1], z.len()], bound);
-    let decoded: Vec<Vec<f32>> = bands.into_par_iter().zip(coded).map(band).collect::<Result<_, Error>>()?;
+    let decoded: Vec<Vec<f32>> = bands.into_par_iter().zip(coded).map(band).collect::<Result<_, EntropyError>>()?;
     let mut bands = decoded.into_iter();
     let mut values = bands.next().unwrap_or_default();
     values.reserve_exact(voxels.saturating_sub(values.len()));

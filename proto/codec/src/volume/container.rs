@@ -1,9 +1,9 @@
-//! Reduced volumes as bytes: a header that is a message of the contracts, values coded by [`bands`], a checksum.
+//! File format of reduced volumes: a header in protobuf encoding, values coded by [`bands`], a checksum.
 //!
-//! `proto/formats/volume.md` is the format's definition.
+//! `proto/formats/volume.md` defines the format.
 
 use super::bands;
-use super::hidden::Hidden;
+use super::free_intervals::FreeIntervals;
 use crate::DecodeLimits;
 use crate::envelope::{CRC_BYTES, checked_body, take_version, too_short};
 use crate::error::{CodecError, invalid};
@@ -15,11 +15,11 @@ use prost::Message;
 pub(crate) const MAGIC: [u8; 4] = *b"LVOL";
 /// The version written, and the newest read.
 const VERSION: u16 = 1;
-/// The largest header read: a scene of as many control points as there may be takes three quarters of it.
+/// The largest header read; a scene with the greatest number of control points takes three quarters of it.
 const MAX_HEADER_BYTES: usize = 1 << 18;
 
-/// Encodes a reduced volume: no value comes back farther from what it was than the params' gamma, but where nothing can be
-/// seen of it.
+/// Encodes a reduced volume. Every value decodes within the params' gamma, except where the transfer function shows nothing
+/// of it.
 pub fn encode(volume: &ReducedVolume) -> Vec<u8> {
     let header = v1::VolumeHeader {
         grid: Some(volume.grid().into()),
@@ -32,23 +32,23 @@ pub fn encode(volume: &ReducedVolume) -> Vec<u8> {
     bytes.extend((head.len() as u32).to_le_bytes());
     bytes.extend(head);
     let bound = bound(volume.params());
-    let hidden = Hidden::of(volume, bound);
-    bytes.extend(bands::encode(volume.units(), volume.grid().dims(), bound, |n| hidden.part(n)));
+    let free_intervals = FreeIntervals::new(volume, bound);
+    bytes.extend(bands::encode(volume.units(), volume.grid().dims(), bound, |n| free_intervals.at(n)));
     bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
     bytes
 }
 
-/// Decodes a reduced volume. `bytes` must be one whole encoded volume and nothing else.
+/// Decodes a reduced volume. `bytes` must be exactly one encoded volume.
 ///
 /// # Errors
-/// If it is none, a newer one, damaged, larger than `limits`, or contradicts itself.
+/// If the bytes are not a volume, of a newer version, damaged, larger than `limits`, or contradict themselves.
 pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ReducedVolume, CodecError> {
     let Head { grid, scene, params, values } = read_head(bytes, limits)?;
     let units = bands::decode(values, grid.dims(), bound(&params)).map_err(|e| invalid(e.to_string()))?;
     Ok(ReducedVolume::new(grid, scene, params, units)?)
 }
 
-/// A header, and the values behind it.
+/// A checked header, and the bytes of the values.
 pub(crate) struct Head<'a> {
     grid: Grid,
     scene: Scene,
@@ -56,7 +56,7 @@ pub(crate) struct Head<'a> {
     values: &'a [u8],
 }
 
-/// Checks everything but the values.
+/// Checks and reads everything but the values.
 pub(crate) fn read_head<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<Head<'a>, CodecError> {
     take_version(bytes, MAGIC, VERSION)?;
     let body = checked_body(bytes, MAGIC.len() + 2 + 4 + CRC_BYTES)?;
@@ -78,7 +78,7 @@ pub(crate) fn read_head<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<He
     Ok(Head { grid, scene, params, values })
 }
 
-/// What the header says of representations.
+/// The header's code for the representation.
 const VOLUME: u32 = 1;
 
 fn params_message(params: &GenerationParams) -> v1::VolumeParams {
@@ -100,7 +100,7 @@ fn params_of(message: v1::VolumeParams) -> Result<GenerationParams, CodecError> 
     Ok(params.with_representation(Representation::Volume))
 }
 
-/// The error bound. Single precision has no digits for finer ones.
+/// The error bound in single precision, at least 1e-6, below which single precision has no digits.
 fn bound(params: &GenerationParams) -> f32 {
     (params.gamma() as f32).max(1e-6)
 }

@@ -1,65 +1,70 @@
-//! From bytes to values.
-use super::flags::Flags;
-use super::grid::{Class, Grid};
-use super::multigrid::{Field, Level, within};
-use super::predict::{Row, WEIGHTS};
+//! Decoder of one band.
+use super::block_flags::BlockFlags;
+use super::grid::{Lattice, PointClass};
+use super::multigrid::{LevelParams, MultigridField, within};
+use super::predict::{PredictionRow, WEIGHTS};
 use super::quantize::reconstruct;
-use super::symbols::{Context, Kind, Known, Models, RAW, places, saturated};
+use super::symbols::{
+    ClassContext, RAW_VALUE, ResidualContext, ResidualNeighborhood, VolumeModels, block_range, saturated,
+};
 use super::{BIAS_BITS, HEADER, STEP_BITS, step_and_bias};
-use crate::entropy::Error;
+use crate::entropy::EntropyError;
 use crate::entropy::range_coder::Decoder;
 
-/// The values of a volume of `dims` voxels (x fastest) that was coded with `bound`. Bytes that were changed give other
-/// finite values or an error, in about the time and memory that the volume asks.
-pub fn decode(bytes: &[u8], dims: [usize; 3], bound: f32) -> Result<Vec<f32>, Error> {
-    let count = dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d)).ok_or(Error::Sizes)?;
+/// Decodes the values of a volume of `dims` voxels (x fastest) coded with `bound`. Corrupt bytes give other finite values or
+/// an error, in the time and memory that a volume of `dims` takes.
+pub fn decode(bytes: &[u8], dims: [usize; 3], bound: f32) -> Result<Vec<f32>, EntropyError> {
+    let count = dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d)).ok_or(EntropyError::SizeOverflow)?;
     if count > isize::MAX as usize / 16 {
-        return Err(Error::Sizes);
+        return Err(EntropyError::SizeOverflow);
     }
     if count == 0 {
         return Ok(Vec::new());
     }
     let ([low, high, first], decisions) = header(bytes)?;
-    let mut reader =
-        Reader { field: Field::new(first, [low, high]), models: Models::default(), decoder: Decoder::new(decisions) };
-    reader.levels(Grid { dims }, bound);
+    let mut reader = VolumeDecoder {
+        field: MultigridField::new(first, [low, high]),
+        models: VolumeModels::default(),
+        decoder: Decoder::new(decisions),
+    };
+    reader.levels(Lattice { dims }, bound);
     let [whole, ..] = reader.field.parts;
     Ok(whole.values)
 }
 
-/// Range and first value, and the bytes after.
-fn header(bytes: &[u8]) -> Result<([f32; 3], &[u8]), Error> {
-    let (header, rest) = bytes.split_at_checked(HEADER).ok_or(Error::Short)?;
+/// Least value, largest value and first value, and the bytes of the range coder.
+fn header(bytes: &[u8]) -> Result<([f32; 3], &[u8]), EntropyError> {
+    let (header, rest) = bytes.split_at_checked(HEADER).ok_or(EntropyError::LengthMismatch)?;
     let mut numbers = [0.0; 3];
     for (number, four) in numbers.iter_mut().zip(header.chunks_exact(4)) {
         *number = f32::from_le_bytes([four[0], four[1], four[2], four[3]]);
     }
     let [low, high, first] = numbers;
     let fit = low.is_finite() && high.is_finite() && low <= first && first <= high;
-    if fit { Ok((numbers, rest)) } else { Err(Error::Value) }
+    if fit { Ok((numbers, rest)) } else { Err(EntropyError::InvalidValue) }
 }
 
-/// A decoder at work.
-struct Reader<'a> {
-    field: Field,
-    models: Models,
+/// State of a decoder.
+struct VolumeDecoder<'a> {
+    field: MultigridField,
+    models: VolumeModels,
     decoder: Decoder<'a>,
 }
 
-impl Reader<'_> {
-    fn levels(&mut self, voxels: Grid, bound: f32) {
+impl VolumeDecoder<'_> {
+    fn levels(&mut self, voxels: Lattice, bound: f32) {
         let mut above = None;
         for number in (0..voxels.levels() as usize).rev() {
             let step_parts = self.models.bits(&mut self.decoder, STEP_BITS, 0) + 1;
             let bias_parts = self.models.bits(&mut self.decoder, BIAS_BITS, 0);
             let (step, bias) = step_and_bias(bound, step_parts, bias_parts);
-            let mut level = Level { number, step, scale: 1.0 / step, bias, weights: [[0.0; WEIGHTS]; 7] };
+            let mut level = LevelParams { number, step, scale: 1.0 / step, bias, weights: [[0.0; WEIGHTS]; 7] };
             let lattice = voxels.lattice(number);
-            let mut flags = Flags::none(lattice);
+            let mut flags = BlockFlags::none(lattice);
             flags.code(&mut self.models, &mut self.decoder, above.as_ref(), number);
             self.field.begin(lattice);
             for class in lattice.classes() {
-                level.weights[class.number] = self.models.weights(&mut self.decoder, class.odds(), None);
+                level.weights[class.number] = self.models.weights(&mut self.decoder, class.odd_axes(), None);
                 self.class(&level, class, &flags);
             }
             self.field.end(number > 0);
@@ -67,21 +72,21 @@ impl Reader<'_> {
         }
     }
 
-    fn class(&mut self, level: &Level, class: Class, flags: &Flags) {
+    fn class(&mut self, level: &LevelParams, class: PointClass, flags: &BlockFlags) {
         let mut part = self.field.take(class);
-        let kind = Kind::new(class, level.number);
-        let (mut row, mut known) = (Row::default(), Known::default());
+        let kind = ClassContext::new(class, level.number);
+        let (mut row, mut known) = (PredictionRow::default(), ResidualNeighborhood::default());
         for (y, z) in part.grid.rows() {
             let at = part.grid.row(y, z);
             let active = flags.row(y, z);
             if active.contains(&true) {
-                row.look::<true>(&self.field, class, y, z);
+                row.compute_means::<true>(&self.field, class, y, z);
                 row.predict::<true>(self.field.range, level, class);
-                known.look(&self.field, &part, class, [y, z]);
-                let marks = &mut part.marks[at..at + row.expected.len()];
-                self.residuals(level, kind, active, &mut row, &known, marks);
+                known.gather(&self.field, &part, class, [y, z]);
+                let residuals = &mut part.residuals[at..at + row.expected.len()];
+                self.residuals(level, kind, active, &mut row, &known, residuals);
             } else {
-                row.look::<false>(&self.field, class, y, z);
+                row.compute_means::<false>(&self.field, class, y, z);
                 row.predict::<false>(self.field.range, level, class);
             }
             part.values[at..at + row.expected.len()].copy_from_slice(&row.expected);
@@ -89,27 +94,27 @@ impl Reader<'_> {
         self.field.parts[class.part()] = part;
     }
 
-    /// Reads the residuals of a row; what was expected becomes what is.
+    /// Decodes the residuals of the active blocks of a row and replaces predictions by values.
     fn residuals(
         &mut self,
-        level: &Level,
-        kind: Kind,
+        level: &LevelParams,
+        kind: ClassContext,
         active: &[bool],
-        row: &mut Row,
-        known: &Known,
-        marks: &mut [i8],
+        row: &mut PredictionRow,
+        known: &ResidualNeighborhood,
+        residuals: &mut [i8],
     ) {
         for block in (0..active.len()).filter(|&block| active[block]) {
-            for i in places(block, marks.len()) {
-                let before = if i > 0 { marks[i - 1] } else { 0 };
-                let context = Context::new(kind, known, i, before, row.surroundings[i]);
+            for i in block_range(block, residuals.len()) {
+                let before = if i > 0 { residuals[i - 1] } else { 0 };
+                let context = ResidualContext::new(kind, known, i, before, row.surroundings[i]);
                 let steps = self.models.residual(&mut self.decoder, &context, 0);
                 if steps == 0 {
                     continue;
                 }
-                marks[i] = saturated(steps);
-                row.expected[i] = if steps == RAW {
-                    // A number that is none becomes the least value.
+                residuals[i] = saturated(steps);
+                row.expected[i] = if steps == RAW_VALUE {
+                    // NaN becomes the least value.
                     within(self.field.range, f32::from_bits(self.models.bits(&mut self.decoder, 32, 0)))
                 } else {
                     reconstruct(self.field.range, level, row.expected[i], steps)

@@ -1,17 +1,19 @@
-//! From values to bytes.
-use super::flags::Flags;
-use super::grid::{BLOCK, Class, Grid};
-use super::multigrid::{Field, Level};
-use super::predict::{Row, SCALE, WEIGHTS, cubic};
-use super::quantize::{Quantiser, Wanted};
+//! Encoder of one band.
+use super::block_flags::BlockFlags;
+use super::grid::{BLOCK, Lattice, PointClass};
+use super::multigrid::{LevelParams, MultigridField};
+use super::predict::{PredictionRow, SCALE, WEIGHTS, cubic};
+use super::quantize::{QuantizationTarget, Quantizer};
 use super::regression::fit;
-use super::settings::Settings;
-use super::symbols::{Context, Kind, Known, LARGE, Models, RAW, places, saturated};
+use super::settings::EncoderSettings;
+use super::symbols::{
+    ClassContext, RAW_VALUE, ResidualContext, ResidualNeighborhood, SATURATED, VolumeModels, block_range, saturated,
+};
 use super::{BIAS_BITS, HEADER, STEP_BITS, step_and_bias};
 use crate::entropy::range_coder::Encoder;
 
-/// Codes `values` of a volume of `dims` voxels (x fastest), all finite, so that each comes back within `bound` (more
-/// than 0, in units of the values), or, where `free` gives an interval for its index, within that, which holds the
+/// Encodes `values` of a volume of `dims` voxels (x fastest), all finite, so that each decodes within `bound` (above 0, in
+/// units of the values) or, where `free` gives an interval for a voxel's index, within that interval, which must hold the
 /// value.
 ///
 /// # Panics
@@ -21,14 +23,14 @@ pub fn encode(values: &[f32], dims: [usize; 3], bound: f32, free: impl Fn(usize)
     debug_assert!(values.iter().all(|v| v.is_finite()), "values are finite");
     let Some(&first) = values.first() else { return Vec::new() };
     let range = range(values, first);
-    let wanted = Wanted { values, bound, free };
+    let wanted = QuantizationTarget { values, bound, free };
     let mut bytes: Vec<u8> = [range[0], range[1], first].iter().flat_map(|v| v.to_le_bytes()).collect();
     debug_assert_eq!(bytes.len(), HEADER);
-    let mut work = Work {
-        quantiser: Quantiser { wanted: &wanted, range, settings: Settings::default() },
-        voxels: Grid { dims },
-        field: Field::new(first, range),
-        models: Models::default(),
+    let mut work = VolumeEncoder {
+        quantizer: Quantizer { wanted: &wanted, range, settings: EncoderSettings::default() },
+        voxels: Lattice { dims },
+        field: MultigridField::new(first, range),
+        models: VolumeModels::default(),
         encoder: Encoder::default(),
     };
     let levels = work.voxels.levels() as usize;
@@ -42,7 +44,7 @@ pub fn encode(values: &[f32], dims: [usize; 3], bound: f32, free: impl Fn(usize)
 
 /// Least and largest value.
 fn range(values: &[f32], first: f32) -> [f32; 2] {
-    // Several at a time, as one would wait for the other.
+    // Eight independent comparisons at a time, so that the compiler vectorizes them.
     let (mut low, mut high) = ([first; 8], [first; 8]);
     let (chunks, rest) = values.as_chunks();
     let mut rest_chunk = [first; 8];
@@ -56,36 +58,36 @@ fn range(values: &[f32], first: f32) -> [f32; 2] {
     [low.into_iter().fold(first, f32::min), high.into_iter().fold(first, f32::max)]
 }
 
-/// An encoder at work.
-struct Work<'a, F> {
-    quantiser: Quantiser<'a, F>,
-    voxels: Grid,
-    field: Field,
-    models: Models,
+/// State of an encoder.
+struct VolumeEncoder<'a, F> {
+    quantizer: Quantizer<'a, F>,
+    voxels: Lattice,
+    field: MultigridField,
+    models: VolumeModels,
     encoder: Encoder,
 }
 
-/// A class with all that was chosen for it.
-struct Planned {
-    class: Class,
+/// A class of points with the choices made for it.
+struct PlannedClass {
+    class: PointClass,
     weights: Option<[i8; WEIGHTS]>,
     surroundings: Vec<u16>,
-    /// Residuals that marks cannot tell, with the values, in the order of points.
+    /// Residuals beyond what `i8` holds, with their values, in the order of points.
     large: Vec<(i32, f32)>,
 }
 
-impl<F: Fn(usize) -> Option<(f32, f32)>> Work<'_, F> {
-    /// Chooses the residuals of a level and codes them.
-    fn level(&mut self, number: usize, above: Option<&Flags>) -> Flags {
-        let settings = &self.quantiser.settings;
+impl<F: Fn(usize) -> Option<(f32, f32)>> VolumeEncoder<'_, F> {
+    /// Chooses the residuals of a level, then codes them. Returns the level's block flags.
+    fn level(&mut self, number: usize, above: Option<&BlockFlags>) -> BlockFlags {
+        let settings = &self.quantizer.settings;
         let (step_parts, bias_parts) = (settings.step_parts(number), settings.bias);
-        let (step, bias) = step_and_bias(self.quantiser.wanted.bound, step_parts, bias_parts);
-        let mut level = Level { number, step, scale: 1.0 / step, bias, weights: [[0.0; WEIGHTS]; 7] };
+        let (step, bias) = step_and_bias(self.quantizer.wanted.bound, step_parts, bias_parts);
+        let mut level = LevelParams { number, step, scale: 1.0 / step, bias, weights: [[0.0; WEIGHTS]; 7] };
         let lattice = self.voxels.lattice(number);
         self.field.begin(lattice);
-        let mut flags = Flags::none(lattice);
+        let mut flags = BlockFlags::none(lattice);
         let classes = lattice.classes();
-        let planned: Vec<Planned> = classes.map(|class| self.plan(&mut level, class, &mut flags)).collect();
+        let planned: Vec<PlannedClass> = classes.map(|class| self.plan(&mut level, class, &mut flags)).collect();
         self.models.bits(&mut self.encoder, STEP_BITS, step_parts - 1);
         self.models.bits(&mut self.encoder, BIAS_BITS, bias_parts);
         flags.code(&mut self.models, &mut self.encoder, above, number);
@@ -96,41 +98,41 @@ impl<F: Fn(usize) -> Option<(f32, f32)>> Work<'_, F> {
         flags
     }
 
-    /// Index of the first voxel of a row of a class, and the distance to the next.
-    fn voxels(&self, number: usize, class: Class, y: usize, z: usize) -> (usize, usize) {
+    /// Index of the first voxel of a row of a class, and the distance between its voxels.
+    fn voxels(&self, number: usize, class: PointClass, y: usize, z: usize) -> (usize, usize) {
         let at = |axis: usize, i: usize| (2 * i + usize::from(class.odd[axis])) << number;
         (at(0, 0) + self.voxels.row(at(1, y), at(2, z)), 2 << number)
     }
 
-    /// Chooses the weights and residuals of a class.
-    fn plan(&mut self, level: &mut Level, class: Class, flags: &mut Flags) -> Planned {
-        let wanted = self.quantiser.wanted;
+    /// Chooses prediction weights and residuals of a class.
+    fn plan(&mut self, level: &mut LevelParams, class: PointClass, flags: &mut BlockFlags) -> PlannedClass {
+        let wanted = self.quantizer.wanted;
         let weights = fit(&self.field, level, class, |[x, y, z]| {
             let (start, step) = self.voxels(level.number, class, y, z);
             let at = start + x * step;
             (wanted.free)(at).is_none().then_some(wanted.values[at])
         });
-        level.weights[class.number] = weights.unwrap_or(cubic(class.odds())).map(|w| f32::from(w) / SCALE);
+        level.weights[class.number] = weights.unwrap_or(cubic(class.odd_axes())).map(|w| f32::from(w) / SCALE);
         let mut part = self.field.take(class);
         let mut planned =
-            Planned { class, weights, surroundings: Vec::with_capacity(part.values.len()), large: Vec::new() };
-        let mut row = Row::default();
+            PlannedClass { class, weights, surroundings: Vec::with_capacity(part.values.len()), large: Vec::new() };
+        let mut row = PredictionRow::default();
         for (y, z) in part.grid.rows() {
-            row.look::<true>(&self.field, class, y, z);
+            row.compute_means::<true>(&self.field, class, y, z);
             row.predict::<true>(self.field.range, level, class);
             planned.surroundings.extend_from_slice(&row.surroundings);
             let (start, step) = self.voxels(level.number, class, y, z);
             let from = part.grid.row(y, z);
             let n = part.grid.dims[0];
-            let to = part.values[from..from + n].iter_mut().zip(&mut part.marks[from..from + n]);
+            let to = part.values[from..from + n].iter_mut().zip(&mut part.residuals[from..from + n]);
             let active = flags.row_mut(y, z);
-            for (i, (&expected, (value, mark))) in row.expected.iter().zip(to).enumerate() {
-                let (chosen, steps) = self.quantiser.steps(level, start + i * step, expected);
+            for (i, (&expected, (value, residual))) in row.expected.iter().zip(to).enumerate() {
+                let (chosen, steps) = self.quantizer.steps(level, start + i * step, expected);
                 *value = chosen;
                 if steps != 0 {
-                    *mark = saturated(steps);
+                    *residual = saturated(steps);
                     active[i / BLOCK] = true;
-                    if mark.unsigned_abs() == LARGE {
+                    if residual.unsigned_abs() == SATURATED {
                         planned.large.push((steps, chosen));
                     }
                 }
@@ -140,34 +142,34 @@ impl<F: Fn(usize) -> Option<(f32, f32)>> Work<'_, F> {
         planned
     }
 
-    /// Codes what was planned for a class.
-    fn code(&mut self, number: usize, planned: &Planned, flags: &Flags) {
+    /// Codes the choices made for a class.
+    fn code(&mut self, number: usize, planned: &PlannedClass, flags: &BlockFlags) {
         let class = planned.class;
-        self.models.weights(&mut self.encoder, class.odds(), planned.weights);
+        self.models.weights(&mut self.encoder, class.odd_axes(), planned.weights);
         let part = self.field.take(class);
-        let kind = Kind::new(class, number);
+        let kind = ClassContext::new(class, number);
         let mut large = planned.large.iter();
-        let mut known = Known::default();
+        let mut known = ResidualNeighborhood::default();
         let n = part.grid.dims[0];
         for (y, z) in part.grid.rows() {
             let active = flags.row(y, z);
             if !active.contains(&true) {
                 continue;
             }
-            known.look(&self.field, &part, class, [y, z]);
-            let marks = part.marks([y, z]);
+            known.gather(&self.field, &part, class, [y, z]);
+            let residuals = part.residuals([y, z]);
             let around = &planned.surroundings[part.grid.row(y, z)..][..n];
             for block in (0..active.len()).filter(|&block| active[block]) {
-                for i in places(block, n) {
-                    let before = if i > 0 { marks[i - 1] } else { 0 };
-                    let context = Context::new(kind, &known, i, before, around[i]);
-                    let (steps, value) = if marks[i].unsigned_abs() == LARGE {
+                for i in block_range(block, n) {
+                    let before = if i > 0 { residuals[i - 1] } else { 0 };
+                    let context = ResidualContext::new(kind, &known, i, before, around[i]);
+                    let (steps, value) = if residuals[i].unsigned_abs() == SATURATED {
                         large.next().copied().unwrap_or_default()
                     } else {
-                        (i32::from(marks[i]), 0.0)
+                        (i32::from(residuals[i]), 0.0)
                     };
                     self.models.residual(&mut self.encoder, &context, steps);
-                    if steps == RAW {
+                    if steps == RAW_VALUE {
                         self.models.bits(&mut self.encoder, 32, value.to_bits());
                     }
                 }

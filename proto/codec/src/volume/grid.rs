@@ -1,21 +1,21 @@
-//! The order of voxels: lattices of halving stride, and on each lattice the classes of points that are new to it.
+//! Lattices of halving stride, and the classes of points that each lattice adds to the coarser one.
 
-/// Points of a class along each side of a block that one flag can declare empty of residuals.
+/// Points per side of a block of a class; one flag declares all residuals of a block zero.
 pub const BLOCK: usize = 4;
 
-/// Sizes of a volume or a part of it, x fastest.
+/// Dimensions of a volume or of a lattice of its points, x fastest.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Grid {
-    /// Points along x, y, z.
+pub struct Lattice {
+    /// Number of points along x, y, z.
     pub dims: [usize; 3],
 }
 
-/// The new points of a lattice whose coordinates on it are odd on the same axes.
+/// New points of a lattice that share the axes on which their coordinates are odd.
 #[derive(Debug, Clone, Copy)]
-pub struct Class {
-    /// Axes with odd coordinates.
+pub struct PointClass {
+    /// Axes on which coordinates are odd.
     pub odd: [bool; 3],
-    /// Number of the class within its level, 0..7.
+    /// Index of the class within its level, 0..7.
     pub number: usize,
 }
 
@@ -30,65 +30,65 @@ const CLASSES: [[bool; 3]; 7] = [
     [true, true, true],
 ];
 
-impl Grid {
-    /// Number of its points.
+impl Lattice {
+    /// Number of points.
     pub fn count(&self) -> usize {
         self.dims.iter().product()
     }
 
-    /// Index of the first point of a row.
+    /// Index of the first point of row (`y`, `z`).
     #[inline]
     pub fn row(&self, y: usize, z: usize) -> usize {
         (z * self.dims[1] + y) * self.dims[0]
     }
 
-    /// Number of levels: with a stride of 2 to this power, the lattice is the first voxel alone.
+    /// Number of levels: at stride 2^levels the lattice is the first voxel alone.
     pub fn levels(&self) -> u32 {
         let longest = self.dims.iter().copied().max().unwrap_or(1);
         longest.next_power_of_two().trailing_zeros()
     }
 
-    /// The lattice with the points of a level, 0 for the finest.
+    /// The lattice of stride 2^`level`; level 0 is the volume itself.
     pub fn lattice(&self, level: usize) -> Self {
         Self { dims: self.dims.map(|n| n.div_ceil(1 << level)) }
     }
 
-    /// Points of a lattice with odd coordinates on the axes `odd` and even ones on the others.
+    /// Dimensions of the part whose coordinates are odd on the axes `odd` and even on the others.
     pub fn part(&self, odd: [bool; 3]) -> Self {
         Self { dims: std::array::from_fn(|a| if odd[a] { self.dims[a] / 2 } else { self.dims[a].div_ceil(2) }) }
     }
 
-    /// Classes of a lattice that have points.
-    pub fn classes(self) -> impl Iterator<Item = Class> {
-        let classes = CLASSES.into_iter().enumerate().map(|(number, odd)| Class { odd, number });
+    /// Classes of this lattice that are not empty.
+    pub fn classes(self) -> impl Iterator<Item = PointClass> {
+        let classes = CLASSES.into_iter().enumerate().map(|(number, odd)| PointClass { odd, number });
         classes.filter(move |c| self.part(c.odd).count() > 0)
     }
 
-    /// Blocks of a lattice.
+    /// Number of blocks along each axis.
     pub fn blocks(&self) -> Self {
         Self { dims: self.dims.map(|n| n.div_ceil(2 * BLOCK)) }
     }
 
-    /// All y and z, row by row.
+    /// All (y, z), y fastest.
     pub fn rows(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
         let [_, ny, nz] = self.dims;
         (0..nz).flat_map(move |z| (0..ny).map(move |y| (y, z)))
     }
 }
 
-impl Class {
+impl PointClass {
     /// Number of odd axes, 1..=3.
-    pub fn odds(&self) -> usize {
+    pub fn odd_axes(&self) -> usize {
         self.odd.iter().filter(|&&o| o).count()
     }
 
-    /// Number of its part of a lattice, 1..8.
+    /// Index of its part of the lattice, 1..8.
     pub fn part(&self) -> usize {
         part(self.odd)
     }
 }
 
-/// Number of the part of a lattice with these axes odd, 0..8.
+/// Index, 0..8, of the part whose coordinates are odd on the axes `odd`.
 pub fn part(odd: [bool; 3]) -> usize {
     (0..3).map(|a| usize::from(odd[a]) << a).sum()
 }

@@ -1,50 +1,50 @@
-//! One decision out of five opinions: the probabilities of five models are averaged in the logistic domain with weights learnt
-//! on the way.
-use crate::entropy::logistic::{Chance, Tables};
+//! Context mixing for volumes: five bit models predict each bit, and a mixer averages them in the logistic domain with
+//! adaptive weights.
+use crate::entropy::logistic::{BitModel, LogisticTables};
 use crate::entropy::range_coder::Coder;
 
-/// Opinions a decision.
-pub const OPINIONS: usize = 5;
-/// Decisions after which the rate of each stays.
-const SETTLED: [u8; OPINIONS] = [60, 90, 40, 90, 60];
-/// A weight of one.
+/// Models that are mixed for each bit.
+pub const INPUTS: usize = 5;
+/// Bits after which the adaptation rate of each model stays constant.
+const COUNT_LIMIT: [u8; INPUTS] = [60, 90, 40, 90, 60];
+/// Fixed-point weight of one.
 const ONE: i32 = 1 << 16;
-/// Largest weight: the sum of all opinions with it is below 2^31.
+/// Largest weight: the weighted sum of all inputs stays below 2^31.
 const MOST: i32 = 3 * ONE;
-/// Shift of what a mixer learns from one decision.
+/// Right shift that sets the mixer's learning rate.
 const RATE: u32 = 12;
 
-/// The weights of one kind of decision.
+/// Weights of the inputs for one kind of bit.
 #[derive(Debug, Clone)]
-pub struct Mixer([i32; OPINIONS]);
+pub struct Mixer([i32; INPUTS]);
 
 impl Default for Mixer {
     fn default() -> Self {
-        Self([ONE * 7 / 4 / OPINIONS as i32; OPINIONS])
+        Self([ONE * 7 / 4 / INPUTS as i32; INPUTS])
     }
 }
 
-/// A decision by several models, weighed by `mixer`.
+/// Codes or reads one bit with the mean of the `models`' predictions, weighted by `mixer`; updates both. Returns the bit.
 #[inline(always)]
-pub fn mixed(
+pub fn code_mixed_bit(
     coder: &mut impl Coder,
-    tables: &Tables,
+    tables: &LogisticTables,
     mixer: &mut Mixer,
-    models: [&mut Chance; OPINIONS],
+    models: [&mut BitModel; INPUTS],
     bit: bool,
 ) -> bool {
-    let mut opinions = [0; OPINIONS];
+    let mut inputs = [0; INPUTS];
     let mut sum = 0;
-    for i in 0..OPINIONS {
-        opinions[i] = i32::from(tables.stretch(models[i].coarse()));
-        sum += opinions[i] * mixer.0[i];
+    for i in 0..INPUTS {
+        inputs[i] = i32::from(tables.stretch(models[i].probability_12bit()));
+        sum += inputs[i] * mixer.0[i];
     }
     let probability = tables.squash(sum >> 16);
-    let bit = coder.at(probability, bit);
+    let bit = coder.code_bit(probability, bit);
     let error = if bit { 65536 - probability as i32 } else { -(probability as i32) };
-    for (weight, opinion) in mixer.0.iter_mut().zip(opinions) {
-        *weight = (*weight + ((opinion * (error >> 4) + (1 << (RATE - 1))) >> RATE)).clamp(-MOST, MOST);
+    for (weight, input) in mixer.0.iter_mut().zip(inputs) {
+        *weight = (*weight + ((input * (error >> 4) + (1 << (RATE - 1))) >> RATE)).clamp(-MOST, MOST);
     }
-    models.into_iter().zip(SETTLED).for_each(|(model, settled)| model.learn(bit, settled));
+    models.into_iter().zip(COUNT_LIMIT).for_each(|(model, count_limit)| model.update(bit, count_limit));
     bit
 }

@@ -1,112 +1,112 @@
-//! A volume in the making, lattice by lattice. The points of a lattice lie in eight parts, by which of their
-//! coordinates are odd, so that the neighbours of all points of a row are rows as well.
-use super::grid::{Class, Grid, part};
+//! Multigrid state of a volume while it is coded, lattice by lattice. The points of a lattice are stored in eight parts, by
+//! which of their coordinates are odd, so that the neighbors of all points of a row form rows as well.
+use super::grid::{Lattice, PointClass, part};
 use super::predict::WEIGHTS;
 
-/// What is known of the volume.
+/// The part of the volume known so far.
 #[derive(Debug)]
-pub struct Field {
-    /// Parts of the present lattice; the first is the whole lattice before.
-    pub parts: [Part; 8],
-    /// Sizes of the present lattice.
-    pub lattice: Grid,
-    /// All values lie within.
+pub struct MultigridField {
+    /// Parts of the current lattice; the first one is the whole coarser lattice.
+    pub parts: [LatticePart; 8],
+    /// Dimensions of the current lattice.
+    pub lattice: Lattice,
+    /// Least and largest value of the volume.
     pub range: [f32; 2],
 }
 
-/// Points with the same axes odd.
+/// Points whose coordinates are odd on the same axes.
 #[derive(Debug, Default)]
-pub struct Part {
-    /// Its sizes.
-    pub grid: Grid,
-    /// Values as a decoder has them; 0 where not yet met.
+pub struct LatticePart {
+    /// Dimensions.
+    pub grid: Lattice,
+    /// Values as a decoder reconstructs them; 0 where not yet coded.
     pub values: Vec<f32>,
-    /// Residuals in quantiser steps, saturated; 0 where not yet met.
-    pub marks: Vec<i8>,
+    /// Residuals in quantizer steps, saturated to -127..=127; 0 where not yet coded.
+    pub residuals: Vec<i8>,
 }
 
-/// What holds for all points of a level.
+/// Parameters of a level.
 #[derive(Debug, Clone)]
-pub struct Level {
+pub struct LevelParams {
     /// 0 for the finest level.
     pub number: usize,
-    /// Distance of reconstruction points.
+    /// Quantizer step: distance between reconstruction points.
     pub step: f32,
-    /// One over the step.
+    /// 1 / step.
     pub scale: f32,
-    /// How far the reconstruction points other than 0 are moved towards 0.
+    /// Distance by which reconstruction points other than 0 are moved towards 0.
     pub bias: f32,
-    /// Weights of the prediction by class.
+    /// Prediction weights by class.
     pub weights: [[f32; WEIGHTS]; 7],
 }
 
-/// `value` within a range; its least where it is no number.
+/// `value` clamped to a range; NaN gives the least value.
 #[inline(always)]
 pub fn within([low, high]: [f32; 2], value: f32) -> f32 {
-    // Not by `max` and `min`: which of -0 and 0 they give is up to the machine.
+    // Not by `max` and `min`, whose choice between -0 and 0 depends on the machine.
     if value >= low { if value <= high { value } else { high } } else { low }
 }
 
-impl Part {
-    fn new(grid: Grid) -> Self {
-        Self { grid, values: vec![0.0; grid.count()], marks: vec![0; grid.count()] }
+impl LatticePart {
+    fn new(grid: Lattice) -> Self {
+        Self { grid, values: vec![0.0; grid.count()], residuals: vec![0; grid.count()] }
     }
 
-    /// Values of the row at y, z.
+    /// Values of row (y, z).
     #[inline]
     pub fn row(&self, [y, z]: [usize; 2]) -> &[f32] {
         self.values.get(self.grid.row(y, z)..).map_or(&[], |values| &values[..self.grid.dims[0]])
     }
 
-    /// Marks of the row at y, z.
+    /// Residuals of row (y, z).
     #[inline]
-    pub fn marks(&self, [y, z]: [usize; 2]) -> &[i8] {
-        self.marks.get(self.grid.row(y, z)..).map_or(&[], |marks| &marks[..self.grid.dims[0]])
+    pub fn residuals(&self, [y, z]: [usize; 2]) -> &[i8] {
+        self.residuals.get(self.grid.row(y, z)..).map_or(&[], |residuals| &residuals[..self.grid.dims[0]])
     }
 }
 
-impl Field {
-    /// The lattice of the first voxel alone.
+impl MultigridField {
+    /// The lattice that consists of the first voxel alone.
     pub fn new(first: f32, range: [f32; 2]) -> Self {
-        let lattice = Grid { dims: [1; 3] };
-        let mut parts: [Part; 8] = Default::default();
-        parts[0] = Part { grid: lattice, values: vec![first], marks: vec![0] };
+        let lattice = Lattice { dims: [1; 3] };
+        let mut parts: [LatticePart; 8] = Default::default();
+        parts[0] = LatticePart { grid: lattice, values: vec![first], residuals: vec![0] };
         Self { parts, lattice, range }
     }
 
-    /// Makes room for the new points of the next lattice.
-    pub fn begin(&mut self, lattice: Grid) {
+    /// Allocates the new points of the next finer lattice.
+    pub fn begin(&mut self, lattice: Lattice) {
         self.lattice = lattice;
         for class in lattice.classes() {
-            self.parts[class.part()] = Part::new(lattice.part(class.odd));
+            self.parts[class.part()] = LatticePart::new(lattice.part(class.odd));
         }
     }
 
-    /// Takes a class out, to change it; it is put back by its number.
-    pub fn take(&mut self, class: Class) -> Part {
+    /// Moves the part of a class out, to be changed; the caller puts it back.
+    pub fn take(&mut self, class: PointClass) -> LatticePart {
         std::mem::take(&mut self.parts[class.part()])
     }
 
-    /// Joins the parts into the first part of the next lattice, with marks if there is another.
-    pub fn end(&mut self, marks: bool) {
+    /// Interleaves all parts into the first part of the next finer lattice, and residuals if `residuals`.
+    pub fn end(&mut self, residuals: bool) {
         let parts = std::mem::take(&mut self.parts);
         let grid = self.lattice;
         let mut values = vec![0.0; grid.count()];
-        let mut joined = vec![0; if marks { grid.count() } else { 0 }];
+        let mut joined = vec![0; if residuals { grid.count() } else { 0 }];
         for (y, z) in grid.rows() {
             let [even, odd] = [false, true].map(|x| &parts[part([x, y % 2 == 1, z % 2 == 1])]);
             let (at, n) = (grid.row(y, z), grid.dims[0]);
             let place = [y / 2, z / 2];
             interleave(&mut values[at..at + n], even.row(place), odd.row(place));
-            if marks {
-                interleave(&mut joined[at..at + n], even.marks(place), odd.marks(place));
+            if residuals {
+                interleave(&mut joined[at..at + n], even.residuals(place), odd.residuals(place));
             }
         }
-        self.parts[0] = Part { grid, values, marks: joined };
+        self.parts[0] = LatticePart { grid, values, residuals: joined };
     }
 }
 
-/// One of each in turn; there are as many even ones as odd ones or one more.
+/// Interleaves two rows; there are as many even points as odd ones, or one more.
 fn interleave<T: Copy>(to: &mut [T], even: &[T], odd: &[T]) {
     for (to, (&e, &o)) in to.chunks_exact_mut(2).zip(even.iter().zip(odd)) {
         (to[0], to[1]) = (e, o);

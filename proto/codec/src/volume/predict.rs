@@ -1,40 +1,40 @@
-//! What a point is expected to be from the points known before it: the mean of its nearest neighbours along its odd
-//! axes, corrected by weighed differences that were fitted to the volume. A row of points is done at a time.
-use super::grid::{Class, part};
-use super::multigrid::{Field, Level, Part, within};
+//! Prediction of points from the points already known: the mean of the nearest neighbors along the odd axes, corrected by
+//! weighted differences whose weights are fitted to the volume. Whole rows are predicted at a time.
+use super::grid::{PointClass, part};
+use super::multigrid::{LatticePart, LevelParams, MultigridField, within};
 
-/// Most weights of a class.
+/// Largest number of weights of a class.
 pub const WEIGHTS: usize = 7;
 /// A weight is a multiple of 1 / SCALE.
 pub const SCALE: f32 = 64.0;
 
-/// What the neighbours tell of a point.
+/// Terms of the prediction of one point.
 #[derive(Debug, Clone, Copy)]
-pub struct Features {
-    /// Mean of the nearest neighbours.
+pub struct PredictionTerms {
+    /// Mean of the nearest neighbors.
     pub base: f32,
-    /// Differences to be weighed.
+    /// Differences, one for each weight.
     pub terms: [f32; WEIGHTS],
-    /// How far the axes, or near and far neighbours, disagree.
+    /// Disagreement between axes, or between near and far neighbors.
     pub bend: f32,
 }
 
-/// Number of weights with K odd axes.
-pub const fn weights(odds: usize) -> usize {
-    [0, 2, 4, 7][odds]
+/// Number of weights of a class with `odd_axes` odd axes.
+pub const fn weights(odd_axes: usize) -> usize {
+    [0, 2, 4, 7][odd_axes]
 }
 
 /// Weights where none were fitted, in 1 / SCALE: cubic interpolation along each axis, (-1, 9, 9, -1) / 16, averaged.
-pub const fn cubic(odds: usize) -> [i8; WEIGHTS] {
-    match odds {
+pub const fn cubic(odd_axes: usize) -> [i8; WEIGHTS] {
+    match odd_axes {
         1 => [-8, 0, 0, 0, 0, 0, 0],
         2 => [-4, -4, 0, 0, 0, 0, 0],
         _ => [-3, -3, -3, 0, 0, 0, 0],
     }
 }
 
-impl Features {
-    /// Expected value with `weights`.
+impl PredictionTerms {
+    /// Base plus weighted terms.
     #[inline(always)]
     pub fn value<const K: usize>(&self, weights: &[f32; WEIGHTS]) -> f32 {
         let mut sum = self.base;
@@ -45,46 +45,46 @@ impl Features {
     }
 }
 
-/// Means of the neighbours of a row of points, and what is expected of them.
+/// Means of the neighbors of a row of points, and their predictions.
 #[derive(Debug, Default)]
-pub struct Row {
-    /// By odd axis: of the nearest two along it.
+pub struct PredictionRow {
+    /// Per odd axis: mean of the two nearest points along it.
     near: [Vec<f32>; 3],
-    /// Of those three times as far; of the nearest where the volume ends between.
+    /// Per odd axis: mean of the points three times as far, or the nearest ones where the volume ends in between.
     far: [Vec<f32>; 3],
-    /// Of those beside, by kind.
+    /// Further means, by class: diagonal neighbors, or points on even axes.
     more: [Vec<f32>; 5],
-    /// How far nearest neighbours on the same axis differ, at most.
+    /// Largest difference between the two nearest neighbors along an axis.
     slope: Vec<f32>,
-    /// Expected values.
+    /// Predictions.
     pub expected: Vec<f32>,
-    /// Slope and bend in half octaves of steps, and the sign of the first difference: see `surroundings`.
+    /// Packed context bits: see `surroundings`.
     pub surroundings: Vec<u16>,
 }
 
-/// The larger one; the second if either is no number.
+/// The larger number; the second if either is NaN.
 #[inline(always)]
 fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// Means of two rows.
+/// Means of two rows, element by element.
 fn mean(to: &mut [f32], [a, b]: [&[f32]; 2]) {
     to.iter_mut().zip(a.iter().zip(b)).for_each(|(to, (a, b))| *to = (a + b) * 0.5);
 }
 
-/// Means of four rows, two by two.
+/// Means of four rows, pair by pair.
 fn mean4(to: &mut [f32], [a, b, c, d]: [&[f32]; 4]) {
     let pairs = a.iter().zip(b).zip(c.iter().zip(d));
     to.iter_mut().zip(pairs).for_each(|(to, ((a, b), (c, d)))| *to = ((a + b) * 0.5 + (c + d) * 0.5) * 0.5);
 }
 
-/// The neighbours at the end of a row, of which the second may be missing.
+/// The neighbors at the end of a row, where the second one may be missing.
 fn last(row: &[f32]) -> [f32; 2] {
     row.last().map_or([0.0; 2], |&v| [v, v])
 }
 
-/// Means of neighbours within a row.
+/// Means of successive points within a row.
 fn mean_x(to: &mut [f32], row: &[f32]) {
     let next = row.get(1..).unwrap_or(&[]);
     mean(to, [row, next]);
@@ -93,7 +93,7 @@ fn mean_x(to: &mut [f32], row: &[f32]) {
     }
 }
 
-/// Means of neighbours within the means of two rows.
+/// Means of successive points within the means of two rows.
 fn mean4_x(to: &mut [f32], [a, b]: [&[f32]; 2]) {
     let (c, d) = (a.get(1..).unwrap_or(&[]), b.get(1..).unwrap_or(&[]));
     mean4(to, [a, b, c, d]);
@@ -102,7 +102,7 @@ fn mean4_x(to: &mut [f32], [a, b]: [&[f32]; 2]) {
     }
 }
 
-/// Means of those three times as far within a row; those near at its ends.
+/// Means of points three times as far apart within a row; `near` at its ends.
 fn far_x(to: &mut [f32], row: &[f32], near: &[f32]) {
     to.copy_from_slice(near);
     if let (Some(to), Some(next)) = (to.get_mut(1..), row.get(3..)) {
@@ -110,8 +110,8 @@ fn far_x(to: &mut [f32], row: &[f32], near: &[f32]) {
     }
 }
 
-/// Means of what is before and after each place within the means of two rows; the place itself where there is none.
-fn beside_x(to: &mut [f32], rows: [&[f32]; 2]) {
+/// Means of the points before and after each point, within the means of two rows; the point itself at an end.
+fn even_neighbors_x(to: &mut [f32], rows: [&[f32]; 2]) {
     let at = |i: usize| {
         let (before, after) = (i.saturating_sub(1), (i + 1).min(rows[0].len() - 1));
         let [a, b] = rows.map(|row| (row[before] + row[after]) * 0.5);
@@ -126,40 +126,40 @@ fn beside_x(to: &mut [f32], rows: [&[f32]; 2]) {
     }
 }
 
-/// Raises `to` to how far two rows differ.
+/// Raises `to` to the absolute difference of two rows.
 fn raise(to: &mut [f32], a: &[f32], b: &[f32]) {
     to.iter_mut().zip(a.iter().zip(b)).for_each(|(to, (a, b))| *to = larger((b - a).abs(), *to));
 }
 
-/// Places along an axis of the nearest neighbours of a point at `i` with an odd coordinate, `n` being there.
-fn near(i: usize, n: usize) -> [usize; 2] {
+/// Indices, along an odd axis of `n` points, of the nearest neighbors of point `i`.
+fn near_indices(i: usize, n: usize) -> [usize; 2] {
     [i, if i + 1 < n { i + 1 } else { i }]
 }
 
-/// Places of those three times as far.
-fn far(i: usize, n: usize) -> [usize; 2] {
-    if i >= 1 && i + 2 < n { [i - 1, i + 2] } else { near(i, n) }
+/// Indices of those three times as far.
+fn far_indices(i: usize, n: usize) -> [usize; 2] {
+    if i >= 1 && i + 2 < n { [i - 1, i + 2] } else { near_indices(i, n) }
 }
 
-/// Places beside a point at `i` with an even coordinate.
-fn beside(i: usize, n: usize) -> [usize; 2] {
+/// Indices, along an even axis, of the points beside point `i`.
+fn even_neighbors(i: usize, n: usize) -> [usize; 2] {
     [i.saturating_sub(1), (i + 1).min(n - 1)]
 }
 
-/// Four rows of a part: all pairs of `ys` and `zs`, those of the same `outer` axis beside each other.
-fn four(part: &Part, ys: [usize; 2], zs: [usize; 2], outer: usize) -> [&[f32]; 4] {
+/// Four rows of a part: all pairs of `ys` and `zs`, ordered by the `outer` axis first.
+fn four(part: &LatticePart, ys: [usize; 2], zs: [usize; 2], outer: usize) -> [&[f32]; 4] {
     let [[a, b], [c, d]] = ys.map(|y| zs.map(|z| part.row([y, z])));
     if outer == 1 { [a, b, c, d] } else { [a, c, b, d] }
 }
 
-/// Two rows of a part: along `axis` at `places`.
-fn two(part: &Part, axis: usize, [y, z]: [usize; 2], places: [usize; 2]) -> [&[f32]; 2] {
-    places.map(|i| if axis == 1 { part.row([i, z]) } else { part.row([y, i]) })
+/// Two rows of a part: at the indices `places` along `axis`.
+fn two(part: &LatticePart, axis: usize, [y, z]: [usize; 2], block_range: [usize; 2]) -> [&[f32]; 2] {
+    block_range.map(|i| if axis == 1 { part.row([i, z]) } else { part.row([y, i]) })
 }
 
-impl Row {
-    /// Looks at the neighbours of the row of `class` at `y`, `z`; with `SLOPE` also at how they differ.
-    pub fn look<const SLOPE: bool>(&mut self, field: &Field, class: Class, y: usize, z: usize) {
+impl PredictionRow {
+    /// Computes the means for row (`y`, `z`) of `class`; with `SLOPE` also the differences of nearest neighbors.
+    pub fn compute_means<const SLOPE: bool>(&mut self, field: &MultigridField, class: PointClass, y: usize, z: usize) {
         let n = field.lattice.part(class.odd).dims[0];
         let rows = self.near.iter_mut().chain(&mut self.far).chain(&mut self.more);
         rows.chain([&mut self.slope, &mut self.expected]).for_each(|row| row.resize(n, 0.0));
@@ -169,20 +169,20 @@ impl Row {
         }
         let axes = (0..3).filter(|&a| class.odd[a]);
         for (number, axis) in axes.enumerate() {
-            self.along::<SLOPE>(field, class, number, axis, [y, z]);
+            self.means_along::<SLOPE>(field, class, number, axis, [y, z]);
         }
-        match class.odds() {
-            1 => self.more_one(field, class, [y, z]),
-            2 => self.more_two(field, class, [y, z]),
-            _ => self.more_three(field, [y, z]),
+        match class.odd_axes() {
+            1 => self.even_axis_means(field, class, [y, z]),
+            2 => self.diagonal_mean(field, class, [y, z]),
+            _ => self.edge_and_corner_means(field, [y, z]),
         }
     }
 
-    /// Near and far neighbours along the odd `axis`.
-    fn along<const SLOPE: bool>(
+    /// Near and far means along the odd `axis`.
+    fn means_along<const SLOPE: bool>(
         &mut self,
-        field: &Field,
-        class: Class,
+        field: &MultigridField,
+        class: PointClass,
         number: usize,
         axis: usize,
         [y, z]: [usize; 2],
@@ -199,53 +199,53 @@ impl Row {
             return;
         }
         let (i, n) = ([y, z][axis - 1], from.grid.dims[axis]);
-        let rows = two(from, axis, [y, z], near(i, n));
+        let rows = two(from, axis, [y, z], near_indices(i, n));
         mean(to, rows);
-        mean(&mut self.far[number], two(from, axis, [y, z], far(i, n)));
+        mean(&mut self.far[number], two(from, axis, [y, z], far_indices(i, n)));
         if SLOPE {
             raise(slope, rows[0], rows[1]);
         }
     }
 
-    /// With one odd axis: the eight twice as far beside, by even axis.
-    fn more_one(&mut self, field: &Field, class: Class, [y, z]: [usize; 2]) {
+    /// One odd axis: means of the points beside along each even axis, twice as far.
+    fn even_axis_means(&mut self, field: &MultigridField, class: PointClass, [y, z]: [usize; 2]) {
         let [first, second, ..] = &mut self.more;
         let from = &field.parts[0];
         let [_, ny, nz] = from.grid.dims;
-        let (ys, zs) = (beside(y, ny), beside(z, nz));
+        let (ys, zs) = (even_neighbors(y, ny), even_neighbors(z, nz));
         match class.odd {
             [true, _, _] => {
                 mean4_x(first, two(from, 1, [y, z], ys));
                 mean4_x(second, two(from, 2, [y, z], zs));
             }
             [_, true, _] => {
-                beside_x(first, two(from, 1, [y, z], near(y, ny)));
-                mean4(second, four(from, near(y, ny), zs, 1));
+                even_neighbors_x(first, two(from, 1, [y, z], near_indices(y, ny)));
+                mean4(second, four(from, near_indices(y, ny), zs, 1));
             }
             _ => {
-                beside_x(first, two(from, 2, [y, z], near(z, nz)));
-                mean4(second, four(from, ys, near(z, nz), 2));
+                even_neighbors_x(first, two(from, 2, [y, z], near_indices(z, nz)));
+                mean4(second, four(from, ys, near_indices(z, nz), 2));
             }
         }
     }
 
-    /// With two: the four corners between them.
-    fn more_two(&mut self, field: &Field, class: Class, [y, z]: [usize; 2]) {
+    /// Two odd axes: mean of the four diagonal neighbors.
+    fn diagonal_mean(&mut self, field: &MultigridField, class: PointClass, [y, z]: [usize; 2]) {
         let (from, to) = (&field.parts[0], &mut self.more[0]);
         let [_, ny, nz] = from.grid.dims;
         match class.odd {
-            [true, true, _] => mean4_x(to, two(from, 1, [y, z], near(y, ny))),
-            [true, _, _] => mean4_x(to, two(from, 2, [y, z], near(z, nz))),
-            _ => mean4(to, four(from, near(y, ny), near(z, nz), 1)),
+            [true, true, _] => mean4_x(to, two(from, 1, [y, z], near_indices(y, ny))),
+            [true, _, _] => mean4_x(to, two(from, 2, [y, z], near_indices(z, nz))),
+            _ => mean4(to, four(from, near_indices(y, ny), near_indices(z, nz), 1)),
         }
     }
 
-    /// With three: the twelve edges by pair of axes, and the eight corners by z.
-    fn more_three(&mut self, field: &Field, [y, z]: [usize; 2]) {
+    /// Three odd axes: means of the twelve edge neighbors by pair of axes, and of the corner neighbors by z.
+    fn edge_and_corner_means(&mut self, field: &MultigridField, [y, z]: [usize; 2]) {
         let [xy, xz, yz, below, above] = &mut self.more;
         let edges = |x, y, z| &field.parts[part([x, y, z])];
         let [_, ny, nz] = field.parts[0].grid.dims;
-        let (ys, zs) = (near(y, ny), near(z, nz));
+        let (ys, zs) = (near_indices(y, ny), near_indices(z, nz));
         mean4_x(xy, two(edges(false, false, true), 1, [y, z], ys));
         mean4_x(xz, two(edges(false, true, false), 2, [y, z], zs));
         mean4(yz, four(edges(true, false, false), ys, zs, 1));
@@ -253,9 +253,9 @@ impl Row {
         mean4_x(above, two(&field.parts[0], 1, [y, zs[1]], ys));
     }
 
-    /// Shows `see` what the neighbours of each point tell, and its slope.
+    /// Passes index, terms and slope of each point to `see`.
     #[inline(always)]
-    pub fn features<const K: usize>(&self, mut see: impl FnMut(usize, &Features, f32)) {
+    pub fn features<const K: usize>(&self, mut see: impl FnMut(usize, &PredictionTerms, f32)) {
         let n = self.slope.len();
         let [n0, n1, n2] = self.near.each_ref().map(|r| &r[..n]);
         let [f0, f1, f2] = self.far.each_ref().map(|r| &r[..n]);
@@ -268,16 +268,21 @@ impl Row {
         }
     }
 
-    /// What is expected of the points; with `SLOPE` also their surroundings.
-    pub fn predict<const SLOPE: bool>(&mut self, range: [f32; 2], level: &Level, class: Class) {
-        match class.odds() {
+    /// Computes predictions; with `SLOPE` also the context bits.
+    pub fn predict<const SLOPE: bool>(&mut self, range: [f32; 2], level: &LevelParams, class: PointClass) {
+        match class.odd_axes() {
             1 => self.predict_with::<1, SLOPE>(range, level, class),
             2 => self.predict_with::<2, SLOPE>(range, level, class),
             _ => self.predict_with::<3, SLOPE>(range, level, class),
         }
     }
 
-    fn predict_with<const K: usize, const SLOPE: bool>(&mut self, range: [f32; 2], level: &Level, class: Class) {
+    fn predict_with<const K: usize, const SLOPE: bool>(
+        &mut self,
+        range: [f32; 2],
+        level: &LevelParams,
+        class: PointClass,
+    ) {
         let (mut expected, mut around) = (std::mem::take(&mut self.expected), std::mem::take(&mut self.surroundings));
         let weights = level.weights[class.number];
         let scale = level.scale;
@@ -295,8 +300,8 @@ impl Row {
     }
 }
 
-/// Half octaves of `slope` in the lowest four bits, those of `bend` above, then the sign of `rise`: 0, 1, 2 for a
-/// negative number, about 0, and a positive one.
+/// Context bits of a point: half octaves of `slope` in bits 0 to 3, of `bend` in bits 4 to 7, then the sign of `rise`: 0, 1,
+/// 2 for negative, about zero, positive. All arguments are in quantizer steps.
 #[inline(always)]
 fn surroundings(slope: f32, bend: f32, rise: f32) -> u16 {
     let rise = rise * 16.0;
@@ -304,16 +309,16 @@ fn surroundings(slope: f32, bend: f32, rise: f32) -> u16 {
     (octaves(slope) | octaves(bend) << 4 | sign << 8) as u16
 }
 
-/// Half octaves of `x` from 1/32 on, 0..16.
+/// Number of half octaves of |`x`| above 1/32, 0..16.
 #[inline(always)]
 fn octaves(x: f32) -> u32 {
     let halves = (x.abs().to_bits() >> 22) as i32 - (2 * (127 - 5) - 1);
     halves.clamp(0, 15) as u32
 }
 
-/// What the means tell.
+/// Prediction terms from the means of one point.
 #[inline(always)]
-fn features<const K: usize>(near: [f32; 3], far: [f32; 3], more: [f32; 5]) -> Features {
+fn features<const K: usize>(near: [f32; 3], far: [f32; 3], more: [f32; 5]) -> PredictionTerms {
     let mut terms = [0.0; WEIGHTS];
     for a in 0..K {
         terms[a] = far[a] - near[a];
@@ -344,5 +349,5 @@ fn features<const K: usize>(near: [f32; 3], far: [f32; 3], more: [f32; 5]) -> Fe
         }
         _ => 0.0,
     };
-    Features { base, terms, bend }
+    PredictionTerms { base, terms, bend }
 }

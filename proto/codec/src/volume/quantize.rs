@@ -1,20 +1,20 @@
-//! The encoder's choice of residuals.
-use super::multigrid::{Level, within};
-use super::settings::Settings;
-use super::symbols::RAW;
+//! Quantizer of the encoder: chooses the residual of each point.
+use super::multigrid::{LevelParams, within};
+use super::settings::EncoderSettings;
+use super::symbols::RAW_VALUE;
 
-/// The volume as it is, and what of it may be shown differently.
-pub struct Wanted<'a, F> {
+/// The values to encode, and the freedom in encoding them.
+pub struct QuantizationTarget<'a, F> {
     /// Values in the order of voxels.
     pub values: &'a [f32],
-    /// Largest error of a value that is shown.
+    /// Largest absolute error of a visible value.
     pub bound: f32,
-    /// Interval within which the value at an index is not shown, if there is one: it takes the place of the bound.
+    /// Interval in which the value at an index is invisible, if there is one; it replaces the bound.
     pub free: F,
 }
 
-impl<F: Fn(usize) -> Option<(f32, f32)>> Wanted<'_, F> {
-    /// Whether `value` will do for `wanted`, which may be `free`.
+impl<F: Fn(usize) -> Option<(f32, f32)>> QuantizationTarget<'_, F> {
+    /// Whether `value` may be decoded in place of `wanted`, whose interval is `free`.
     #[inline(always)]
     fn accepts(&self, free: Option<(f32, f32)>, wanted: f32, value: f32) -> bool {
         match free {
@@ -24,41 +24,43 @@ impl<F: Fn(usize) -> Option<(f32, f32)>> Wanted<'_, F> {
     }
 }
 
-/// Most steps that are tried.
-const MOST: f32 = RAW as f32 / 2.0;
+/// Largest residual that is tried.
+const MOST: f32 = RAW_VALUE as f32 / 2.0;
 
-/// Value `steps` from what is expected.
+/// The value that a decoder reconstructs from a prediction and a residual of `steps`.
 #[inline]
-pub fn reconstruct(range: [f32; 2], level: &Level, expected: f32, steps: i32) -> f32 {
+pub fn reconstruct(range: [f32; 2], level: &LevelParams, expected: f32, steps: i32) -> f32 {
     let bias = level.bias * steps.signum() as f32;
     within(range, expected + (steps as f32 * level.step - bias))
 }
 
-/// Chooses the residuals.
-pub struct Quantiser<'a, F> {
-    /// What to come close to.
-    pub wanted: &'a Wanted<'a, F>,
-    /// All values lie within.
+/// Chooses residuals.
+pub struct Quantizer<'a, F> {
+    /// The values to encode.
+    pub wanted: &'a QuantizationTarget<'a, F>,
+    /// Least and largest value of the volume.
     pub range: [f32; 2],
-    /// How bytes are spent.
-    pub settings: Settings,
+    /// Parameters of the encoder.
+    pub settings: EncoderSettings,
 }
 
-impl<F: Fn(usize) -> Option<(f32, f32)>> Quantiser<'_, F> {
-    /// Steps from `expected` to the value wanted at `at`, and the value they give; `RAW` if no number of steps does.
+impl<F: Fn(usize) -> Option<(f32, f32)>> Quantizer<'_, F> {
+    /// The decoded value and the residual, in steps, of the voxel at `at`; the residual is `RAW_VALUE` if none is within bounds.
     #[inline(always)]
-    pub fn steps(&self, level: &Level, at: usize, expected: f32) -> (f32, i32) {
+    pub fn steps(&self, level: &LevelParams, at: usize, expected: f32) -> (f32, i32) {
         let wanted = self.wanted.values[at];
         let error = (wanted - expected) * level.scale;
         let free = (self.wanted.free)(at);
-        let loose = free.is_some() && level.number < self.settings.loose;
-        if (loose || error.abs() < 0.5 + self.settings.thrift) && self.wanted.accepts(free, wanted, expected) {
+        let relaxed_levels = free.is_some() && level.number < self.settings.relaxed_levels;
+        if (relaxed_levels || error.abs() < 0.5 + self.settings.dead_zone)
+            && self.wanted.accepts(free, wanted, expected)
+        {
             return (expected, 0);
         }
         let sign = if error < 0.0 { -1 } else { 1 };
-        let enough = (error.abs() + level.bias * level.scale - self.settings.thrift + 0.5).clamp(1.0, MOST) as i32;
+        let enough = (error.abs() + level.bias * level.scale - self.settings.dead_zone + 0.5).clamp(1.0, MOST) as i32;
         let least = match free {
-            Some((low, high)) if loose => {
+            Some((low, high)) if relaxed_levels => {
                 let outside = (low - expected).max(expected - high) * level.scale;
                 (outside.clamp(1.0, MOST) as i32).min(enough)
             }
@@ -70,6 +72,6 @@ impl<F: Fn(usize) -> Option<(f32, f32)>> Quantiser<'_, F> {
                 return (value, sign * steps);
             }
         }
-        (wanted, RAW)
+        (wanted, RAW_VALUE)
     }
 }

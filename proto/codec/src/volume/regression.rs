@@ -1,28 +1,28 @@
-//! Weights of the prediction that suit a volume: least squares over a sample of a class.
-use super::grid::Class;
-use super::multigrid::{Field, Level};
-use super::predict::{Features, Row, SCALE, WEIGHTS, cubic, weights};
+//! Least-squares fit of a class's prediction weights to a sample of its points.
+use super::grid::PointClass;
+use super::multigrid::{LevelParams, MultigridField};
+use super::predict::{PredictionRow, PredictionTerms, SCALE, WEIGHTS, cubic, weights};
 
-/// Points of a sample at which weights are worth their bytes.
-const ENOUGH: usize = 200;
-/// Points of a sample, about.
-const SAMPLE: usize = 30_000;
+/// Fewest informative points of a sample at which fitted weights save more bytes than they cost.
+const MIN_SAMPLE: usize = 200;
+/// Approximate points of a sample.
+const TARGET_SAMPLE: usize = 30_000;
 
-/// Sums of products over a sample: the normal equations.
+/// Normal equations of the least-squares problem.
 #[derive(Debug, Default)]
-struct Sums {
-    /// The lower triangle.
+struct NormalEquations {
+    /// Matrix; the lower triangle only.
     terms: [[f64; WEIGHTS]; WEIGHTS],
     right: [f64; WEIGHTS],
     count: usize,
 }
 
-impl Sums {
+impl NormalEquations {
     #[inline(always)]
-    fn add<const K: usize>(&mut self, step: f32, f: &Features, wanted: f32) {
+    fn add<const K: usize>(&mut self, step: f32, f: &PredictionTerms, wanted: f32) {
         let n = weights(K);
         let error = f64::from(wanted - f.base);
-        // Large errors count less: what they cost grows with their logarithm, not their square.
+        // Weight large errors less: the bytes they cost grow with their logarithm, not their square.
         let weight = 1.0 / (error * error + f64::from(step) * f64::from(step));
         for i in 0..n {
             let term = f64::from(f.terms[i]) * weight;
@@ -33,34 +33,34 @@ impl Sums {
     }
 }
 
-/// Weights of `class` in 1 / SCALE by what is `wanted`, and shown, at a point; `None` where the sample is too small to
-/// tell.
+/// Fitted weights of `class` in 1 / SCALE; `None` if the sample is too small. `wanted` gives the value of a point, or `None`
+/// where it is invisible.
 pub fn fit(
-    field: &Field,
-    level: &Level,
-    class: Class,
+    field: &MultigridField,
+    level: &LevelParams,
+    class: PointClass,
     wanted: impl Fn([usize; 3]) -> Option<f32>,
 ) -> Option<[i8; WEIGHTS]> {
-    let sums = match class.odds() {
+    let sums = match class.odd_axes() {
         1 => sample::<1>(field, level, class, wanted),
         2 => sample::<2>(field, level, class, wanted),
         _ => sample::<3>(field, level, class, wanted),
     };
-    if sums.count < ENOUGH { None } else { solve(sums.terms, sums.right, class.odds()) }
+    if sums.count < MIN_SAMPLE { None } else { solve(sums.terms, sums.right, class.odd_axes()) }
 }
 
 fn sample<const K: usize>(
-    field: &Field,
-    level: &Level,
-    class: Class,
+    field: &MultigridField,
+    level: &LevelParams,
+    class: PointClass,
     wanted: impl Fn([usize; 3]) -> Option<f32>,
-) -> Sums {
+) -> NormalEquations {
     let grid = field.lattice.part(class.odd);
-    // An odd number, so that the rows are not all of one plane.
-    let every = (grid.count() / SAMPLE) | 1;
-    let (mut sums, mut row) = (Sums::default(), Row::default());
+    // An odd stride, so that the sampled rows are not all of one plane.
+    let every = (grid.count() / TARGET_SAMPLE) | 1;
+    let (mut sums, mut row) = (NormalEquations::default(), PredictionRow::default());
     for (y, z) in grid.rows().step_by(every) {
-        row.look::<false>(field, class, y, z);
+        row.compute_means::<false>(field, class, y, z);
         row.features::<K>(|x, features, _| {
             if let Some(wanted) = wanted([x, y, z]) {
                 sums.add::<K>(level.step, features, wanted);
@@ -70,15 +70,15 @@ fn sample<const K: usize>(
     sums
 }
 
-/// The solution of the normal equations, drawn a little towards cubic interpolation.
-fn solve(mut a: [[f64; WEIGHTS]; WEIGHTS], mut b: [f64; WEIGHTS], odds: usize) -> Option<[i8; WEIGHTS]> {
-    let (n, scale) = (weights(odds), f64::from(SCALE));
+/// Solution of the normal equations, regularized towards cubic interpolation.
+fn solve(mut a: [[f64; WEIGHTS]; WEIGHTS], mut b: [f64; WEIGHTS], odd_axes: usize) -> Option<[i8; WEIGHTS]> {
+    let (n, scale) = (weights(odd_axes), f64::from(SCALE));
     (0..n).for_each(|i| (0..i).for_each(|j| a[j][i] = a[i][j]));
     let trace: f64 = (0..n).map(|i| a[i][i]).sum();
     for i in 0..n {
         let pull = 1e-3 * trace / n as f64 + 1e-9;
         a[i][i] += pull;
-        b[i] += pull * f64::from(cubic(odds)[i]) / scale;
+        b[i] += pull * f64::from(cubic(odd_axes)[i]) / scale;
     }
     for i in 0..n {
         for j in i + 1..n {

@@ -1,32 +1,32 @@
-//! How the encoder spends its bytes: what gave the fewest of them at equal mean square error over simulated and
-//! scanned volumes. A decoder reads the steps and biases from the bytes and asks none of this.
+//! Parameters of the encoder: those with the fewest bytes at equal mean square error over simulated and scanned volumes. A
+//! decoder reads steps and biases from the bytes and needs none of these.
 
-/// Settings of an encoder.
+/// Parameters of an encoder.
 #[derive(Debug, Clone, Copy)]
-pub struct Settings {
-    /// Step of the finest level in parts, 1..=64: less than 64 leaves a choice between two numbers of steps.
+pub struct EncoderSettings {
+    /// Quantizer step of the finest level in 1/64 of twice the bound, 1..=64; below 64 most values have two residuals to choose from.
     pub step: f32,
-    /// How many times finer each coarser level's step is: more is predicted from it.
+    /// Ratio of a level's step to the next coarser level's, which must be finer because more is predicted from it.
     pub alpha: f32,
-    /// How many times finer a step is at most.
+    /// Largest ratio of the finest level's step to a coarser level's.
     pub beta: f32,
-    /// Bias of all levels in parts, 0..=31.
+    /// Bias of all levels in 1/64 of the step, 0..=31.
     pub bias: u32,
-    /// How much further than half a step a residual must reach to count one step more, in steps.
-    pub thrift: f32,
-    /// Levels whose free voxels take the cheapest value in their interval; those of coarser levels, from which more is
-    /// predicted, take a near one.
-    pub loose: usize,
+    /// Dead zone: excess over half a step, in steps, that a prediction error needs for the residual to grow by one.
+    pub dead_zone: f32,
+    /// Number of finest levels on which invisible voxels take the cheapest value of their interval; on coarser levels, from
+    /// which more is predicted, they take one near their own.
+    pub relaxed_levels: usize,
 }
 
-impl Default for Settings {
+impl Default for EncoderSettings {
     fn default() -> Self {
-        Self { step: 56.0, alpha: 1.75, beta: 8.0, bias: 0, thrift: 0.08, loose: 2 }
+        Self { step: 56.0, alpha: 1.75, beta: 8.0, bias: 0, dead_zone: 0.08, relaxed_levels: 2 }
     }
 }
 
-impl Settings {
-    /// Step of a level in parts, 1..=64; 0 is the finest.
+impl EncoderSettings {
+    /// Quantizer step of a level in 1/64 of twice the bound, 1..=64; level 0 is the finest.
     pub fn step_parts(&self, level: usize) -> u32 {
         let finer = (0..level).fold(1.0, |finer: f32, _| (finer * self.alpha).min(self.beta));
         (self.step / finer).round().clamp(1.0, 64.0) as u32

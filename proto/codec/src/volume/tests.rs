@@ -1,5 +1,5 @@
 use super::{HEADER, decode::decode, encode::encode};
-use crate::entropy::Error;
+use crate::entropy::EntropyError;
 
 /// Numbers in 0..1 of a linear congruential generator.
 fn noise(seed: u64) -> impl FnMut() -> f32 {
@@ -119,11 +119,11 @@ fn nothing_is_nothing() {
 
 #[test]
 fn broken_headers_are_refused() {
-    assert_eq!(decode(&[0; HEADER - 1], [4; 3], 0.1), Err(Error::Short));
-    assert_eq!(decode(&[0; HEADER], [usize::MAX, 2, 1], 0.1), Err(Error::Sizes));
-    assert_eq!(decode(&[0xff; 40], [4; 3], 0.1), Err(Error::Value));
+    assert_eq!(decode(&[0; HEADER - 1], [4; 3], 0.1), Err(EntropyError::LengthMismatch));
+    assert_eq!(decode(&[0; HEADER], [usize::MAX, 2, 1], 0.1), Err(EntropyError::SizeOverflow));
+    assert_eq!(decode(&[0xff; 40], [4; 3], 0.1), Err(EntropyError::InvalidValue));
     let swapped: Vec<u8> = [1.0_f32, 0.0, 0.5].iter().flat_map(|v| v.to_le_bytes()).collect();
-    assert_eq!(decode(&swapped, [4; 3], 0.1), Err(Error::Value));
+    assert_eq!(decode(&swapped, [4; 3], 0.1), Err(EntropyError::InvalidValue));
 }
 
 #[test]

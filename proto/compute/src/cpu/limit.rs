@@ -1,18 +1,18 @@
-//! How much processor time a user grants a node: cores, or percent of the machine's.
+//! The processor time that a user grants a node, as a number of cores or a percentage of the machine's.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 use std::thread::available_parallelism;
 
-/// Cores that a node may use, more than 0 and at most those of the machine.
+/// Number of cores that a node may use: above 0, at most the machine's.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Written", into = "String")]
 pub struct CpuLimit {
     cores: f64,
 }
 
-/// A share that cannot be granted.
+/// An invalid setting of a CPU limit.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("cpu_share: \"{text}\" {reason}; write cores such as 0.5, or percent of this machine's cores such as 25%")]
 pub struct InvalidCpuLimit {
@@ -20,7 +20,7 @@ pub struct InvalidCpuLimit {
     reason: String,
 }
 
-/// As written in a configuration file.
+/// A CPU limit as written in a configuration file.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Written {
@@ -36,23 +36,23 @@ impl Default for CpuLimit {
 }
 
 impl CpuLimit {
-    /// Cores of this machine that this process may run on.
+    /// Number of cores of this machine that this process may run on.
     pub fn machine() -> f64 {
         available_parallelism().map_or(1.0, |n| n.get() as f64)
     }
 
-    /// All of them.
+    /// All cores of the machine.
     pub fn all() -> Self {
         Self { cores: Self::machine() }
     }
 
-    /// The shares of two nodes in one process, together.
+    /// Twice this limit, at most the machine's cores: for two nodes in one process.
     #[must_use]
     pub fn doubled(self) -> Self {
         Self { cores: (2.0 * self.cores).min(Self::machine()) }
     }
 
-    /// Cores, as a fraction.
+    /// Number of cores, possibly fractional.
     pub fn cores(self) -> f64 {
         self.cores
     }

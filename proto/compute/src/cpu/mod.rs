@@ -1,4 +1,4 @@
-//! Processor time of a node: how much of it heavy work may use, in which order, and on which threads.
+//! Scheduling of a node's heavy work: its share of processor time, its order, and its threads.
 
 mod limit;
 mod queue;

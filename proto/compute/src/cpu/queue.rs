@@ -1,12 +1,12 @@
-//! Priority queue of heavy work, with aging: what has waited long goes before what is more urgent and came later.
+//! Priority queue of heavy work, with aging: work that has waited long precedes more urgent work that came later.
 
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// What heavy work is for, the most urgent first.
+/// Purpose of heavy work, the most urgent first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Priority {
-    /// A picture somebody waits for.
+    /// A picture for a user who waits for it.
     Picture,
     /// A trial of a run's first study.
     FirstTrial,
@@ -19,7 +19,7 @@ pub enum Priority {
 }
 
 impl Priority {
-    /// All of them, the most urgent first.
+    /// All priorities, the most urgent first.
     pub const ALL: [Self; 5] = [Self::Picture, Self::FirstTrial, Self::LiveStep, Self::Trial, Self::Quality];
 
     /// Its name in metrics and tables.
@@ -33,21 +33,21 @@ impl Priority {
         }
     }
 
-    /// Of a study's trial.
+    /// The priority of a study's trial.
     pub fn of_trial(first_study: bool) -> Self {
         if first_study { Self::FirstTrial } else { Self::Trial }
     }
 }
 
-/// Waiting for so long makes up for one level of priority: a live step comes between the trials of a long first study.
+/// Waiting time that raises work by one level of priority, so that live steps come between the trials of a long first study.
 const AGING: Duration = Duration::from_secs(1);
 
-/// Those who wait, and the one whose turn it is.
+/// The waiting tickets, and whether one of them is at work.
 #[derive(Debug, Default)]
 pub struct Queue {
     next_ticket: u64,
     waiting: Vec<Waiting>,
-    /// Somebody works.
+    /// Whether a ticket is at work.
     busy: bool,
 }
 
@@ -59,40 +59,40 @@ struct Waiting {
 }
 
 impl Queue {
-    /// Joins; gives a ticket.
+    /// Adds a waiting ticket and returns it.
     pub fn join(&mut self, priority: Priority, now: Instant) -> u64 {
         self.next_ticket += 1;
         self.waiting.push(Waiting { ticket: self.next_ticket, priority, since: now });
         self.next_ticket
     }
 
-    /// Gives the place up.
+    /// Removes a waiting ticket.
     pub fn leave(&mut self, ticket: u64) {
         self.waiting.retain(|w| w.ticket != ticket);
     }
 
-    /// True if nobody works and nobody else comes before `ticket`.
+    /// True if no ticket is at work and `ticket` is the first of those waiting.
     pub fn is_next(&self, ticket: u64, now: Instant) -> bool {
         !self.busy && self.first(now) == Some(ticket)
     }
 
-    /// True if nobody works or waits.
+    /// True if no ticket is at work or waiting.
     pub fn is_idle(&self) -> bool {
         !self.busy && self.waiting.is_empty()
     }
 
-    /// How many wait.
+    /// Number of waiting tickets.
     pub fn len(&self) -> usize {
         self.waiting.len()
     }
 
-    /// Lets `ticket` work.
+    /// Moves `ticket` from waiting to work.
     pub fn begin(&mut self, ticket: u64) {
         self.leave(ticket);
         self.busy = true;
     }
 
-    /// The one that worked has ended.
+    /// Ends the work in progress.
     pub fn end(&mut self) {
         self.busy = false;
     }

@@ -1,8 +1,8 @@
-//! The share of the processor that a node's heavy work keeps to.
+//! Admission of a node's heavy work, so that it keeps to a share of the processor.
 //!
-//! Two lanes, each with one piece of work at a time: pictures, which people wait for, and everything else by priority. Pictures
-//! have a bucket of their own with more than half of the rate, so that neither a long trial's debt holds up a picture, nor
-//! pages that never rest the trials.
+//! There are two lanes with one piece of work at a time each: pictures for users, and everything else by priority. Pictures have
+//! a token bucket of their own with more than half of the rate, so that neither the debt of a long trial delays pictures, nor
+//! continuous drawing stops the trials.
 
 use super::limit::CpuLimit;
 use super::queue::{Priority, Queue};
@@ -19,7 +19,7 @@ use tokio::time::{Instant, sleep};
 /// Share of the rate that pictures may use.
 const PICTURES: f64 = 0.6;
 
-/// Processor time of one node, or of several in one process. Clones share it.
+/// Processor time granted to one node, or to several in one process. Clones share it.
 #[derive(Clone)]
 pub struct CpuShare {
     inner: Arc<Inner>,
@@ -30,14 +30,14 @@ struct Inner {
     background: ThreadPool,
     pictures: ThreadPool,
     state: Mutex<State>,
-    /// Something changed for those who wait.
+    /// Notifies waiting work of changes.
     changed: Notify,
 }
 
 struct State {
     total: TokenBucket,
     pictures: TokenBucket,
-    /// By lane.
+    /// Queue of each lane.
     queues: [Queue; 2],
     usage: Usage,
     /// Share of the rate in use, at most 1; see [`CpuShare::throttle`].
@@ -88,7 +88,7 @@ impl std::fmt::Debug for CpuShare {
 }
 
 impl CpuShare {
-    /// `limit` of the processor, on threads that stand behind others'.
+    /// A share of `limit`, on threads of lower priority.
     ///
     /// # Errors
     /// If the system refuses threads.
@@ -97,7 +97,7 @@ impl CpuShare {
         Self::on(limit.cores(), threads, Scheduling::Background)
     }
 
-    /// All of the processor, as much as there is work: for a run that waits for its nodes.
+    /// The whole processor without a limit: for a run that waits for its nodes.
     ///
     /// # Errors
     /// If the system refuses threads.
@@ -129,17 +129,17 @@ impl CpuShare {
         self.inner.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Cores granted; infinite without a limit.
+    /// Number of cores granted; infinite without a limit.
     pub fn cores(&self) -> f64 {
         self.inner.cores
     }
 
-    /// What it was used for so far.
+    /// Statistics of its use so far.
     pub fn usage(&self) -> Usage {
         self.state().usage
     }
 
-    /// Pieces of work that wait.
+    /// Number of pieces of work that wait.
     pub fn waiting(&self) -> usize {
         self.state().queues.iter().map(Queue::len).sum()
     }
@@ -149,7 +149,7 @@ impl CpuShare {
         self.state().throttle
     }
 
-    /// Lets work other than pictures have `share` of the granted rate from now on, 0 to 1.
+    /// Limits work other than pictures to the fraction `share` (0 to 1) of the granted rate from now on.
     pub fn throttle(&self, share: f64) {
         let mut state = self.state();
         state.throttle = share;
@@ -160,14 +160,13 @@ impl CpuShare {
         self.inner.changed.notify_waiters();
     }
 
-    /// Admits nothing but pictures for `time` from now on, or until this is called again: for a measurement of the simulation
-    /// alone.
+    /// Admits only pictures for `time` from now on, or until called again: to measure the simulation without load.
     pub fn hold(&self, time: Duration) {
         self.state().held_until = Some(Instant::now() + time);
         self.inner.changed.notify_waiters();
     }
 
-    /// Waits for its turn and for tokens. Dropping the future gives the place up.
+    /// Waits for a permit: for its turn and for tokens. Dropping the future gives up its place in the queue.
     pub async fn acquire(&self, priority: Priority) -> Permit {
         let lane = Lane::of(priority);
         let ticket = self.state().queue(lane).join(priority, Instant::now());

@@ -1,4 +1,4 @@
-//! Threads of a node's own for its kernels, at a lower scheduling priority than the simulation's, and their processor time.
+//! Thread pools for a node's kernels, at a lower scheduling priority than the simulation's, and measurement of their time.
 
 use super::usage::Activity;
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
@@ -9,16 +9,16 @@ use thread_priority::{
     set_thread_priority_and_policy, thread_native_id,
 };
 
-/// How kernel threads stand beside other processes' threads.
+/// Scheduling of kernel threads relative to other processes' threads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scheduling {
-    /// As any other thread.
+    /// The system's default.
     Normal,
-    /// Behind them: SCHED_BATCH, nice 5. A thread of nice 0 gets three times the time of one of these on the same core.
+    /// SCHED_BATCH at nice 5: a thread of nice 0 gets three times the time of one of these on the same core.
     Background,
 }
 
-/// What [`ThreadPriorityValue`] means nice 5: 0 to 99 stand for nice 19 to -20.
+/// The [`ThreadPriorityValue`] of nice 5; its values 0 to 99 stand for nice 19 to -20.
 const NICE_5: u8 = 35;
 
 /// A pool of `threads` threads.
@@ -45,7 +45,7 @@ pub fn thread_cpu_time() -> Duration {
     Duration::new(time.tv_sec.max(0) as u64, time.tv_nsec.max(0) as u32)
 }
 
-/// Splits the processor time of a piece of work among activities. It lives on a thread of the pool that does the work.
+/// Divides the processor time of a piece of work among activities. Used on a thread of the pool that does the work.
 #[derive(Debug)]
 pub struct Laps {
     last: Duration,
@@ -53,12 +53,12 @@ pub struct Laps {
 }
 
 impl Laps {
-    /// From now on; on a thread of the pool.
+    /// Starts measuring; to be called on a thread of the pool.
     pub(crate) fn start() -> Self {
         Self { last: pool_cpu_time(), spent: Vec::new() }
     }
 
-    /// What the pool's threads did since the last lap was `activity`.
+    /// Attributes the processor time of the pool's threads since the last lap to `activity`.
     pub fn lap(&mut self, activity: Activity) {
         let now = pool_cpu_time();
         self.spent.push((activity, now.saturating_sub(self.last)));

@@ -1,4 +1,4 @@
-//! Where a node's processor time went, and what there was none for.
+//! Statistics of a node's processor time: spent by activity, and work admitted or skipped by priority.
 
 use super::queue::Priority;
 use std::time::Duration;
@@ -6,20 +6,20 @@ use std::time::Duration;
 /// Kinds of heavy work, as benchmarks and metrics tell them apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Activity {
-    /// Volumes into Volumetric Depth Images or reduced volumes; preparing fields; reference rays.
+    /// Generation of VDIs or reduced volumes from volumes; preparation of fields; reference samples.
     Generate,
-    /// Those into bytes.
+    /// Encoding of VDIs and reduced volumes.
     Encode,
-    /// Bytes back.
+    /// Decoding.
     Decode,
-    /// Quality against reference samples.
+    /// Measurement of quality against reference samples.
     Measure,
-    /// Pictures for people.
+    /// Rendering of pictures for users.
     Draw,
 }
 
 impl Activity {
-    /// All of them.
+    /// All activities.
     pub const ALL: [Self; 5] = [Self::Generate, Self::Encode, Self::Decode, Self::Measure, Self::Draw];
 
     /// Its name in metrics and tables.
@@ -34,7 +34,7 @@ impl Activity {
     }
 }
 
-/// What a share was used for so far.
+/// Use of a CPU share so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Usage {
     cpu: [Duration; Activity::ALL.len()],
@@ -48,12 +48,12 @@ impl Usage {
         self.cpu[activity as usize]
     }
 
-    /// Pieces of work of this priority that were admitted.
+    /// Number of pieces of work of this priority that were admitted.
     pub fn admitted(&self, priority: Priority) -> u64 {
         self.admitted[priority as usize]
     }
 
-    /// Pieces of work of this priority that were left out for want of processor time.
+    /// Number of pieces of work of this priority that were skipped for lack of processor time.
     pub fn skipped(&self, priority: Priority) -> u64 {
         self.skipped[priority as usize]
     }

@@ -1,4 +1,4 @@
-//! Which GPUs there are, best first. Vulkan only.
+//! Enumeration of GPUs through Vulkan, best first.
 
 use wgpu::{Adapter, Backends, DeviceType, Instance, InstanceDescriptor};
 
@@ -11,23 +11,23 @@ pub struct AdapterFacts {
     pub kind: String,
     /// The driver and its version.
     pub driver: String,
-    /// True if the processor plays the GPU.
+    /// True if the driver runs on the processor.
     pub software: bool,
 }
 
-/// The adapter that would be used; `None` if the machine has no Vulkan loader or no device.
+/// The best adapter; `None` if the machine has no Vulkan loader or no device.
 pub fn adapter() -> Option<AdapterFacts> {
     adapters().first().map(facts)
 }
 
-/// False if the system has no device that a driver of a real GPU could open. Asking drivers starts them, and software ones print
-/// lines of their own.
+/// False if the system has no device node that a GPU driver could open. A cheap check: loading drivers takes time, and
+/// software ones print messages.
 pub(crate) fn may_have_gpu() -> bool {
     const DEVICES: [&str; 4] = ["/dev/dri", "/dev/nvidiactl", "/dev/dxg", "/dev/mali0"];
     !cfg!(target_os = "linux") || DEVICES.iter().any(|device| std::path::Path::new(device).exists())
 }
 
-/// All adapters, best first: those beside the processor, then those in it, then those it plays.
+/// All adapters, best first: discrete, integrated, virtual, other, software.
 pub(crate) fn adapters() -> Vec<Adapter> {
     let instance = Instance::new(InstanceDescriptor {
         backends: Backends::VULKAN,

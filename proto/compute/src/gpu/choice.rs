@@ -1,19 +1,19 @@
-//! Whether to use a GPU, as users write it.
+//! The setting that selects GPU or processor.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
-/// What is to do the work.
+/// Selects the device that runs kernels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Choice {
-    /// A GPU if there is a real one, else the processor.
+    /// A hardware GPU if there is one, else the processor.
     #[default]
     Auto,
     /// The processor.
     Cpu,
-    /// A GPU, be it emulated in software; none is an error.
+    /// A GPU, hardware or software; an error if there is none.
     Gpu,
 }
 

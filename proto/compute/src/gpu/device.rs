@@ -1,4 +1,4 @@
-//! An open device. Whatever goes wrong in [`Gpu::run`] comes back as an error, and a device that was lost stays lost.
+//! An open GPU. Every failure inside [`Gpu::run`] is returned as an error; a lost device stays lost.
 
 use super::adapter::{adapters, facts, may_have_gpu};
 use super::{AdapterFacts, Choice, DeviceError};
@@ -13,16 +13,16 @@ pub struct Gpu {
     device: Device,
     queue: Queue,
     limits: Limits,
-    /// Why the device is gone, once it is.
+    /// Why the device was lost; `None` while it works.
     lost: Arc<Mutex<Option<String>>>,
 }
 
-/// What a [`Choice`] led to.
+/// The outcome of [`Gpu::open`].
 #[derive(Debug)]
 pub enum Opened {
     /// A GPU.
     Gpu(Box<Gpu>),
-    /// The processor, and why: for the log.
+    /// The processor, with the reason for the log.
     Cpu(String),
 }
 
@@ -47,7 +47,7 @@ impl Gpu {
             }
             match Self::of(&adapter, facts) {
                 Ok(gpu) => return Ok(Opened::Gpu(Box::new(gpu))),
-                // Of several, the best one's is the one to know.
+                // Report the failure of the best adapter.
                 Err(e) => failure = failure.or(Some(e)),
             }
         }
@@ -57,7 +57,7 @@ impl Gpu {
     }
 
     fn of(adapter: &wgpu::Adapter, facts: AdapterFacts) -> Result<Self, DeviceError> {
-        // The defaults are what any browser offers; volumes need all that there is.
+        // The default limits are those of browsers; volumes need the adapter's full limits.
         let limits = adapter.limits();
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("lamina"),
@@ -72,12 +72,12 @@ impl Gpu {
         let lost = Arc::new(Mutex::new(None));
         let (on_loss, on_fault) = (lost.clone(), lost.clone());
         device.set_device_lost_callback(move |_, reason| set(&on_loss, reason));
-        // Errors outside of any scope have no caller to go to: nothing this device makes can be relied on afterwards.
+        // No caller sees errors outside of any scope, so results of this device cannot be trusted afterwards.
         device.on_uncaptured_error(Arc::new(move |e: Error| set(&on_fault, e.to_string())));
         Ok(Self { facts, device, queue, limits, lost })
     }
 
-    /// What the driver says of it.
+    /// The driver's description of the device.
     pub fn facts(&self) -> &AdapterFacts {
         &self.facts
     }
@@ -85,33 +85,33 @@ impl Gpu {
     pub fn device(&self) -> &Device {
         &self.device
     }
-    /// Its queue, likewise.
+    /// Its queue, for use inside [`Self::run`].
     pub fn queue(&self) -> &Queue {
         &self.queue
     }
-    /// Its limits: all that the adapter has.
+    /// Its limits, which are the adapter's.
     pub fn limits(&self) -> &Limits {
         &self.limits
     }
-    /// True if kernels are timed on the device itself.
+    /// True if the device can timestamp passes.
     pub fn has_timestamps(&self) -> bool {
         self.device.features().contains(Features::TIMESTAMP_QUERY)
     }
 
-    /// Bytes that one storage binding can hold.
+    /// The most bytes of one storage binding.
     pub fn max_binding_bytes(&self) -> u64 {
         self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size)
     }
 
-    /// Runs `work`; any error of the device on the way is returned, whatever `work` gave. `doing` names the work.
+    /// Runs `work` and returns its result, or the device's error if one occurred meanwhile. `doing` names the work in errors.
     ///
     /// # Errors
-    /// If the device is lost, out of memory or told something impossible, or `work` gives one.
+    /// If the device is lost, out of memory or refuses a command, or `work` fails.
     pub fn run<T, E: From<DeviceError>>(&self, doing: &str, work: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
         self.check()?;
         let filters = [ErrorFilter::OutOfMemory, ErrorFilter::Validation, ErrorFilter::Internal];
         let scopes = filters.map(|f| self.device.push_error_scope(f));
-        // wgpu panics where it meets the loss of a device outside of anything that can return an error, as in a wait.
+        // wgpu panics if a device is lost during a call that cannot return an error, such as a wait.
         let outcome = catch_unwind(AssertUnwindSafe(work));
         // Scopes close in the reverse order of opening.
         let caught = scopes.into_iter().rev().filter_map(|s| pollster::block_on(s.pop())).last();
@@ -120,7 +120,7 @@ impl Gpu {
             let text = text.or_else(|| panic.downcast_ref::<&str>().map(|&s| s.to_owned()));
             set(&self.lost, text.unwrap_or_else(|| "its driver failed".to_owned()));
         });
-        // A lost device makes all else fail too; the loss is the cause to name.
+        // Report a loss rather than the failures that follow from it.
         self.check()?;
         match (caught, outcome) {
             (Some(Error::OutOfMemory { .. }), _) => Err(DeviceError::OutOfMemory(doing.to_owned()).into()),
@@ -130,7 +130,7 @@ impl Gpu {
         }
     }
 
-    /// Passes while the device is there.
+    /// Succeeds until the device is lost.
     ///
     /// # Errors
     /// If it was lost.
@@ -153,8 +153,8 @@ impl Gpu {
         buffer
     }
 
-    /// Workgroups along x and y that cover `items`, `per_group` in each, within what one dimension can count. Group n is
-    /// number y * groups along x + x.
+    /// Workgroup counts along x and y that cover `items`, `per_group` in each, within the limit of one dimension. The index
+    /// of group (x, y) is y * (groups along x) + x.
     pub fn groups(&self, items: u64, per_group: u32) -> [u32; 2] {
         let groups = items.div_ceil(per_group.into()).max(1);
         let x = groups.min(self.limits.max_compute_workgroups_per_dimension.into());
@@ -162,7 +162,7 @@ impl Gpu {
     }
 }
 
-/// Keeps the first reason: the others follow from it.
+/// Records `reason` unless an earlier one is recorded, from which it follows.
 fn set(lost: &Mutex<Option<String>>, reason: String) {
     lost.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(reason);
 }
@@ -171,17 +171,7 @@ fn set(lost: &Mutex<Option<String>>, reason: String) {
 mod tests {
     use super::*;
 
-    fn open() -> Option<Box<Gpu>> {
-        match Gpu::open(Choice::Gpu) {
-            Ok(Opened::Gpu(gpu)) => Some(gpu),
-            Ok(Opened::Cpu(reason)) => panic!("asked for a GPU, got the processor: {reason}"),
-            Err(e) if std::env::var_os("REQUIRE_GPU").is_some_and(|v| v == "1") => panic!("REQUIRE_GPU=1, and {e}"),
-            Err(e) => {
-                println!("skipped: {e}");
-                None
-            }
-        }
-    }
+    use crate::gpu::testing::gpu as open;
 
     #[test]
     fn software_is_no_gpu_unless_asked_for() {

@@ -1,20 +1,20 @@
-//! How WGSL lays structs out in memory: tests hold each `#[repr(C)]` twin to it.
+//! Memory layout of WGSL structs, with which tests compare the `#[repr(C)]` structs of the host.
 
 use wgpu::naga::{Module, TypeInner, front::wgsl};
 
 /// A struct's size in bytes and its members' names and offsets, in order.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StructLayout {
-    /// Bytes from one element of an array to the next.
+    /// Array stride in bytes.
     pub size: usize,
-    /// Names and offsets.
+    /// Names, and offsets in bytes.
     pub members: Vec<(String, usize)>,
 }
 
-/// Reads WGSL.
+/// Parses WGSL.
 ///
 /// # Errors
-/// The parser's words.
+/// The message of the parser.
 pub fn parse(source: &str) -> Result<Module, String> {
     wgsl::parse_str(source).map_err(|e| e.emit_to_string(source))
 }
@@ -28,7 +28,8 @@ pub fn struct_layout(module: &Module, name: &str) -> Option<StructLayout> {
     })
 }
 
-/// The name and [`StructLayout`](crate::gpu::layout::StructLayout) of a Rust struct whose members are named: the twin of WGSL's.
+/// The name and [`StructLayout`](crate::gpu::layout::StructLayout) of a Rust struct with the given members, for comparison with
+/// the WGSL struct of that name.
 #[macro_export]
 macro_rules! layout_of {
     ($name:ident { $($member:ident),* $(,)? }) => {

@@ -1,8 +1,9 @@
-//! The only crate that opens a GPU device: which adapter, if any; buffers, timed dispatch, read back; every failure an
-//! error value. It knows nothing of volumes or VDIs: kernels bring their own WGSL and take the `wgpu` types from here.
+//! GPU access: choice of an adapter, buffers, pipelines, timed passes, read-back; every failure is an error value. No other
+//! crate depends on `wgpu`: kernels bring their WGSL and take the `wgpu` types from here. Knows no volumes and no VDIs.
 
 mod adapter;
 mod choice;
+mod color_pass;
 mod device;
 mod error;
 pub mod layout;
@@ -12,7 +13,8 @@ pub mod testing;
 
 pub use adapter::{AdapterFacts, adapter};
 pub use choice::Choice;
+pub use color_pass::ColorPass;
 pub use device::{Gpu, Opened};
-pub use error::DeviceError;
-pub use submit::Done;
+pub use error::{DeviceError, KernelError};
+pub use submit::PassResult;
 pub use wgpu;

@@ -1,4 +1,4 @@
-//! Compute pipelines and what is bound to them, in the order of binding numbers.
+//! Compute pipelines, bind group layouts and bind groups, in the order of binding numbers.
 
 use super::Gpu;
 use wgpu::{
@@ -19,15 +19,15 @@ const fn buffer(ty: BufferBindingType) -> BindingType {
     BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None }
 }
 
-/// All to be called inside [`Gpu::run`].
+/// To be called inside [`Gpu::run`].
 impl Gpu {
-    /// WGSL, compiled.
+    /// Compiles WGSL.
     pub fn module(&self, label: &str, source: &str) -> ShaderModule {
         let source = ShaderSource::Wgsl(source.into());
         self.device().create_shader_module(ShaderModuleDescriptor { label: Some(label), source })
     }
 
-    /// The shape of a group of bindings.
+    /// The layout of a bind group.
     pub fn layout(&self, label: &str, types: &[BindingType]) -> BindGroupLayout {
         let entry = |(n, &ty): (usize, &BindingType)| BindGroupLayoutEntry {
             binding: n as u32,
@@ -39,7 +39,8 @@ impl Gpu {
         self.device().create_bind_group_layout(&BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
     }
 
-    /// The kernel `entry` of `module` with its override `constants`; without `groups` their shapes are read from the kernel.
+    /// The pipeline of entry point `entry` of `module` with values of its override `constants`. Without `groups` the bind group
+    /// layouts are inferred from the shader.
     pub fn pipeline(
         &self,
         module: &ShaderModule,
@@ -65,12 +66,12 @@ impl Gpu {
         })
     }
 
-    /// Buffers bound to a group.
+    /// A bind group of buffers.
     pub fn bind(&self, layout: &BindGroupLayout, buffers: &[&Buffer]) -> BindGroup {
         self.bind_all(layout, buffers.iter().map(|b| b.as_entire_binding()))
     }
 
-    /// Buffers and textures bound to a group.
+    /// A bind group of buffers and textures.
     pub fn bind_all<'a>(
         &self,
         layout: &BindGroupLayout,

@@ -1,4 +1,4 @@
-//! One submission: a compute pass, timed on the device where it can, and copies of its results back to the host.
+//! Submission of a compute pass, with its duration and copies of its results to the host.
 
 use super::{DeviceError, Gpu};
 use std::ops::Range;
@@ -9,17 +9,17 @@ use wgpu::{
     ComputePassTimestampWrites, MapMode, PollType, QuerySet, QuerySetDescriptor, QueryType,
 };
 
-/// What a submission gave.
+/// The result of a compute pass.
 #[derive(Debug)]
-pub struct Done {
-    /// How long its kernels ran: by the device's clock, or from submission to completion where it has none.
+pub struct PassResult {
+    /// Duration of the pass by the device's timestamps, or from submission to completion if it has none.
     pub time: Duration,
-    /// The bytes copied, in the order asked for.
+    /// The copied ranges, in the order requested.
     pub copies: Vec<BufferView>,
 }
 
-/// Two timestamps and where they are resolved.
-struct Timer {
+/// Two timestamp queries, and the buffer they are resolved into.
+struct PassTimer {
     queries: QuerySet,
     resolved: Buffer,
 }
@@ -35,7 +35,7 @@ impl Gpu {
         label: &str,
         record: impl FnOnce(&mut ComputePass<'_>),
         copies: &[(&Buffer, Range<u64>)],
-    ) -> Result<Done, DeviceError> {
+    ) -> Result<PassResult, DeviceError> {
         let timer = self.has_timestamps().then(|| self.timer());
         let mut encoder = self.device().create_command_encoder(&CommandEncoderDescriptor { label: Some(label) });
         let timestamp_writes = timer.as_ref().map(|t| ComputePassTimestampWrites {
@@ -61,23 +61,23 @@ impl Gpu {
         let mut copies = self.read(label, &staged)?;
         let wall = start.elapsed();
         let time = timer.and_then(|_| copies.pop()).and_then(|stamps| self.duration(&stamps)).unwrap_or(wall);
-        Ok(Done { time, copies })
+        Ok(PassResult { time, copies })
     }
 
-    fn timer(&self) -> Timer {
+    fn timer(&self) -> PassTimer {
         let descriptor = QuerySetDescriptor { label: Some("timer"), ty: QueryType::Timestamp, count: 2 };
         let usage = BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC;
-        Timer { queries: self.device().create_query_set(&descriptor), resolved: self.buffer("timer", 16, usage) }
+        PassTimer { queries: self.device().create_query_set(&descriptor), resolved: self.buffer("timer", 16, usage) }
     }
 
-    /// The time between two stamps; `None` if they run backwards, as those of some drivers do.
+    /// The time between two timestamps; `None` if they run backwards, as some drivers' do.
     fn duration(&self, stamps: &[u8]) -> Option<Duration> {
         let stamp = |n: usize| Some(u64::from_le_bytes(stamps.get(8 * n..8 * n + 8)?.try_into().ok()?));
         let ticks = stamp(1)?.checked_sub(stamp(0)?).filter(|&t| t > 0)?;
         Some(Duration::from_nanos((ticks as f64 * f64::from(self.queue().get_timestamp_period())) as u64))
     }
 
-    /// Maps buffers that were copied into, once all submitted work is done.
+    /// Waits for all submitted work, then maps the staging buffers.
     fn read(&self, label: &str, staged: &[Buffer]) -> Result<Vec<BufferView>, DeviceError> {
         let failure = Arc::new(Mutex::new(None));
         for buffer in staged {

@@ -2,10 +2,10 @@
 
 use super::{Choice, Gpu, Opened};
 
-/// Any device, be it in software. `None`, said aloud, where there is none; with REQUIRE_GPU=1 that fails the test.
+/// Any device, hardware or software. `None`, with a line on standard output, if there is none.
 ///
 /// # Panics
-/// As said.
+/// If there is none and REQUIRE_GPU=1 is set.
 pub fn gpu() -> Option<Gpu> {
     match Gpu::open(Choice::Gpu) {
         Ok(Opened::Gpu(gpu)) => Some(*gpu),

@@ -1,45 +1,45 @@
-//! Lanes as AVX2 registers.
+//! Lanes in AVX2 registers.
 //!
-//! The one place with `unsafe`. Values of these types are only made inside kernels instantiated for [`Avx2`], and those
-//! are entered through [`super::Level::Avx2`] alone, which exists once the processor was asked: so every instruction here
-//! is one the processor has. Loads are unchecked where their caller has clamped the indices.
+//! Soundness: values of these types are only created inside kernels compiled for [`Avx2`], which are entered through
+//! [`super::Level::Avx2`] alone, and that level is only offered after the processor was found to have AVX2 and F16C. Loads
+//! are unchecked; their callers have clamped the indices.
 
 #![expect(unsafe_code, reason = "processor instructions; see above")]
 
-use super::{Floats, Ints, Kind, Lanes, Masks, Pair, WIDTH, row};
+use super::{Lanes, Pair, ScalarKind, SimdF32, SimdI32, SimdMask, WIDTH, row};
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
 
-/// AVX2 and F16C.
+/// The instruction set AVX2 with F16C.
 #[derive(Debug, Clone, Copy)]
 pub struct Avx2;
 
 /// Eight floats.
 #[derive(Debug, Clone, Copy)]
-pub struct F(__m256);
-/// Eight whole numbers.
+pub struct AvxF32(__m256);
+/// Eight integers.
 #[derive(Debug, Clone, Copy)]
-pub struct I(__m256i);
-/// Eight truth values: all bits of a lane, or none.
+pub struct AvxI32(__m256i);
+/// Eight booleans: all bits of a lane set, or none.
 #[derive(Debug, Clone, Copy)]
-pub struct M(__m256);
+pub struct AvxMask(__m256);
 
 impl Lanes for Avx2 {
-    type F = F;
-    type I = I;
-    type M = M;
+    type F = AvxF32;
+    type I = AvxI32;
+    type M = AvxMask;
 
     #[inline(always)]
-    unsafe fn pairs<V: Pair>(voxels: &[V], index: &[usize; WIDTH]) -> (F, F) {
+    unsafe fn pairs<V: Pair>(voxels: &[V], index: &[usize; WIDTH]) -> (AvxF32, AvxF32) {
         // SAFETY: the caller keeps every index + 1 inside `voxels`; V is the type that KIND names.
         unsafe {
             match V::KIND {
-                Kind::F32 => {
+                ScalarKind::F32 => {
                     let even = four_pairs(voxels, [index[0], index[1], index[4], index[5]]);
                     let odd = four_pairs(voxels, [index[2], index[3], index[6], index[7]]);
-                    (F(_mm256_shuffle_ps::<0x88>(even, odd)), F(_mm256_shuffle_ps::<0xdd>(even, odd)))
+                    (AvxF32(_mm256_shuffle_ps::<0x88>(even, odd)), AvxF32(_mm256_shuffle_ps::<0xdd>(even, odd)))
                 }
-                Kind::U8 => {
+                ScalarKind::U8 => {
                     let mut both = _mm_cvtsi32_si128(two_bytes(voxels, index[0]));
                     both = _mm_insert_epi16::<1>(both, two_bytes(voxels, index[1]));
                     both = _mm_insert_epi16::<2>(both, two_bytes(voxels, index[2]));
@@ -50,21 +50,21 @@ impl Lanes for Avx2 {
                     both = _mm_insert_epi16::<7>(both, two_bytes(voxels, index[7]));
                     let wide = _mm256_cvtepu16_epi32(both);
                     let first = _mm256_and_si256(wide, _mm256_set1_epi32(0xff));
-                    (F(_mm256_cvtepi32_ps(first)), F(_mm256_cvtepi32_ps(_mm256_srli_epi32::<8>(wide))))
+                    (AvxF32(_mm256_cvtepi32_ps(first)), AvxF32(_mm256_cvtepi32_ps(_mm256_srli_epi32::<8>(wide))))
                 }
-                Kind::U16 | Kind::F16 => {
+                ScalarKind::U16 | ScalarKind::F16 => {
                     let low = four(voxels, [index[0], index[1], index[2], index[3]]);
                     let high = four(voxels, [index[4], index[5], index[6], index[7]]);
                     let both = _mm256_set_m128i(high, low);
                     let first = _mm256_and_si256(both, _mm256_set1_epi32(0xffff));
                     let second = _mm256_srli_epi32::<16>(both);
-                    if V::KIND == Kind::U16 {
-                        return (F(_mm256_cvtepi32_ps(first)), F(_mm256_cvtepi32_ps(second)));
+                    if V::KIND == ScalarKind::U16 {
+                        return (AvxF32(_mm256_cvtepi32_ps(first)), AvxF32(_mm256_cvtepi32_ps(second)));
                     }
                     let packed = _mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_packus_epi32(first, second));
                     (
-                        F(_mm256_cvtph_ps(_mm256_castsi256_si128(packed))),
-                        F(_mm256_cvtph_ps(_mm256_extracti128_si256::<1>(packed))),
+                        AvxF32(_mm256_cvtph_ps(_mm256_castsi256_si128(packed))),
+                        AvxF32(_mm256_cvtph_ps(_mm256_extracti128_si256::<1>(packed))),
                     )
                 }
             }
@@ -72,7 +72,7 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
-    fn rows4(table: &[[f32; 4]], at: F) -> [F; 4] {
+    fn rows4(table: &[[f32; 4]], at: AvxF32) -> [AvxF32; 4] {
         assert!(table.len() >= 2);
         let (row, weight) = row::<Self>(at, table.len());
         let row = row.to_indices();
@@ -83,12 +83,12 @@ impl Lanes for Avx2 {
             let r1 = short_rows(t, row[1], row[5], _mm256_shuffle_ps::<0x55>(w, w));
             let r2 = short_rows(t, row[2], row[6], _mm256_shuffle_ps::<0xaa>(w, w));
             let r3 = short_rows(t, row[3], row[7], _mm256_shuffle_ps::<0xff>(w, w));
-            transposed(r0, r1, r2, r3).map(F)
+            transposed(r0, r1, r2, r3).map(AvxF32)
         }
     }
 
     #[inline(always)]
-    fn rows6(table: &[[f32; 8]], at: F) -> [F; 6] {
+    fn rows6(table: &[[f32; 8]], at: AvxF32) -> [AvxF32; 6] {
         assert!(table.len() >= 2);
         let (row, weight) = row::<Self>(at, table.len());
         let row = row.to_indices();
@@ -111,12 +111,12 @@ impl Lanes for Avx2 {
                 _mm256_permute2f128_ps::<0x31>(i2, i6),
                 _mm256_permute2f128_ps::<0x31>(i3, i7),
             );
-            [F(c0), F(c1), F(c2), F(c3), F(c4), F(c5)]
+            [AvxF32(c0), AvxF32(c1), AvxF32(c2), AvxF32(c3), AvxF32(c4), AvxF32(c5)]
         }
     }
 }
 
-/// Four pairs of floats, as broadcasts and blends; the compiler makes of them what it thinks best.
+/// Loads four pairs of floats by broadcasts and blends, which leaves the choice of shuffles to the compiler.
 #[inline(always)]
 unsafe fn four_pairs<V>(voxels: &[V], index: [usize; 4]) -> __m256 {
     // SAFETY: the caller's indices are inside, and V is f32.
@@ -131,14 +131,14 @@ unsafe fn four_pairs<V>(voxels: &[V], index: [usize; 4]) -> __m256 {
     }
 }
 
-/// A pair of bytes.
+/// Loads a pair of bytes.
 #[inline(always)]
 unsafe fn two_bytes<V>(voxels: &[V], a: usize) -> i32 {
     // SAFETY: the caller's indices are inside, and V is one byte.
     i32::from(unsafe { voxels.as_ptr().add(a).cast::<u16>().read_unaligned() })
 }
 
-/// Four pairs of 16-bit scalars.
+/// Loads four pairs of 16-bit scalars.
 #[inline(always)]
 unsafe fn four<V>(voxels: &[V], index: [usize; 4]) -> __m128i {
     // SAFETY: the caller's indices are inside, and V is two bytes.
@@ -151,7 +151,7 @@ unsafe fn four<V>(voxels: &[V], index: [usize; 4]) -> __m128i {
     }
 }
 
-/// Rows `a` and `b`, each interpolated with the next one, in the two register halves.
+/// Rows `a` and `b`, each interpolated with its next row, in the lower and the upper half of a register.
 #[inline(always)]
 unsafe fn short_rows(table: *const [f32; 4], a: usize, b: usize, w: __m256) -> __m256 {
     // SAFETY: both rows and the ones after them lie inside the table; a row and the next are one load.
@@ -174,7 +174,7 @@ unsafe fn long_row(table: *const [f32; 8], a: usize, w: f32) -> __m256 {
     }
 }
 
-/// Columns of the 4 x 4 matrices in both register halves.
+/// Transposes the 4 x 4 matrices in both halves of the registers.
 #[inline(always)]
 unsafe fn transposed(r0: __m256, r1: __m256, r2: __m256, r3: __m256) -> [__m256; 4] {
     // SAFETY: the processor has AVX.
@@ -204,17 +204,17 @@ macro_rules! instruction {
     )*};
 }
 instruction! {
-    F Add add _mm256_add_ps;
-    F Sub sub _mm256_sub_ps;
-    F Mul mul _mm256_mul_ps;
-    I Add add _mm256_add_epi32;
-    I Sub sub _mm256_sub_epi32;
-    I Mul mul _mm256_mullo_epi32;
-    M BitAnd bitand _mm256_and_ps;
-    M BitOr bitor _mm256_or_ps;
+    AvxF32 Add add _mm256_add_ps;
+    AvxF32 Sub sub _mm256_sub_ps;
+    AvxF32 Mul mul _mm256_mul_ps;
+    AvxI32 Add add _mm256_add_epi32;
+    AvxI32 Sub sub _mm256_sub_epi32;
+    AvxI32 Mul mul _mm256_mullo_epi32;
+    AvxMask BitAnd bitand _mm256_and_ps;
+    AvxMask BitOr bitor _mm256_or_ps;
 }
 
-impl Not for M {
+impl Not for AvxMask {
     type Output = Self;
     #[inline(always)]
     fn not(self) -> Self {
@@ -223,18 +223,18 @@ impl Not for M {
     }
 }
 
-impl From<I> for F {
+impl From<AvxI32> for AvxF32 {
     #[inline(always)]
-    fn from(i: I) -> Self {
+    fn from(i: AvxI32) -> Self {
         // SAFETY: the processor has AVX2.
         Self(unsafe { _mm256_cvtepi32_ps(i.0) })
     }
 }
 
 // SAFETY of all below: the processor has AVX2.
-impl Floats for F {
-    type M = M;
-    type I = I;
+impl SimdF32 for AvxF32 {
+    type M = AvxMask;
+    type I = AvxI32;
     #[inline(always)]
     fn splat(x: f32) -> Self {
         Self(unsafe { _mm256_set1_ps(x) })
@@ -262,24 +262,24 @@ impl Floats for F {
         Self(unsafe { _mm256_div_ps(self.0, other.0) })
     }
     #[inline(always)]
-    fn lt(self, other: Self) -> M {
-        M(unsafe { _mm256_cmp_ps::<_CMP_LT_OQ>(self.0, other.0) })
+    fn lt(self, other: Self) -> AvxMask {
+        AvxMask(unsafe { _mm256_cmp_ps::<_CMP_LT_OQ>(self.0, other.0) })
     }
     #[inline(always)]
-    fn le(self, other: Self) -> M {
-        M(unsafe { _mm256_cmp_ps::<_CMP_LE_OQ>(self.0, other.0) })
+    fn le(self, other: Self) -> AvxMask {
+        AvxMask(unsafe { _mm256_cmp_ps::<_CMP_LE_OQ>(self.0, other.0) })
     }
     #[inline(always)]
-    fn select(mask: M, a: Self, b: Self) -> Self {
+    fn select(mask: AvxMask, a: Self, b: Self) -> Self {
         Self(unsafe { _mm256_blendv_ps(b.0, a.0, mask.0) })
     }
     #[inline(always)]
-    fn only(self, mask: M) -> Self {
+    fn zero_unless(self, mask: AvxMask) -> Self {
         Self(unsafe { _mm256_and_ps(self.0, mask.0) })
     }
     #[inline(always)]
-    fn to_int(self) -> I {
-        I(unsafe { _mm256_cvttps_epi32(self.0) })
+    fn to_int(self) -> AvxI32 {
+        AvxI32(unsafe { _mm256_cvttps_epi32(self.0) })
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
@@ -290,12 +290,12 @@ impl Floats for F {
         Self(unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0) })
     }
     #[inline(always)]
-    fn ends(low: Self, high: Self, mask: M) -> [i32; 2] {
+    fn range_where(low: Self, high: Self, mask: AvxMask) -> [i32; 2] {
         unsafe {
             let none = _mm256_set1_ps(f32::INFINITY);
             let low = _mm256_blendv_ps(none, low.0, mask.0);
             let high = _mm256_blendv_ps(none, _mm256_xor_ps(high.0, _mm256_set1_ps(-0.0)), mask.0);
-            // The least of `low` in one half, the least of -`high` in the other.
+            // Reduce the minimum of `low` in one half and the minimum of -`high` in the other.
             let x = _mm256_min_ps(_mm256_permute2f128_ps::<0x20>(low, high), _mm256_permute2f128_ps::<0x31>(low, high));
             let x = _mm256_min_ps(x, _mm256_shuffle_ps::<0b01_00_11_10>(x, x));
             let x = _mm256_min_ps(x, _mm256_movehdup_ps(x));
@@ -304,14 +304,14 @@ impl Floats for F {
         }
     }
     #[inline(always)]
-    fn exp2_int(n: I) -> Self {
-        let bits = (n + I::splat(127)).shl::<23>();
+    fn exp2_int(n: AvxI32) -> Self {
+        let bits = (n + AvxI32::splat(127)).shl::<23>();
         Self(unsafe { _mm256_castsi256_ps(bits.0) })
     }
 }
 
-impl Ints for I {
-    type M = M;
+impl SimdI32 for AvxI32 {
+    type M = AvxMask;
     #[inline(always)]
     fn splat(x: i32) -> Self {
         Self(unsafe { _mm256_set1_epi32(x) })
@@ -335,15 +335,15 @@ impl Ints for I {
         Self(unsafe { _mm256_max_epi32(self.0, other.0) })
     }
     #[inline(always)]
-    fn gt(self, other: Self) -> M {
-        M(unsafe { _mm256_castsi256_ps(_mm256_cmpgt_epi32(self.0, other.0)) })
+    fn gt(self, other: Self) -> AvxMask {
+        AvxMask(unsafe { _mm256_castsi256_ps(_mm256_cmpgt_epi32(self.0, other.0)) })
     }
     #[inline(always)]
-    fn eq(self, other: Self) -> M {
-        M(unsafe { _mm256_castsi256_ps(_mm256_cmpeq_epi32(self.0, other.0)) })
+    fn eq(self, other: Self) -> AvxMask {
+        AvxMask(unsafe { _mm256_castsi256_ps(_mm256_cmpeq_epi32(self.0, other.0)) })
     }
     #[inline(always)]
-    fn select(mask: M, a: Self, b: Self) -> Self {
+    fn select(mask: AvxMask, a: Self, b: Self) -> Self {
         Self(unsafe { _mm256_blendv_epi8(b.0, a.0, _mm256_castps_si256(mask.0)) })
     }
     #[inline(always)]
@@ -358,7 +358,7 @@ impl Ints for I {
         std::array::from_fn(|l| unsafe { std::ptr::read_volatile(&raw const x[l]) } as usize)
     }
     #[inline(always)]
-    fn greatest(self) -> i32 {
+    fn max_lane(self) -> i32 {
         unsafe {
             let x = _mm_max_epi32(_mm256_castsi256_si128(self.0), _mm256_extracti128_si256::<1>(self.0));
             let x = _mm_max_epi32(x, _mm_shuffle_epi32::<0b01_00_11_10>(x));
@@ -375,7 +375,7 @@ impl Ints for I {
     }
 }
 
-impl Masks for M {
+impl SimdMask for AvxMask {
     #[inline(always)]
     fn bits(self) -> u32 {
         (unsafe { _mm256_movemask_ps(self.0) }) as u32

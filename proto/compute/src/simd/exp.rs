@@ -1,16 +1,16 @@
-//! The exponential in lanes.
+//! Opacity from optical depth, 1 - exp(-x), in lanes.
 
-use super::{Floats, Ints, Lanes};
+use super::{Lanes, SimdF32, SimdI32};
 
 /// 1 - exp(-x) for x >= 0, within 3e-7.
 ///
-/// exp(-x) = 2^n 2^f with whole n and f in -1/2..1/2. The polynomial is 2^f interpolated at the Chebyshev nodes of degree
-/// 5, within 8e-8; its terms are paired, because a chain of sums waits for each one.
+/// exp(-x) = 2^n 2^f with integer n and f in -1/2..1/2. The polynomial interpolates 2^f at the Chebyshev nodes of degree 5,
+/// within 8e-8; its terms are evaluated in pairs, to shorten the chain of dependent additions.
 #[inline(always)]
 pub fn opacity<L: Lanes>(x: L::F) -> L::F {
     let s = L::F::splat;
     let y = (x * s(-std::f32::consts::LOG2_E)).max(s(-126.0));
-    // Towards zero after moving half down: the nearest whole number of what is not positive.
+    // Round to the nearest integer: y is not positive, and `to_int` rounds towards zero.
     let n = (y - s(0.5)).to_int();
     let f = y - L::F::from(n);
     let square = f * f;
@@ -21,11 +21,11 @@ pub fn opacity<L: Lanes>(x: L::F) -> L::F {
     s(1.0) - p * L::F::exp2_int(n.max(L::I::splat(-126)))
 }
 
-/// Below it [`small_opacity`] holds.
-pub const SMALL: f32 = 0.25;
+/// Largest optical depth for [`small_opacity`].
+pub const SMALL_OPTICAL_DEPTH: f32 = 0.25;
 
-/// 1 - exp(-x) for x in 0..=[`SMALL`], within 3e-7 of its value: the series, which keeps the digits of what is nearly
-/// nothing.
+/// 1 - exp(-x) for x in 0..=[`SMALL_OPTICAL_DEPTH`], with a relative error below 3e-7: the Taylor series, which has no
+/// cancellation near 0.
 #[inline(always)]
 pub fn small_opacity<L: Lanes>(x: L::F) -> L::F {
     let s = L::F::splat;
@@ -51,7 +51,7 @@ mod tests {
     #[test]
     fn what_is_nearly_nothing_keeps_its_digits() {
         for n in 0..100_000_u32 {
-            let x = SMALL * (n as f32 * -2e-4).exp();
+            let x = SMALL_OPTICAL_DEPTH * (n as f32 * -2e-4).exp();
             let ours = small_opacity::<Portable>(<Portable as Lanes>::F::from_array([x; WIDTH])).to_array()[0];
             let exact = -(-f64::from(x)).exp_m1();
             assert!((f64::from(ours) / exact - 1.0).abs() < 3e-7, "{x}: {ours} {exact}");

@@ -1,9 +1,9 @@
-//! Eight numbers at a time: the arithmetic that the fast CPU kernels of both nodes are written in.
+//! Portable SIMD: types of eight lanes, in which the CPU kernels for ray casting and VDI rendering are written.
 //!
-//! A kernel is generic over [`Lanes`] and instantiated once per level; [`Level::detect`] picks one at run time. No level
-//! fuses multiplication and addition, and `min` and `max` pick the second operand when they cannot compare, so all levels
-//! agree to the bit. Whatever a kernel calls must be inlined into the function that enables the level's instructions:
-//! `#[inline(always)]` throughout, and no closures, which are not.
+//! A kernel is generic over [`Lanes`] and compiled once per instruction set ([`Level`]); [`Level::detect`] picks one at run
+//! time. No level fuses multiplication and addition, and `min` and `max` return the second operand if either is NaN, so all
+//! levels agree to the bit. Everything that a kernel calls must be inlined into the function that enables the instruction
+//! set: `#[inline(always)]` throughout, and no closures, which the compiler may fail to inline.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -12,7 +12,7 @@ mod portable;
 
 #[cfg(target_arch = "x86_64")]
 pub use avx2::Avx2;
-pub use exp::{SMALL, opacity, small_opacity};
+pub use exp::{SMALL_OPTICAL_DEPTH, opacity, small_opacity};
 pub use portable::Portable;
 
 use half::f16;
@@ -21,62 +21,62 @@ use std::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
 /// Number of lanes.
 pub const WIDTH: usize = 8;
 
-/// A set of lane types.
+/// The vector types of one instruction set.
 pub trait Lanes: Copy + Send + Sync + 'static {
-    /// Single-precision numbers.
-    type F: Floats<M = Self::M, I = Self::I> + From<Self::I>;
-    /// 32-bit whole numbers.
-    type I: Ints<M = Self::M>;
-    /// Truth values.
-    type M: Masks;
+    /// Eight single-precision numbers.
+    type F: SimdF32<M = Self::M, I = Self::I> + From<Self::I>;
+    /// Eight 32-bit integers.
+    type I: SimdI32<M = Self::M>;
+    /// Eight booleans.
+    type M: SimdMask;
 
-    /// The pair at `voxels[i]` and `voxels[i + 1]` of every lane.
+    /// Loads `voxels[i]` and `voxels[i + 1]` for the index i of every lane, converted to `f32`.
     ///
     /// # Safety
     /// Every `index + 1` must lie inside `voxels`.
     #[expect(unsafe_code, reason = "an unchecked load; the caller has clamped all indices at once")]
     unsafe fn pairs<V: Pair>(voxels: &[V], index: &[usize; WIDTH]) -> (Self::F, Self::F);
 
-    /// The rows of a table around position `at` (0 is the first row, 1 the second), interpolated. The position is clamped
-    /// into the table, which needs two rows or more; NaN is its beginning.
+    /// Interpolates a table of rows linearly at position `at` (0 is the first row, 1 the second), each column into one
+    /// vector. The position is clamped into the table, which needs two rows or more; NaN counts as 0.
     fn rows4(table: &[[f32; 4]], at: Self::F) -> [Self::F; 4];
-    /// The same for rows of eight, of which six are used.
+    /// As [`Self::rows4`] for rows of eight columns, of which the first six are returned.
     fn rows6(table: &[[f32; 8]], at: Self::F) -> [Self::F; 6];
 }
 
-/// A scalar whose neighbours are loaded in pairs.
+/// A scalar type of voxels, which kernels load in pairs of neighbors along x.
 pub trait Pair: Copy + Send + Sync + Into<f32> + 'static {
-    /// Which one it is.
-    const KIND: Kind;
+    /// The type, as a constant to branch on at compile time.
+    const KIND: ScalarKind;
 }
-/// The stored scalars, as a constant that kernels are specialised for.
+/// Scalar types of voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "named like the types")]
-pub enum Kind {
+pub enum ScalarKind {
     U8,
     U16,
     F16,
     F32,
 }
 impl Pair for u8 {
-    const KIND: Kind = Kind::U8;
+    const KIND: ScalarKind = ScalarKind::U8;
 }
 impl Pair for u16 {
-    const KIND: Kind = Kind::U16;
+    const KIND: ScalarKind = ScalarKind::U16;
 }
 impl Pair for f16 {
-    const KIND: Kind = Kind::F16;
+    const KIND: ScalarKind = ScalarKind::F16;
 }
 impl Pair for f32 {
-    const KIND: Kind = Kind::F32;
+    const KIND: ScalarKind = ScalarKind::F32;
 }
 
 /// Eight single-precision numbers.
-pub trait Floats: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
-    /// Their truth values.
-    type M: Masks;
-    /// Their whole numbers.
-    type I: Ints<M = Self::M>;
+pub trait SimdF32: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
+    /// The mask type of comparisons.
+    type M: SimdMask;
+    /// The integer type of conversions.
+    type I: SimdI32<M = Self::M>;
     /// `x` in all lanes.
     fn splat(x: f32) -> Self;
     /// One number per lane.
@@ -95,25 +95,25 @@ pub trait Floats: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     fn le(self, other: Self) -> Self::M;
     /// `a` where `mask` holds, else `b`.
     fn select(mask: Self::M, a: Self, b: Self) -> Self;
-    /// Itself where `mask` holds, else 0.
-    fn only(self, mask: Self::M) -> Self;
-    /// Towards zero; numbers must fit 32 bits.
+    /// `self` where `mask` holds, else 0.
+    fn zero_unless(self, mask: Self::M) -> Self;
+    /// Converted to integers, rounding towards zero. Numbers that do not fit 32 bits give `i32::MIN`.
     fn to_int(self) -> Self::I;
     /// The square root.
     fn sqrt(self) -> Self;
     /// The magnitude.
     fn abs(self) -> Self;
-    /// The least of `low` and the greatest of `high` among the lanes of `mask`, towards zero; they must fit 32 bits, and
-    /// `mask` must hold somewhere.
-    fn ends(low: Self, high: Self, mask: Self::M) -> [i32; 2];
-    /// 2^n for whole n in -126..=127.
+    /// The minimum of `low` and the maximum of `high` over the lanes where `mask` holds, rounded towards zero. Both must fit
+    /// 32 bits, and `mask` must hold in at least one lane.
+    fn range_where(low: Self, high: Self, mask: Self::M) -> [i32; 2];
+    /// 2^n for integers n in -126..=127.
     fn exp2_int(n: Self::I) -> Self;
 }
 
-/// Eight 32-bit whole numbers.
-pub trait Ints: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
-    /// Their truth values.
-    type M: Masks;
+/// Eight 32-bit integers, with wrapping arithmetic.
+pub trait SimdI32: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
+    /// The mask type of comparisons.
+    type M: SimdMask;
     /// `x` in all lanes.
     fn splat(x: i32) -> Self;
     /// One number per lane.
@@ -130,21 +130,21 @@ pub trait Ints: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Se
     fn eq(self, other: Self) -> Self::M;
     /// `a` where `mask` holds, else `b`.
     fn select(mask: Self::M, a: Self, b: Self) -> Self;
-    /// Small numbers, one byte per lane, the first lane lowest.
+    /// The bytes of `x`, one per lane, the lowest byte in the first lane.
     fn from_bytes(x: u64) -> Self;
-    /// As indices; no lane may be negative.
+    /// The lanes as indices; none may be negative.
     fn to_indices(self) -> [usize; WIDTH];
-    /// The greatest of all lanes.
-    fn greatest(self) -> i32;
-    /// Shifted right by `N` bits, the sign filling in.
+    /// The maximum over all lanes.
+    fn max_lane(self) -> i32;
+    /// Arithmetic shift right by `N` bits.
     fn shr<const N: i32>(self) -> Self;
     /// Shifted left by `N` bits.
     fn shl<const N: i32>(self) -> Self;
 }
 
-/// Eight truth values.
-pub trait Masks: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output = Self> {
-    /// Bit n is lane n.
+/// Eight booleans.
+pub trait SimdMask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output = Self> {
+    /// The lanes as bits; bit n is lane n.
     fn bits(self) -> u32;
     /// True if any lane is.
     #[inline(always)]
@@ -153,7 +153,8 @@ pub trait Masks: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Outpu
     }
 }
 
-/// The row before a position of a table of `len` rows and the way from it to the next row. The row is at most `len` - 2.
+/// Splits a position in a table of `len` rows into the index of the row before it, at most `len` - 2, and the weight of the
+/// next row.
 #[inline(always)]
 fn row<L: Lanes>(at: L::F, len: usize) -> (L::I, L::F) {
     let at = at.max(L::F::splat(0.0)).min(L::F::splat(((len - 1) as f32).next_down()));
@@ -161,18 +162,18 @@ fn row<L: Lanes>(at: L::F, len: usize) -> (L::I, L::F) {
     (row, at - L::F::from(row))
 }
 
-/// Work that is specialised for each level.
-pub trait Job {
-    /// What comes out.
+/// A kernel that is compiled for each level.
+pub trait SimdKernel {
+    /// The result of [`Self::run`].
     type Output;
-    /// Does it. To be inlined, with all it calls, into the function that enables the level's instructions.
+    /// Runs the kernel. Must be inlined, with all it calls, into the function that enables the instruction set.
     fn run<L: Lanes>(self) -> Self::Output;
 }
 
-/// What the processor offers.
+/// An instruction set of the processor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Level {
-    /// Plain arrays, which the compiler vectorises as the target allows.
+    /// Plain arrays, which the compiler vectorizes for the target's baseline.
     Portable,
     /// AVX2 and F16C.
     #[cfg(target_arch = "x86_64")]
@@ -189,15 +190,15 @@ impl Level {
         Self::Portable
     }
 
-    /// Runs `job` at this level.
+    /// Runs `kernel` at this level.
     #[inline]
-    pub fn run<J: Job>(self, job: J) -> J::Output {
+    pub fn run<J: SimdKernel>(self, kernel: J) -> J::Output {
         match self {
-            Self::Portable => job.run::<Portable>(),
+            Self::Portable => kernel.run::<Portable>(),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: this level exists only where the processor was found to have both.
             #[expect(unsafe_code, reason = "the processor was asked")]
-            Self::Avx2 => unsafe { with_avx2(job) },
+            Self::Avx2 => unsafe { with_avx2(kernel) },
         }
     }
 
@@ -210,6 +211,6 @@ impl Level {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,f16c")]
-fn with_avx2<J: Job>(job: J) -> J::Output {
-    job.run::<Avx2>()
+fn with_avx2<J: SimdKernel>(kernel: J) -> J::Output {
+    kernel.run::<Avx2>()
 }

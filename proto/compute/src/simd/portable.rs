@@ -1,46 +1,46 @@
-//! Lanes as plain arrays: the level of every processor, and the meaning of all others.
+//! Lanes in plain arrays: runs on every processor, and defines the results that all other levels must give.
 
-use super::{Floats, Ints, Lanes, Masks, Pair, WIDTH, row};
+use super::{Lanes, Pair, SimdF32, SimdI32, SimdMask, WIDTH, row};
 use std::array::from_fn;
 use std::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
 
-/// Plain arrays.
+/// The portable level.
 #[derive(Debug, Clone, Copy)]
 pub struct Portable;
 
 /// Eight floats.
 #[derive(Debug, Clone, Copy)]
-pub struct F([f32; WIDTH]);
-/// Eight whole numbers.
+pub struct ArrayF32([f32; WIDTH]);
+/// Eight integers.
 #[derive(Debug, Clone, Copy)]
-pub struct I([i32; WIDTH]);
-/// Eight truth values.
+pub struct ArrayI32([i32; WIDTH]);
+/// Eight booleans.
 #[derive(Debug, Clone, Copy)]
-pub struct M([bool; WIDTH]);
+pub struct ArrayMask([bool; WIDTH]);
 
 impl Lanes for Portable {
-    type F = F;
-    type I = I;
-    type M = M;
+    type F = ArrayF32;
+    type I = ArrayI32;
+    type M = ArrayMask;
 
     #[inline(always)]
     #[expect(unsafe_code, reason = "the trait's; nothing here is unchecked")]
-    unsafe fn pairs<V: Pair>(voxels: &[V], index: &[usize; WIDTH]) -> (F, F) {
-        (F(from_fn(|l| voxels[index[l]].into())), F(from_fn(|l| voxels[index[l] + 1].into())))
+    unsafe fn pairs<V: Pair>(voxels: &[V], index: &[usize; WIDTH]) -> (ArrayF32, ArrayF32) {
+        (ArrayF32(from_fn(|l| voxels[index[l]].into())), ArrayF32(from_fn(|l| voxels[index[l] + 1].into())))
     }
 
     #[inline(always)]
-    fn rows4(table: &[[f32; 4]], at: F) -> [F; 4] {
+    fn rows4(table: &[[f32; 4]], at: ArrayF32) -> [ArrayF32; 4] {
         let (rows, weight) = row::<Self>(at, table.len());
         let rows = rows.to_indices();
-        from_fn(|c| F(from_fn(|l| lerp(table[rows[l]][c], table[rows[l] + 1][c], weight.0[l]))))
+        from_fn(|c| ArrayF32(from_fn(|l| lerp(table[rows[l]][c], table[rows[l] + 1][c], weight.0[l]))))
     }
 
     #[inline(always)]
-    fn rows6(table: &[[f32; 8]], at: F) -> [F; 6] {
+    fn rows6(table: &[[f32; 8]], at: ArrayF32) -> [ArrayF32; 6] {
         let (rows, weight) = row::<Self>(at, table.len());
         let rows = rows.to_indices();
-        from_fn(|c| F(from_fn(|l| lerp(table[rows[l]][c], table[rows[l] + 1][c], weight.0[l]))))
+        from_fn(|c| ArrayF32(from_fn(|l| lerp(table[rows[l]][c], table[rows[l] + 1][c], weight.0[l]))))
     }
 }
 
@@ -60,11 +60,11 @@ macro_rules! lanewise {
         }
     )*};
 }
-lanewise!(F: Add add |a, b| a + b, Sub sub |a, b| a - b, Mul mul |a, b| a * b);
-lanewise!(I: Add add i32::wrapping_add, Sub sub i32::wrapping_sub, Mul mul i32::wrapping_mul);
-lanewise!(M: BitAnd bitand |a, b| a & b, BitOr bitor |a, b| a | b);
+lanewise!(ArrayF32: Add add |a, b| a + b, Sub sub |a, b| a - b, Mul mul |a, b| a * b);
+lanewise!(ArrayI32: Add add i32::wrapping_add, Sub sub i32::wrapping_sub, Mul mul i32::wrapping_mul);
+lanewise!(ArrayMask: BitAnd bitand |a, b| a & b, BitOr bitor |a, b| a | b);
 
-impl Not for M {
+impl Not for ArrayMask {
     type Output = Self;
     #[inline(always)]
     fn not(self) -> Self {
@@ -72,16 +72,16 @@ impl Not for M {
     }
 }
 
-impl From<I> for F {
+impl From<ArrayI32> for ArrayF32 {
     #[inline(always)]
-    fn from(i: I) -> Self {
+    fn from(i: ArrayI32) -> Self {
         Self(i.0.map(|x| x as f32))
     }
 }
 
-impl Floats for F {
-    type M = M;
-    type I = I;
+impl SimdF32 for ArrayF32 {
+    type M = ArrayMask;
+    type I = ArrayI32;
     #[inline(always)]
     fn splat(x: f32) -> Self {
         Self([x; WIDTH])
@@ -107,26 +107,26 @@ impl Floats for F {
         Self(from_fn(|l| self.0[l] / other.0[l]))
     }
     #[inline(always)]
-    fn lt(self, other: Self) -> M {
-        M(from_fn(|l| self.0[l] < other.0[l]))
+    fn lt(self, other: Self) -> ArrayMask {
+        ArrayMask(from_fn(|l| self.0[l] < other.0[l]))
     }
     #[inline(always)]
-    fn le(self, other: Self) -> M {
-        M(from_fn(|l| self.0[l] <= other.0[l]))
+    fn le(self, other: Self) -> ArrayMask {
+        ArrayMask(from_fn(|l| self.0[l] <= other.0[l]))
     }
     #[inline(always)]
-    fn select(mask: M, a: Self, b: Self) -> Self {
+    fn select(mask: ArrayMask, a: Self, b: Self) -> Self {
         Self(from_fn(|l| if mask.0[l] { a.0[l] } else { b.0[l] }))
     }
     #[inline(always)]
-    fn only(self, mask: M) -> Self {
+    fn zero_unless(self, mask: ArrayMask) -> Self {
         Self(from_fn(|l| if mask.0[l] { self.0[l] } else { 0.0 }))
     }
     #[inline(always)]
-    fn to_int(self) -> I {
-        // As the instruction does: what does not fit becomes the least number.
+    fn to_int(self) -> ArrayI32 {
+        // As `cvttps2dq` does: a number that does not fit becomes `i32::MIN`.
         let int = |x: f32| if x.abs() < 2_147_483_648.0 { x as i32 } else { i32::MIN };
-        I(self.0.map(int))
+        ArrayI32(self.0.map(int))
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
@@ -137,7 +137,7 @@ impl Floats for F {
         Self(self.0.map(f32::abs))
     }
     #[inline(always)]
-    fn ends(low: Self, high: Self, mask: M) -> [i32; 2] {
+    fn range_where(low: Self, high: Self, mask: ArrayMask) -> [i32; 2] {
         let mut ends = [f32::INFINITY, f32::NEG_INFINITY];
         for l in 0..WIDTH {
             if mask.0[l] {
@@ -147,13 +147,13 @@ impl Floats for F {
         ends.map(|x| x as i32)
     }
     #[inline(always)]
-    fn exp2_int(n: I) -> Self {
+    fn exp2_int(n: ArrayI32) -> Self {
         Self(n.0.map(|n| f32::from_bits((n.wrapping_add(127) as u32) << 23)))
     }
 }
 
-impl Ints for I {
-    type M = M;
+impl SimdI32 for ArrayI32 {
+    type M = ArrayMask;
     #[inline(always)]
     fn splat(x: i32) -> Self {
         Self([x; WIDTH])
@@ -175,15 +175,15 @@ impl Ints for I {
         Self(from_fn(|l| self.0[l].max(other.0[l])))
     }
     #[inline(always)]
-    fn gt(self, other: Self) -> M {
-        M(from_fn(|l| self.0[l] > other.0[l]))
+    fn gt(self, other: Self) -> ArrayMask {
+        ArrayMask(from_fn(|l| self.0[l] > other.0[l]))
     }
     #[inline(always)]
-    fn eq(self, other: Self) -> M {
-        M(from_fn(|l| self.0[l] == other.0[l]))
+    fn eq(self, other: Self) -> ArrayMask {
+        ArrayMask(from_fn(|l| self.0[l] == other.0[l]))
     }
     #[inline(always)]
-    fn select(mask: M, a: Self, b: Self) -> Self {
+    fn select(mask: ArrayMask, a: Self, b: Self) -> Self {
         Self(from_fn(|l| if mask.0[l] { a.0[l] } else { b.0[l] }))
     }
     #[inline(always)]
@@ -195,7 +195,7 @@ impl Ints for I {
         self.0.map(|x| x as usize)
     }
     #[inline(always)]
-    fn greatest(self) -> i32 {
+    fn max_lane(self) -> i32 {
         self.0.into_iter().fold(i32::MIN, i32::max)
     }
     #[inline(always)]
@@ -208,7 +208,7 @@ impl Ints for I {
     }
 }
 
-impl Masks for M {
+impl SimdMask for ArrayMask {
     #[inline(always)]
     fn bits(self) -> u32 {
         (0..WIDTH).map(|l| u32::from(self.0[l]) << l).sum()

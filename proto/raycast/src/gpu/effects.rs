@@ -1,24 +1,24 @@
-//! A scene's effects on the device: which kernel they call for, and what it reads.
+//! Effects of a scene on the device: the switches of the kernel, and the data it reads.
 
 use super::layout;
-use super::resident::Resident;
+use super::resident::ResidentField;
 use super::view::nearest_depth;
 use crate::Field;
 use crate::volume::effects::cue_range;
-use crate::volume::transfer_lut::{Integral, OPAQUE};
+use crate::volume::transfer_lut::{OPAQUE, PreintegrationTable};
 use bytemuck::Zeroable;
 use lamina_compute::gpu::Gpu;
 use lamina_compute::gpu::wgpu::{Buffer, BufferUsages, TextureView};
 use lamina_model::Camera;
 
-/// What a kernel is compiled for.
+/// The effects that a kernel is compiled with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Set {
+pub struct EffectSet {
     any: bool,
     clipped: bool,
     pre_integrated: bool,
     surfaces: u32,
-    /// The logarithm of shininess.
+    /// Base-2 logarithm of the shininess, if there is shading.
     shaded: Option<u32>,
     shadowed: bool,
     occluded: bool,
@@ -26,8 +26,8 @@ pub struct Set {
     colored: bool,
 }
 
-impl Set {
-    /// What `field`'s scene asks for.
+impl EffectSet {
+    /// The effects of `field`'s scene.
     pub fn of(field: &Field) -> Self {
         let effects = field.effects();
         let volume = effects.and_then(|e| e.volume.as_ref());
@@ -44,7 +44,7 @@ impl Set {
         }
     }
 
-    /// The same as constants of the shader.
+    /// The values of the shader's override constants.
     pub fn constants(self) -> [(&'static str, f64); 10] {
         let on = |b: bool| f64::from(u8::from(b));
         [
@@ -62,23 +62,23 @@ impl Set {
     }
 }
 
-/// What the kernel reads of them.
+/// The effects' data on the device.
 #[derive(Debug)]
-pub struct Resources {
+pub struct EffectResources {
     pub uniform: Buffer,
     pub sums: Buffer,
     pub light: Buffer,
     pub colors: TextureView,
 }
 
-impl Resources {
-    /// For pictures of `camera`, sampled every `step_length`.
-    pub fn new(gpu: &Gpu, field: &Field, resident: &Resident, camera: &Camera, step_length: f64) -> Self {
+impl EffectResources {
+    /// The data for pictures of `camera`, sampled every `step_length` (world units).
+    pub fn new(gpu: &Gpu, field: &Field, resident: &ResidentField, camera: &Camera, step_length: f64) -> Self {
         let integral = field
             .effects()
             .filter(|e| e.pre_integrated)
-            .map(|_| Integral::new(&field.scene().transfer, field.unit_length(), step_length));
-        let sums = integral.as_ref().map_or_else(|| vec![[[0.0; 4]; 3]], Integral::split);
+            .map(|_| PreintegrationTable::new(&field.scene().transfer, field.unit_length(), step_length));
+        let sums = integral.as_ref().map_or_else(|| vec![[[0.0; 4]; 3]], PreintegrationTable::split);
         let uniform = uniform(field, integral.as_ref(), camera, step_length);
         Self {
             uniform: gpu.upload("effects", bytemuck::bytes_of(&uniform), BufferUsages::UNIFORM),
@@ -89,7 +89,7 @@ impl Resources {
     }
 }
 
-/// The light volume as the kernel reads it, transmittance before openness; one dark point where there is none.
+/// The light volume as the kernel reads it, transmittance before openness; a single 0 if there is none.
 pub fn light(field: &Field) -> Vec<f32> {
     let volume = field.effects().and_then(|e| e.volume.as_ref());
     volume.map_or_else(
@@ -98,8 +98,13 @@ pub fn light(field: &Field) -> Vec<f32> {
     )
 }
 
-fn uniform(field: &Field, integral: Option<&Integral>, camera: &Camera, step_length: f64) -> layout::Effects {
-    let mut out = layout::Effects::zeroed();
+fn uniform(
+    field: &Field,
+    integral: Option<&PreintegrationTable>,
+    camera: &Camera,
+    step_length: f64,
+) -> layout::EffectUniforms {
+    let mut out = layout::EffectUniforms::zeroed();
     let Some(effects) = field.effects() else { return out };
     let grid = field.grid();
     out.light = effects.light.as_vec3().to_array();

@@ -1,45 +1,47 @@
-// What a scene asks for. Twin of scalar/effects.rs; each effect is switched on when the kernel is compiled.
+// Effects of a scene; counterpart of reference/effects.rs. Each effect is switched on when the kernel is compiled.
 
 override CLIPPED: bool = false;
 override PRE_INTEGRATED: bool = false;
 override SURFACES: u32 = 0u;
 override SHADED: bool = false;
-// 2^SHININESS.
+// Shininess is 2^SHININESS.
 override SHININESS: u32 = 0u;
 override SHADOWED: bool = false;
 override OCCLUDED: bool = false;
 override CUED: bool = false;
 override COLORED: bool = false;
 
-@group(2) @binding(0) var<uniform> effects: Effects;
-// Integral::split: of a step's optical depth x (red, green, blue, 1) the sum, its rest and the next summand.
+@group(2) @binding(0) var<uniform> effects: EffectUniforms;
+// PreintegrationTable::split: of a step's optical depth x (red, green, blue, 1) the prefix sum, its rounding error, and the
+// difference to the next row.
 @group(2) @binding(1) var<storage, read> sums: array<vec4f>;
-// LightVolume: transmittance of all points where there are shadows, then openness where there is occlusion.
+// LightVolume: transmittance of all points if there are shadows, then openness if there is occlusion.
 @group(2) @binding(2) var<storage, read> light_volume: array<f32>;
-// The second field: positions in the range of its map, single precision.
+// The color field: positions in the range of its map, single precision.
 @group(2) @binding(3) var color_voxels: texture_3d<u32>;
 
-// A step cut shorter than this share of itself is nothing; effects::SHORTEST.
+// Clipped steps shorter than this share of a step are skipped; effects::SHORTEST.
 const SHORTEST: f32 = 1e-4;
 // effects::WEAK_GRADIENT and FEWEST_ROWS.
 const WEAK_GRADIENT: f32 = 0.01;
 const FEWEST_ROWS: f32 = 4.0;
 
-struct Course {
-    // Steps from the entry between which the ray is not clipped.
+struct RayClip {
+    // Ends of the part of the ray that is not clipped, in steps from the entry.
     kept: vec2f,
-    // Unit vector halfway between light and eye.
+    // Half vector between light and eye, of length 1.
     half: vec3f,
 }
 
-// A step with its effects: straight colour and optical depth; none if that is 0.
-struct Look {
+// A step with effects applied: straight color and optical depth, which is 0 for a transparent step.
+struct ShadedStep {
     color: vec3f,
     depth: f32,
     length: f32,
 }
 
-fn course_of(span: Span) -> Course {
+fn clip_ray(span: RaySpan) -> RayClip {
+    // Clip the ray by the half spaces.
     var kept = vec2f(0.0, span.length);
     if CLIPPED {
         for (var n = 0u; n < effects.planes; n++) {
@@ -56,26 +58,29 @@ fn course_of(span: Span) -> Course {
         }
         kept.y = max(kept.x, kept.y);
     }
+    // Compute the half vector.
     var half = vec3f(0.0);
     if SHADED {
         let sum = effects.light - normalize(span.delta * effects.spacing);
         let size = length(sum);
         half = select(vec3f(0.0), sum / size, size > 0.0);
     }
-    return Course(kept, half);
+    return RayClip(kept, half);
 }
 
-fn look(span: Span, course: Course, s: Sample) -> Look {
+fn shade_sample(span: RaySpan, clipped: RayClip, s: MarchSample) -> ShadedStep {
+    // Clip the step.
     var first = f32(s.step);
     var last = min(first + 1.0, span.length);
     if CLIPPED {
-        first = max(first, course.kept.x);
-        last = min(last, course.kept.y);
+        first = max(first, clipped.kept.x);
+        last = min(last, clipped.kept.y);
     }
     let size = last - first;
     if size <= SHORTEST {
-        return Look(vec3f(0.0), 0.0, 0.0);
+        return ShadedStep(vec3f(0.0), 0.0, 0.0);
     }
+    // Classify the middle of the step.
     let middle = 0.5 * (first + last);
     var u = s.value;
     var there = s.there;
@@ -92,6 +97,7 @@ fn look(span: Span, course: Course, s: Sample) -> Look {
             depth = depth_row(row).x * size;
         }
     }
+    // Replace the classification by the integral between the ends of the step.
     var low = 0.0;
     var high = 0.0;
     var whole = false;
@@ -104,7 +110,7 @@ fn look(span: Span, course: Course, s: Sample) -> Look {
         if whole && abs(high - low) * f32(view.bins) >= FEWEST_ROWS {
             let a = sum_at(low);
             let b = sum_at(high);
-            // Behind an opaque part of the range a sum has no digits left for a faint one, but its rest has.
+            // Behind an opaque part of the range the prefix sums lose the digits of a faint part, but their rounding errors keep them.
             let sum = (b.sum - a.sum) + (b.rest - a.rest) + (b.part - a.part);
             color = vec3f(0.0);
             if sum.w != 0.0 {
@@ -113,21 +119,22 @@ fn look(span: Span, course: Course, s: Sample) -> Look {
             depth = max(sum.w / ((high - low) * f32(view.bins)) * size, 0.0);
         }
     }
+    // Light the medium, then composite it with the surfaces crossed.
     if depth > 0.0 {
         if COLORED {
             own_color(span.entry + middle * span.delta, &color);
         }
-        color = seen(color, span, course, middle);
+        color = shade(color, span, clipped, middle);
     }
     if SURFACES > 0u {
         if whole {
-            return meet_surfaces(span, course, vec2f(first, size), vec2f(low, high), Look(color, depth, size));
+            return meet_surfaces(span, clipped, vec2f(first, size), vec2f(low, high), ShadedStep(color, depth, size));
         }
     }
-    return Look(color, depth, size);
+    return ShadedStep(color, depth, size);
 }
 
-// The medium's colour at `index`, before light; it stays where a point around is not a number.
+// Replaces `color` by the color field's at `index`, before lighting, unless a point of the cell is not finite.
 fn own_color(index: vec3f, color: ptr<function, vec3f>) {
     let cell = cell_at(index, volume.last);
     var u = 0.0;
@@ -150,23 +157,24 @@ fn own_color(index: vec3f, color: ptr<function, vec3f>) {
     *color = mapped;
 }
 
-// A sum in parts, of which the first may be great where the others are not.
-struct Sum {
+// A prefix sum in parts, the first of which may be large where the others are small.
+struct IntegralSum {
     sum: vec4f,
     rest: vec4f,
     part: vec4f,
 }
 
-// The sum up to position `u` of the range, which goes on as it ends outside of it.
-fn sum_at(u: f32) -> Sum {
+// The prefix sum up to position `u` of the range, extrapolated outside of it.
+fn sum_at(u: f32) -> IntegralSum {
     let row = row_at(max(u, 0.0), view.bins, 0u);
     let n = 3u * row.index;
     let beyond = (u - clamp(u, 0.0, 1.0)) * f32(view.bins);
     let part = row.weight * sums[n + 2u] + beyond * select(effects.before, effects.beyond, u > 0.5);
-    return Sum(sums[n], sums[n + 1u], part);
+    return IntegralSum(sums[n], sums[n + 1u], part);
 }
 
-fn meet_surfaces(span: Span, course: Course, at: vec2f, ends: vec2f, medium: Look) -> Look {
+// Composites the medium of a step with the surfaces crossed in it, in the order along the ray.
+fn meet_surfaces(span: RaySpan, clipped: RayClip, at: vec2f, ends: vec2f, medium: ShadedStep) -> ShadedStep {
     var sum = vec3f(0.0);
     var through = 1.0;
     var place = 0.0;
@@ -183,7 +191,7 @@ fn meet_surfaces(span: Span, course: Course, at: vec2f, ends: vec2f, medium: Loo
         through -= through * before;
         let surface = effects.surfaces[n];
         let hides = opacity_from_optical_depth(surface.w);
-        sum += through * hides * seen(surface.xyz, span, course, at.x + share * at.y);
+        sum += through * hides * shade(surface.xyz, span, clipped, at.x + share * at.y);
         through -= through * hides;
         place = max(place, share);
         met += surface.w;
@@ -195,11 +203,11 @@ fn meet_surfaces(span: Span, course: Course, at: vec2f, ends: vec2f, medium: Loo
     sum += through * rest * medium.color;
     through -= through * rest;
     let all = opacity_from_optical_depth(medium.depth + met);
-    return Look(min(sum / all, vec3f(1.0)), medium.depth + met, medium.length);
+    return ShadedStep(min(sum / all, vec3f(1.0)), medium.depth + met, medium.length);
 }
 
-// Where a step crosses `level`, as a share of it: the first secant, and one on its better side.
-fn crossing(span: Span, at: vec2f, ends: vec2f, level: f32) -> f32 {
+// Position of the crossing of `level` within a step, as a share of it: two steps of the secant method.
+fn crossing(span: RaySpan, at: vec2f, ends: vec2f, level: f32) -> f32 {
     let first = (level - ends.x) / (ends.y - ends.x);
     var w = 0.0;
     if !value_at(span.entry + (at.x + first * at.y) * span.delta, &w) {
@@ -214,10 +222,11 @@ fn crossing(span: Span, at: vec2f, ends: vec2f, level: f32) -> f32 {
     return clamp(near.x + (level - near.y) / (far.y - near.y) * (far.x - near.x), 0.0, 1.0);
 }
 
-// A straight colour as light and distance let it be seen `t` steps from the entry.
-fn seen(straight: vec3f, span: Span, course: Course, t: f32) -> vec3f {
+// A straight color at `t` steps from the entry with shadow, occlusion, shading and depth cue applied.
+fn shade(straight: vec3f, span: RaySpan, clipped: RayClip, t: f32) -> vec3f {
     var color = straight;
     let index = span.entry + t * span.delta;
+    // Look the light volume up.
     var shadow = 1.0;
     var open = 1.0;
     if SHADOWED {
@@ -227,6 +236,7 @@ fn seen(straight: vec3f, span: Span, course: Course, t: f32) -> vec3f {
         let all = effects.light_dims.x * effects.light_dims.y * effects.light_dims.z;
         open = 1.0 - effects.occlusion * (1.0 - light_at(index, select(0u, all, SHADOWED)));
     }
+    // Shade by the gradient (Blinn-Phong).
     var scale = open * shadow;
     var highlight = 0.0;
     if SHADED {
@@ -235,7 +245,7 @@ fn seen(straight: vec3f, span: Span, course: Course, t: f32) -> vec3f {
             let size = length(gradient);
             let share = size / (size + WEAK_GRADIENT);
             let normal = gradient / size;
-            var gloss = abs(dot(normal, course.half));
+            var gloss = abs(dot(normal, clipped.half));
             for (var k = 0u; k < SHININESS; k++) {
                 gloss *= gloss;
             }
@@ -244,6 +254,7 @@ fn seen(straight: vec3f, span: Span, course: Course, t: f32) -> vec3f {
             highlight = share * effects.specular * gloss * shadow;
         }
     }
+    // Apply light, then the depth cue.
     if SHADOWED || OCCLUDED || SHADED {
         color = clamp(color * scale + highlight, vec3f(0.0), vec3f(1.0));
     }
@@ -254,7 +265,8 @@ fn seen(straight: vec3f, span: Span, course: Course, t: f32) -> vec3f {
     return color;
 }
 
-// Central differences over a voxel to either side, shares of the range per voxel length; false where there is no slope.
+// Gradient by central differences over one voxel to either side, in shares of the range per voxel length; false if it is 0
+// or a voxel is not finite.
 fn gradient_at(index: vec3f, gradient: ptr<function, vec3f>) -> bool {
     for (var axis = 0; axis < 3; axis++) {
         var side = vec3f(0.0);
@@ -272,7 +284,7 @@ fn gradient_at(index: vec3f, gradient: ptr<function, vec3f>) -> bool {
     return dot(*gradient, *gradient) > 0.0;
 }
 
-// The light volume's values from `start` on, at `index`.
+// Trilinear interpolation of the light volume's values from `start` on, at `index`.
 fn light_at(index: vec3f, start: u32) -> f32 {
     let x = clamp(index * effects.light_scale + effects.light_offset, vec3f(0.0), vec3f(effects.light_dims - 1u));
     let base = min(vec3u(x), effects.light_dims - 2u);

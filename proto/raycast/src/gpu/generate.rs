@@ -1,30 +1,31 @@
-//! R on the GPU; twin of scalar/generate.rs.
+//! VDI generation on the GPU; counterpart of `reference/generate.rs`.
 //!
-//! Band by band of rows: count each ray's supersegments, sum the counts to where each list starts, then march again and
-//! write. Memory follows the real number of supersegments: lists longer than one binding are written in chunks of rays.
+//! Works in bands of rows: counts each ray's supersegments, turns the counts into list offsets by a prefix sum, then marches
+//! again and writes. Memory follows the actual number of supersegments: lists longer than one binding are written in chunks of
+//! rays.
 
-use super::layout::{Clustering, Segment, UNSURE};
+use super::layout::{ClusteringUniforms, GpuSegment, UNSURE};
 use super::scan::PrefixSum;
-use super::{BAND, Bound, GpuError, GpuKernels, Rays};
+use super::{BAND, BoundField, CameraRays, GpuError, GpuKernels};
 use crate::Field;
-use crate::vdi::assemble::{Band, Join, header};
-use crate::vdi::segmentation::Fit;
+use crate::vdi::assemble::{RowBand, VdiBuilder, header};
+use crate::vdi::segmentation::Segmenter;
 use lamina_compute::gpu::wgpu::{Buffer, BufferUsages};
 use lamina_model::composite::optical_depth_from_opacity;
 use lamina_model::{GenerationParams, Invalid, Segmentation, Supersegment, Vdi, VdiHeader};
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
-const SEGMENT_BYTES: u64 = size_of::<Segment>() as u64;
+const SEGMENT_BYTES: u64 = size_of::<GpuSegment>() as u64;
 const RESULT: BufferUsages = BufferUsages::STORAGE.union(BufferUsages::COPY_SRC);
 
 impl GpuKernels {
-    /// The VDI of `field` from its scene's camera with `segmentation`, and how long kernels and fitting, which is the
-    /// processor's, took. The paper's R.
+    /// Generates the VDI of `field` from its scene's camera with `segmentation`; also returns the time that kernels, and the
+    /// segmentation on the processor, took. The paper's R.
     ///
     /// # Errors
-    /// If the step is so short that rays would have too many of them, the VDI has too many supersegments (2^32), the field
-    /// or a ray's list does not fit the device, or the device fails.
+    /// If the step is so short that rays would have too many of them, the VDI has 2^32 supersegments or more, the field or a
+    /// ray's list does not fit the device, or the device fails.
     #[doc(alias = "R")]
     pub fn generate(
         &self,
@@ -32,17 +33,21 @@ impl GpuKernels {
         params: &GenerationParams,
         segmentation: Segmentation,
     ) -> Result<(Vdi, Duration), GpuError> {
-        let header = header(field, params)?;
-        let fit = Fit::new(&header, segmentation, field.unit_length());
-        let gamma = fit.finer(params.gamma());
+        let header = header(field, params).map_err(GpuError::Invalid)?;
+        let fit = Segmenter::new(&header, segmentation, field.unit_length());
+        let gamma = fit.initial_gamma(params.gamma());
         let r = params.resolution();
-        let rays = Rays { camera: &header.camera, width: r, height: r, step_length: header.step_length };
+        let rays = CameraRays { camera: &header.camera, width: r, height: r, step_length: header.step_length };
         self.with("a VDI", field, &rays, |bound| {
-            let work =
-                Work { bound, header: &header, gamma, chunk_segments: (self.chunk_bytes / SEGMENT_BYTES).max(1) };
-            // One list more than rays, and whole rows; a row of the greatest resolution is 32 KB.
+            let work = VdiGeneration {
+                bound,
+                header: &header,
+                gamma,
+                chunk_segments: (self.chunk_bytes / SEGMENT_BYTES).max(1),
+            };
+            // Lists hold one entry more than rays; bands are whole rows, of at most 32 KB each.
             let rows = (BAND.min(bound.gpu.max_binding_bytes() / 4 - 1) / u64::from(r)).max(1) as u32;
-            let (mut join, mut time) = (Join::new((params.resolution() as usize).pow(2)), Duration::ZERO);
+            let (mut join, mut time) = (VdiBuilder::new((params.resolution() as usize).pow(2)), Duration::ZERO);
             for first_row in (0..r).step_by(rows as usize) {
                 let (band, took) = work.band(first_row, rows.min(r - first_row))?;
                 let start = Instant::now();
@@ -50,24 +55,24 @@ impl GpuKernels {
                 time += took + start.elapsed();
                 join.add(band);
             }
-            Ok((join.finish(header)?, time))
+            Ok((join.finish(header).map_err(GpuError::Invalid)?, time))
         })
     }
 }
 
-/// A VDI being made.
-struct Work<'a> {
-    bound: &'a Bound<'a>,
+/// A VDI being generated.
+struct VdiGeneration<'a> {
+    bound: &'a BoundField<'a>,
     header: &'a VdiHeader,
     gamma: f64,
-    /// Supersegments written at a time.
+    /// The most supersegments written by one dispatch.
     chunk_segments: u64,
 }
 
-impl Work<'_> {
-    /// The lists of `rows` rows from `first_row`.
-    fn band(&self, first_row: u32, rows: u32) -> Result<(Band, Duration), GpuError> {
-        let Bound { gpu, pipelines, .. } = self.bound;
+impl VdiGeneration<'_> {
+    /// Generates `rows` rows from `first_row`.
+    fn band(&self, first_row: u32, rows: u32) -> Result<(RowBand, Duration), GpuError> {
+        let BoundField { gpu, pipelines, .. } = self.bound;
         let rays = self.header.params.resolution() * rows;
         let lists = gpu.buffer("lists", 4 * (u64::from(rays) + 1), RESULT);
         let sum = PrefixSum::new(gpu, pipelines, &lists, rays + 1);
@@ -75,18 +80,18 @@ impl Work<'_> {
         let (mut time, copies) = self.dispatch(&counting, &lists, 1, Some(&sum))?;
         let starts: Vec<u32> = copies[0].chunks_exact(4).map(bytemuck::pod_read_unaligned).collect();
         drop(copies);
-        // No list is near 2^32, so a sum that went around shows as a step down.
+        // No list is near 2^32 long, so an overflow of the sum shows as a decrease.
         if starts.windows(2).any(|w| w[0] > w[1]) {
             let reason = "2^32 supersegments or more in part of it; raise gamma or lower the resolution";
-            return Err(Invalid::new("vdi", reason).into());
+            return Err(GpuError::Invalid(Invalid::new("vdi", reason)));
         }
-        let mut band = Band::default();
+        let mut band = RowBand::default();
         let mut first = 0;
         while first < rays as usize {
             let end = self.chunk_end(&starts, first)?;
             let count = starts[end] - starts[first];
             if count > 0 {
-                let writing = Clustering {
+                let writing = ClusteringUniforms {
                     writing: 1,
                     first_segment: starts[first],
                     ..self.clustering(first_row, rows, first..end)
@@ -102,7 +107,7 @@ impl Work<'_> {
         Ok((band, time))
     }
 
-    /// The ray up to which lists from that of ray `first` on fit one chunk.
+    /// End of the longest range of rays, starting at ray `first`, whose lists fit one chunk.
     fn chunk_end(&self, starts: &[u32], first: usize) -> Result<usize, GpuError> {
         let most = u64::from(starts[first]) + self.chunk_segments;
         let end = first + starts[first..].partition_point(|&s| u64::from(s) <= most) - 1;
@@ -114,11 +119,11 @@ impl Work<'_> {
         Err(GpuError::TooLarge { what, needed, limit: SEGMENT_BYTES * self.chunk_segments, unit, remedy })
     }
 
-    /// Counting, for some `rays` of a band.
-    fn clustering(&self, first_row: u32, rows: u32, rays: Range<usize>) -> Clustering {
+    /// Uniforms to count the supersegments of some `rays` of a band.
+    fn clustering(&self, first_row: u32, rows: u32, rays: Range<usize>) -> ClusteringUniforms {
         let params = &self.header.params;
         let cutoff = optical_depth_from_opacity(params.opacity_cutoff()).min(f32::MAX.into()) as f32;
-        Clustering {
+        ClusteringUniforms {
             gamma: self.gamma.min(f32::MAX.into()) as f32,
             cutoff,
             first_row,
@@ -130,15 +135,15 @@ impl Work<'_> {
         }
     }
 
-    /// Counts or writes up to `count` supersegments, and gives the lists' starts or the supersegments.
+    /// Counts or writes up to `count` supersegments. Returns the time taken, and the list offsets or the supersegments.
     fn dispatch(
         &self,
-        clustering: &Clustering,
+        clustering: &ClusteringUniforms,
         lists: &Buffer,
         count: u32,
         sum: Option<&PrefixSum>,
     ) -> Result<(Duration, Vec<lamina_compute::gpu::wgpu::BufferView>), GpuError> {
-        let Bound { gpu, pipelines, march, field, effects } = self.bound;
+        let BoundField { gpu, pipelines, march, field, effects } = self.bound;
         let r = self.header.params.resolution();
         let rows = clustering.end_ray.div_ceil(r) - clustering.first_ray / r;
         let settings = gpu.upload("clustering", bytemuck::bytes_of(clustering), BufferUsages::UNIFORM);
@@ -167,10 +172,10 @@ impl Work<'_> {
         }
     }
 
-    /// Adds lists to `band`: those of its rays from `first` on, whose first ends and last starts are `starts`.
-    fn add(&self, band: &mut Band, first_row: u32, first: usize, starts: &[u32], bytes: &[u8]) {
+    /// Appends the lists of the rays from `first` on to `band`. `starts` are their offsets, and the end of the last list.
+    fn add(&self, band: &mut RowBand, first_row: u32, first: usize, starts: &[u32], bytes: &[u8]) {
         let r = self.header.params.resolution() as usize;
-        let mut lists = bytes.chunks_exact(SEGMENT_BYTES as usize).map(bytemuck::pod_read_unaligned::<Segment>);
+        let mut lists = bytes.chunks_exact(SEGMENT_BYTES as usize).map(bytemuck::pod_read_unaligned::<GpuSegment>);
         band.segments.reserve(lists.len());
         for (n, w) in starts.windows(2).enumerate() {
             let before = band.segments.len();
@@ -184,7 +189,7 @@ impl Work<'_> {
         }
     }
 
-    /// Ends ray (`i`, `j`)'s list, which starts at `before`, where the steps end that double precision counts.
+    /// Cuts the list of ray (`i`, `j`), which begins at `before`, at the number of steps that double precision gives.
     fn cut(&self, segments: &mut Vec<Supersegment>, before: usize, i: u32, j: u32) {
         let steps = self.header.ray_span(i, j).map_or(0, |(t_in, t_out)| self.header.steps(t_out - t_in));
         while segments.len() > before && segments.last().is_some_and(|s| s.start >= steps) {
@@ -196,6 +201,6 @@ impl Work<'_> {
     }
 }
 
-fn supersegment(s: Segment) -> Supersegment {
+fn supersegment(s: GpuSegment) -> Supersegment {
     Supersegment { start: s.start, end: s.end, color: [s.red, s.green, s.blue], optical_depth: s.optical_depth }
 }

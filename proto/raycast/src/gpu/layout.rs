@@ -1,11 +1,11 @@
-//! What the host tells the kernels; twins of the structs in layout.wgsl, member by member (tests/layout.rs compares them).
+//! Uniforms and storage elements, laid out as the structs of layout.wgsl, member by member (tests/layout.rs compares them).
 
 use bytemuck::{Pod, Zeroable};
 
-/// A field as uploaded.
+/// The field.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub struct Volume {
+pub struct VolumeUniforms {
     pub last: [u32; 3],
     pub pad0: u32,
     pub bricks: [u32; 3],
@@ -19,7 +19,7 @@ pub struct Volume {
 /// Rays of a picture or VDI.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub struct View {
+pub struct ViewUniforms {
     pub base: [f32; 3],
     pub width: u32,
     pub base_right: [f32; 3],
@@ -37,10 +37,10 @@ pub struct View {
     pub pad0: u32,
 }
 
-/// Effects.
+/// Effects of the scene.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub struct Effects {
+pub struct EffectUniforms {
     pub light: [f32; 3],
     pub shadows: f32,
     pub spacing: [f32; 3],
@@ -67,10 +67,10 @@ pub struct Effects {
     pub color_map: [[f32; 4]; 16],
 }
 
-/// Which pixels of a picture a dispatch colours.
+/// The pixels that a dispatch colors.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub struct Picture {
+pub struct PictureUniforms {
     pub background: [f32; 3],
     pub floor: f32,
     pub first: u32,
@@ -78,10 +78,10 @@ pub struct Picture {
     pub pad0: [u32; 2],
 }
 
-/// Which rays a dispatch clusters, and how.
+/// The rays that a dispatch clusters, and the parameters.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub struct Clustering {
+pub struct ClusteringUniforms {
     pub gamma: f32,
     pub cutoff: f32,
     pub first_row: u32,
@@ -92,10 +92,10 @@ pub struct Clustering {
     pub writing: u32,
 }
 
-/// A supersegment as written; the last one of a ray may carry [`UNSURE`] in its end.
+/// A supersegment as kernels write it; the last one of a ray may carry [`UNSURE`] in its end.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub struct Segment {
+pub struct GpuSegment {
     pub start: u32,
     pub end: u32,
     pub red: f32,
@@ -107,11 +107,11 @@ pub struct Segment {
 /// One level of a prefix sum.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub struct Scan {
+pub struct ScanUniforms {
     pub count: u32,
     pub blocks: u32,
     pub pad0: [u32; 2],
 }
 
-/// Marks the last supersegment of a ray whose steps double precision may count differently.
+/// Marks the last supersegment of a ray for which double precision may count another number of steps.
 pub const UNSURE: u32 = 1 << 31;

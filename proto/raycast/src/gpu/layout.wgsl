@@ -1,7 +1,7 @@
-// What the host tells the kernels; twins of the structs in layout.rs, member by member.
+// Uniforms and storage elements, laid out as the structs of layout.rs, member by member.
 
-// A field as uploaded.
-struct Volume {
+// The field.
+struct VolumeUniforms {
     // Last sample point per axis.
     last: vec3u,
     pad0: u32,
@@ -15,45 +15,45 @@ struct Volume {
     offset: f32,
 }
 
-// Rays of a picture or VDI. Directions are displacements, in units of sample points, along one sampling step. Rays start
-// on the plane through the box's nearest corner, so that their numbers are as small as the box however far the eye is.
-struct View {
+// Rays of a picture or VDI. Directions are displacements, in units of sample points, along one sampling step. Rays start on
+// the plane through the box's nearest corner, so that coordinates stay as small as the box however far the eye is.
+struct ViewUniforms {
     base: vec3f,
     width: u32,
-    // By how much the start moves with a pixel's column and row, counted in half pixels from the centre.
+    // Change of the start with a pixel's column and row, counted in half pixels from the center.
     base_right: vec3f,
     height: u32,
     base_up: vec3f,
     // Tangent of half a pixel's angle.
     slope: f32,
     forward: vec3f,
-    // Steps in the length that opacities refer to.
+    // Number of steps in the length that opacities refer to.
     unit_steps: f32,
     right: vec3f,
-    // Intervals of the transfer function's table.
+    // Bins of the transfer function's table.
     bins: u32,
     up: vec3f,
     // Rows of the table before that of position 0.
     below: u32,
-    // Outside these positions of the range all is transparent.
+    // Positions of the range between which the function is not transparent.
     visible: vec2f,
-    // Steps from the eye to the plane that rays start on.
+    // Steps from the eye to the plane on which rays start.
     near: f32,
     pad0: u32,
 }
 
-// Effects; twin of effects.rs. Lengths in steps, positions in sample points.
-struct Effects {
+// Effects of the scene; counterpart of volume/effects.rs. Lengths in steps, positions in sample points.
+struct EffectUniforms {
     // Unit vector towards the light.
     light: vec3f,
     shadows: f32,
     // World length between sample points, in voxel lengths.
     spacing: vec3f,
     occlusion: f32,
-    // From differences over two voxels to shares of the range per voxel length.
+    // Factors from differences over two voxels to the gradient in shares of the range per voxel length.
     gradient: vec3f,
     ambient: f32,
-    // From sample points to points of the light volume, by scale and then offset.
+    // Scale, then offset, from sample points to points of the light volume.
     light_scale: vec3f,
     diffuse: f32,
     light_offset: vec3f,
@@ -61,40 +61,40 @@ struct Effects {
     light_dims: vec3u,
     specular: f32,
     cue: vec3f,
-    // Steps from where colours begin to fade to the plane that rays start on.
+    // Steps from where the depth cue begins to the plane on which rays start.
     cue_from: f32,
     cue_per_step: f32,
     cue_strength: f32,
     planes: u32,
-    // Corners of the second field's map.
+    // Number of control points of the color field's map.
     color_points: u32,
-    // Summands of the integral at both ends of the range.
+    // Integrand of the pre-integration below and above the range.
     before: vec4f,
     beyond: vec4f,
     // Level in x.
     levels: array<vec4f, 4>,
-    // Colour, and optical depth in w.
+    // Color, and optical depth in w.
     surfaces: array<vec4f, 4>,
     // Normal, and offset in w.
     half_spaces: array<vec4f, 14>,
-    // Colour, and position in w.
+    // Color, and position in w.
     color_map: array<vec4f, 16>,
 }
 
-// Which pixels of a picture a dispatch colours.
-struct Picture {
+// The pixels that a dispatch colors.
+struct PictureUniforms {
     background: vec3f,
     // A ray ends below this transmittance.
     floor: f32,
-    // First row of a band of rows, or first place in the list of pixels.
+    // First row of a band of rows; 0 for a list of pixels.
     first: u32,
-    // Rows, or pixels.
+    // Number of rows, or of pixels.
     count: u32,
     pad0: vec2u,
 }
 
-// Which rays a dispatch clusters, and how.
-struct Clustering {
+// The rays that a dispatch clusters, and the parameters.
+struct ClusteringUniforms {
     gamma: f32,
     // A ray ends at this optical depth.
     cutoff: f32,
@@ -102,17 +102,17 @@ struct Clustering {
     first_row: u32,
     // Rows of the band.
     rows: u32,
-    // Rays of the band whose lists are written; the first row among them is where the dispatch starts.
+    // Rays of the band whose lists are written; the dispatch starts at the first row among them.
     first_ray: u32,
     end_ray: u32,
-    // Where the first of them starts in the band's lists.
+    // Offset of the first of them in the band's lists.
     first_segment: u32,
     // 0: count; 1: write.
     writing: u32,
 }
 
-// As written; the last one of a ray carries UNSURE in its end.
-struct Segment {
+// A supersegment as kernels write it; the last one of a ray may carry UNSURE in its end.
+struct GpuSegment {
     start: u32,
     end: u32,
     red: f32,
@@ -122,7 +122,7 @@ struct Segment {
 }
 
 // One level of a prefix sum.
-struct Scan {
+struct ScanUniforms {
     count: u32,
     blocks: u32,
     pad0: vec2u,

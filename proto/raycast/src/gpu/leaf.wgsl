@@ -1,17 +1,17 @@
-// Leaf mathematics of the march: no bindings. Probed on boundary inputs against Rust in tests/leaf.rs.
+// Leaf functions of ray casting, without bindings. tests/leaf.rs compares each with Rust on boundary inputs.
 
-// Cells per side of a brick; skip::BRICK.
+// Cells per side of a brick; occupancy::BRICK.
 const BRICK: u32 = 4u;
-// A rest of a ray below this share of a step is rounding, not a step. The host counts steps in double precision, with
+// A remainder of a ray below this share of a step is rounding, not a step. The host counts steps in double precision, with
 // 1e-9; lists that reach one step further than it counts are cut there.
-const REST: f32 = 1e-4;
-// Slower than this along an axis, in sample points per step, a ray is parallel to it: the most steps a ray may have do
-// not add up to what single precision can tell.
-const STILL: f32 = 1e-12;
+const MIN_REMAINDER: f32 = 1e-4;
+// Below this speed along an axis, in sample points per step, a ray counts as parallel: over the most steps that a ray may
+// have, single precision does not resolve the displacement.
+const PARALLEL_EPSILON: f32 = 1e-12;
 // Longer than any ray, and far from overflow.
 const FAR: f32 = 1e30;
 
-// Opacity of an optical depth: 1 - exp(-t). Small ones by the series, whose next term is below 5e-8 of the value.
+// Opacity of an optical depth: 1 - exp(-t). For small t by the Taylor series, whose next term is below 5e-8 of the value.
 fn opacity_from_optical_depth(t: f32) -> f32 {
     if t < 0.25 {
         return t * (1.0 - t / 2.0 * (1.0 - t / 3.0 * (1.0 - t / 4.0 * (1.0 - t / 5.0 * (1.0 - t / 6.0)))));
@@ -19,14 +19,14 @@ fn opacity_from_optical_depth(t: f32) -> f32 {
     return 1.0 - exp(-t);
 }
 
-// Where a ray enters and leaves the box, not before its origin; the second not above the first if it misses.
+// Entry and exit of a ray into the box, the entry not before its origin; the exit is not above the entry if it misses.
 fn clip(origin: vec3f, direction: vec3f, low: vec3f, high: vec3f) -> vec2f {
     var t_in = 0.0;
     var t_out = FAR;
     for (var axis = 0; axis < 3; axis++) {
         let o = origin[axis];
         let d = direction[axis];
-        if abs(d) < STILL {
+        if abs(d) < PARALLEL_EPSILON {
             if o < low[axis] || o > high[axis] {
                 return vec2f(0.0);
             }
@@ -40,21 +40,21 @@ fn clip(origin: vec3f, direction: vec3f, low: vec3f, high: vec3f) -> vec2f {
     return vec2f(t_in, t_out);
 }
 
-// Steps that cover `length` (in steps): whole ones, and a shorter last one for any rest.
+// Number of steps that cover `length` (in steps): full ones, and a shorter last one for a remainder.
 fn steps(length: f32) -> u32 {
-    return u32(max(ceil(length - REST), 0.0));
+    return u32(max(ceil(length - MIN_REMAINDER), 0.0));
 }
 
-struct Row {
+struct TableRow {
     index: u32,
     weight: f32,
 }
 
-// Row of the table at or below position `u`, and the weight of the next one; `below` rows come before that of 0.
-fn row_at(u: f32, bins: u32, below: u32) -> Row {
+// Table row at or below position `u`, and the weight of the next one; `below` rows precede that of position 0.
+fn row_at(u: f32, bins: u32, below: u32) -> TableRow {
     let x = max(clamp(u, -1.0, 1.0) * f32(bins) + f32(below), 0.0);
     let index = min(u32(x), bins + below - 1u);
-    return Row(index, x - f32(index));
+    return TableRow(index, x - f32(index));
 }
 
 struct Cell {
@@ -62,28 +62,28 @@ struct Cell {
     weight: vec3f,
 }
 
-// Cell around `index`, and how far into it.
+// The cell that contains `index`, and the weights of its far corners.
 fn cell_at(index: vec3f, last: vec3u) -> Cell {
     let x = max(index, vec3f(0.0));
     let base = min(vec3u(x), max(last, vec3u(1u)) - 1u);
     return Cell(base, min(x - vec3f(base), vec3f(1.0)));
 }
 
-// Brick around `index`.
+// The brick that contains `index`.
 fn brick_at(index: vec3f, bricks: vec3u) -> vec3u {
     return min(vec3u(max(index, vec3f(0.0))) / BRICK, bricks - 1u);
 }
 
-// Steps from `index` to the first sample outside of the cube in which all bricks nearer than `distance` (1 or more) lie;
-// one or more. Bricks at the rim of the map stand for all beyond, so there the cube has no side.
+// Number of steps, one or more, from `index` to the first sample outside of the cube of all bricks nearer than `distance` (1
+// or more). Bricks at the edge of the map extend to infinity.
 fn jump(index: vec3f, delta: vec3f, brick: vec3u, distance: u32, bricks: vec3u) -> u32 {
     var t = 1e9;
     for (var axis = 0; axis < 3; axis++) {
         let d = delta[axis];
-        if d > STILL && brick[axis] + distance < bricks[axis] {
+        if d > PARALLEL_EPSILON && brick[axis] + distance < bricks[axis] {
             t = min(t, (f32((brick[axis] + distance) * BRICK) - index[axis]) / d);
         }
-        if d < -STILL && brick[axis] >= distance {
+        if d < -PARALLEL_EPSILON && brick[axis] >= distance {
             t = min(t, (f32((brick[axis] + 1u - distance) * BRICK) - index[axis]) / d);
         }
     }

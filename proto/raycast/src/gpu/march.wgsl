@@ -1,32 +1,33 @@
-// The one loop that samples the field along a ray; raycast and generate differ only in what they do with a sample.
-// Twin of scalar/march.rs.
+// Ray marching: samples the field along a ray. Ray casting and VDI generation differ only in what they do with a sample.
+// Counterpart of reference/march.rs.
 
-// How voxels are stored: 0 whole numbers, 1 half precision, 2 single precision. All come as bits, so that "not a number"
-// is told by whole-number comparisons, which no driver may optimise away as it may x != x.
+// Storage of voxels: 0 integers, 1 half precision, 2 single precision. All are loaded as bits, so that NaN is detected by
+// integer comparisons, which no driver may optimize away as it may x != x.
 override KIND: u32 = 0u;
 // Whether the scene asks for any effect.
 override EFFECTS: bool = false;
 
-@group(0) @binding(0) var<uniform> volume: Volume;
-@group(0) @binding(1) var<uniform> view: View;
+@group(0) @binding(0) var<uniform> volume: VolumeUniforms;
+@group(0) @binding(1) var<uniform> view: ViewUniforms;
 @group(0) @binding(2) var voxels: texture_3d<u32>;
-// Four distances a word.
+// Four distances per word.
 @group(0) @binding(3) var<storage, read> distances: array<u32>;
-// TransferTable::step, and TransferTable::unit as two rows an entry.
+// TransferLut::step, and TransferLut::unit as two rows per entry.
 @group(0) @binding(4) var<storage, read> step_rows: array<vec4f>;
 @group(0) @binding(5) var<storage, read> unit_rows: array<vec4f>;
 
-// A ray inside the box: distances count steps.
-struct Span {
+// The part of a ray inside the box; lengths in steps.
+struct RaySpan {
     entry: vec3f,
     delta: vec3f,
     length: f32,
     steps: u32,
-    // Steps from the eye to the entry, less those to the plane that rays start on along the camera's axis.
+    // Steps from the eye to the entry, minus those to the plane on which rays start.
     beyond: f32,
 }
 
-fn span_of(i: u32, j: u32) -> Span {
+// The part of the ray through pixel (`i`, `j`) inside the box.
+fn ray_span(i: u32, j: u32) -> RaySpan {
     let x = f32(2u * i + 1u) - f32(view.width);
     let y = f32(view.height) - f32(2u * j + 1u);
     let origin = view.base + x * view.base_right + y * view.base_up;
@@ -36,64 +37,66 @@ fn span_of(i: u32, j: u32) -> Span {
     let t = clip(origin, delta, volume.low, volume.high);
     let length = t.y - t.x;
     if length <= 0.0 {
-        return Span(vec3f(0.0), delta, 0.0, 0u, 0.0);
+        return RaySpan(vec3f(0.0), delta, 0.0, 0u, 0.0);
     }
     let entry = clamp(origin + t.x * delta, volume.low, volume.high);
-    return Span(entry, delta, length, steps(length), view.near * (square / (depth + 1.0)) + t.x);
+    return RaySpan(entry, delta, length, steps(length), view.near * (square / (depth + 1.0)) + t.x);
 }
 
-// True if double precision may count fewer steps on this ray, or none: its last step is hardly there, its steps are more
-// than single precision can tell apart, or it grazes a side of the box.
-fn is_unsure(span: Span) -> bool {
+// True if double precision may count another number of steps on this ray, or none: its last step is nearly empty, it has
+// more steps than single precision resolves, or it grazes a side of the box.
+fn is_unsure(span: RaySpan) -> bool {
     let middle = span.entry + 0.5 * span.length * span.delta;
     let inside = min(middle - volume.low, volume.high - middle);
     return span.length - f32(span.steps - 1u) < 0.05 || span.steps > (1u << 17u)
         || min(min(inside.x, inside.y), inside.z) < 0.01;
 }
 
-// How far a march has come.
-struct Walk {
-    // The next step to look at.
+// Progress of a march.
+struct MarchState {
+    // Index of the next step to sample.
     next: u32,
-    // Before this step samples lie in a visible brick.
+    // Samples before this step lie in a visible brick.
     visible: u32,
 }
 
-struct Sample {
-    // Steps from the ray's entry into the box; the number of steps if there are no more samples.
+struct MarchSample {
+    // Index of the step from the ray's entry into the box; the number of steps if there are no more samples.
     step: u32,
-    // 1, or the rest at the ray's end.
+    // Length in steps: 1, or less at the ray's end.
     length: f32,
-    row: Row,
-    // The position in the range; without it, if a voxel there is not a number.
+    row: TableRow,
+    // Position in the range, and whether it is defined: false if a voxel of the cell is not finite.
     value: f32,
     there: bool,
 }
 
-// The next sample that may show something.
-fn next_sample(span: Span, walk: ptr<function, Walk>) -> Sample {
-    while (*walk).next < span.steps {
-        let step = (*walk).next;
+// The next sample that may be visible.
+fn next_sample(span: RaySpan, state: ptr<function, MarchState>) -> MarchSample {
+    while (*state).next < span.steps {
+        let step = (*state).next;
         let length = min(span.length - f32(step), 1.0);
         let index = span.entry + (f32(step) + 0.5 * length) * span.delta;
-        if step >= (*walk).visible {
+        // Skip empty bricks.
+        if step >= (*state).visible {
             let brick = brick_at(index, volume.bricks);
             let distance = distance_at(brick);
             let beyond = step + jump(index, span.delta, brick, max(distance, 1u), volume.bricks);
             if distance > 0u {
-                (*walk).next = beyond;
+                (*state).next = beyond;
                 continue;
             }
-            (*walk).visible = beyond;
+            (*state).visible = beyond;
         }
-        (*walk).next = step + 1u;
+        // Sample the field, unless it is transparent here.
+        (*state).next = step + 1u;
         var u = 0.0;
         let there = value_at(index, &u);
         if EFFECTS || (there && u >= view.visible.x && u <= view.visible.y) {
-            return Sample(step, length, row_at(u, view.bins, view.below), u, there);
+            return MarchSample(step, length, row_at(u, view.bins, view.below), u, there);
         }
     }
-    return Sample(span.steps, 0.0, Row(0u, 0.0), 0.0, false);
+    return MarchSample(span.steps, 0.0, TableRow(0u, 0.0), 0.0, false);
 }
 
 fn distance_at(brick: vec3u) -> u32 {
@@ -101,7 +104,7 @@ fn distance_at(brick: vec3u) -> u32 {
     return extractBits(distances[n / 4u], 8u * (n % 4u), 8u);
 }
 
-// The position in the range at `index`; false if a voxel that it depends on is not a number.
+// Interpolates the position in the range at `index`; false if a voxel of the cell is not finite.
 fn value_at(index: vec3f, u: ptr<function, f32>) -> bool {
     let cell = cell_at(index, volume.last);
     let a = cell.base;
@@ -152,19 +155,19 @@ fn scalar(bits: u32) -> f32 {
 }
 
 // Red, green, blue and opacity of one whole step, premultiplied.
-fn step_row(row: Row) -> vec4f {
+fn step_row(row: TableRow) -> vec4f {
     let a = step_rows[row.index];
     return a + row.weight * (step_rows[row.index + 1u] - a);
 }
 
-// The same of one unit length.
-fn unit_row(row: Row) -> vec4f {
+// Red, green, blue and opacity of one unit length, premultiplied.
+fn unit_row(row: TableRow) -> vec4f {
     let a = unit_rows[2u * row.index];
     return a + row.weight * (unit_rows[2u * row.index + 2u] - a);
 }
 
 // Optical depth of one step, and the ratio of its opacity to that of a unit length.
-fn depth_row(row: Row) -> vec2f {
+fn depth_row(row: TableRow) -> vec2f {
     let a = unit_rows[2u * row.index + 1u].xy;
     return a + row.weight * (unit_rows[2u * row.index + 3u].xy - a);
 }

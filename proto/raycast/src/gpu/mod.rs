@@ -1,10 +1,9 @@
-//! The algorithm on a GPU: WGSL twins of the scalar code in single precision, and the Rust that feeds them.
+//! Ray casting and VDI generation on a GPU: WGSL counterparts of [`super::reference`] in single precision, and their host code.
 //!
-//! One field stays on the device, the last one seen. A kernel gives a whole result or a [`GpuError`]: never part of an
-//! image. It knows nothing of when to prefer a GPU.
+//! The device holds one field, the last one used. A kernel returns a whole result or a [`GpuError`], never a part of an image.
+//! The choice between GPU and processor is made elsewhere ([`crate::Backend`]).
 
 mod effects;
-mod error;
 mod generate;
 mod layout;
 mod pipelines;
@@ -15,52 +14,60 @@ mod scan;
 mod tests;
 mod view;
 
-pub use error::GpuError;
-
 use super::Field;
-use effects::{Resources, Set};
+use effects::{EffectResources, EffectSet};
 use lamina_compute::gpu::wgpu::{BindGroup, BufferUsages};
-use lamina_compute::gpu::{AdapterFacts, DeviceError, Gpu};
-use lamina_model::Camera;
-use layout::View;
-use pipelines::{March, Pipelines};
-use resident::Resident;
+use lamina_compute::gpu::{AdapterFacts, DeviceError, Gpu, KernelError};
+use lamina_model::{Camera, Invalid};
+use layout::ViewUniforms;
+use pipelines::{MarchPipelines, Pipelines};
+use resident::ResidentField;
 use std::sync::{Mutex, PoisonError};
 
-/// Bytes of supersegments written at a time: enough to keep the device busy, little beside its memory.
+/// Why a kernel gave no result. The processor can always do the work instead.
+pub type GpuError = KernelError<Invalid>;
+
+/// Bytes of supersegments written by one dispatch: enough to keep the device busy, little compared to its memory.
 const CHUNK_BYTES: u64 = 256 << 20;
-/// Rays or pixels dispatched at a time: far below a second of work, so that no watchdog takes it for a hang.
+/// Rays or pixels of one dispatch: far less than a second of work, so that no watchdog takes it for a hang.
 const BAND: u64 = 1 << 22;
 
-/// The kernels on one device.
+/// The compiled kernels on one device.
 #[derive(Debug)]
 pub struct GpuKernels {
     gpu: Gpu,
     pipelines: Pipelines,
-    /// Also makes one piece of work wait for another: they would share the device's memory.
-    state: Mutex<State>,
+    /// Also serializes work, which would otherwise share the device's memory.
+    state: Mutex<KernelCache>,
     chunk_bytes: u64,
 }
 
 #[derive(Debug, Default)]
-struct State {
-    marches: Vec<March>,
-    resident: Option<Resident>,
+struct KernelCache {
+    marches: Vec<MarchPipelines>,
+    resident: Option<ResidentField>,
 }
 
-/// A field and its rays, bound.
-struct Bound<'a> {
+/// A field and the rays of a camera, bound to the kernels.
+struct BoundField<'a> {
     gpu: &'a Gpu,
     pipelines: &'a Pipelines,
-    march: &'a March,
+    march: &'a MarchPipelines,
     /// Group 0.
     field: BindGroup,
     /// Group 2.
     effects: BindGroup,
 }
 
-/// Rays to be cast.
-struct Rays<'a> {
+impl BoundField<'_> {
+    /// The bind groups other than group 1, by number.
+    fn bindings(&self) -> [(u32, &BindGroup); 2] {
+        [(0, &self.field), (2, &self.effects)]
+    }
+}
+
+/// The rays of a picture or VDI.
+struct CameraRays<'a> {
     camera: &'a Camera,
     width: u32,
     height: u32,
@@ -68,7 +75,7 @@ struct Rays<'a> {
 }
 
 impl GpuKernels {
-    /// Compiles what every field needs.
+    /// Compiles the kernels that do not depend on the field.
     ///
     /// # Errors
     /// If the device fails.
@@ -78,52 +85,52 @@ impl GpuKernels {
         Ok(Self { gpu, pipelines, state: Mutex::default(), chunk_bytes })
     }
 
-    /// The same, writing no more than `bytes` of supersegments at a time.
+    /// The same kernels, writing at most `bytes` of supersegments per dispatch.
     pub fn with_chunk_bytes(self, bytes: u64) -> Self {
         let chunk_bytes = self.chunk_bytes.min(bytes);
         Self { chunk_bytes, ..self }
     }
 
-    /// What the driver says of the device.
+    /// The driver's description of the device.
     pub fn facts(&self) -> &AdapterFacts {
         self.gpu.facts()
     }
 
-    /// Runs `work` with `field` on the device. `doing` names it.
+    /// Runs `work` with `field` on the device. `doing` names the work in errors.
     fn with<T>(
         &self,
         doing: &str,
         field: &Field,
-        rays: &Rays<'_>,
-        work: impl FnOnce(&Bound<'_>) -> Result<T, GpuError>,
+        rays: &CameraRays<'_>,
+        work: impl FnOnce(&BoundField<'_>) -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
         let gpu = &self.gpu;
         resident::check_size(gpu, field)?;
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let State { marches, resident } = &mut *state;
+        let KernelCache { marches, resident } = &mut *state;
         let done = gpu.run(doing, || {
             if resident.as_ref().is_none_or(|r| r.id != field.id()) {
-                // The old one goes first: there may be no room for two.
+                // Free the old field first: there may be no room for two.
                 *resident = None;
             }
-            let resident = resident.get_or_insert_with(|| Resident::new(gpu, field));
-            let set = Set::of(field);
+            let resident = resident.get_or_insert_with(|| ResidentField::new(gpu, field));
+            let set = EffectSet::of(field);
             let known = marches.iter().position(|m| m.kind == resident.kind && m.set == set);
             let n = known.unwrap_or_else(|| {
                 marches.push(self.pipelines.march(gpu, resident.kind, set));
                 marches.len() - 1
             });
             let tables = resident.tables(gpu, field, rays.step_length);
-            let view = View::new(field, rays.camera, rays.width, rays.height, &tables);
+            let view = ViewUniforms::new(field, rays.camera, rays.width, rays.height, &tables);
             let view = gpu.upload("view", bytemuck::bytes_of(&view), BufferUsages::UNIFORM);
-            let effects = Resources::new(gpu, field, resident, rays.camera, rays.step_length);
+            let effects = EffectResources::new(gpu, field, resident, rays.camera, rays.step_length);
             let effects = self.pipelines.bind_effects(gpu, &effects);
             let field = self.pipelines.bind_field(gpu, resident, &tables, &view);
-            work(&Bound { gpu, pipelines: &self.pipelines, march: &marches[n], field, effects })
+            work(&BoundField { gpu, pipelines: &self.pipelines, march: &marches[n], field, effects })
         });
         if let Err(GpuError::Device(_)) = &done {
-            // What was made on the way cannot be relied on.
-            *state = State::default();
+            // Resources created during a failure cannot be relied on.
+            *state = KernelCache::default();
         }
         done
     }

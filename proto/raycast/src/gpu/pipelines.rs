@@ -1,7 +1,7 @@
-//! The compiled kernels and the shape of their bindings. Each kind of voxels has its own, compiled when first met.
+//! Pipelines and bind group layouts. Pipelines that march are compiled per voxel type and set of effects, at first use.
 
-use super::effects::{Resources, Set};
-use super::resident::{Kind, Resident, Tables};
+use super::effects::{EffectResources, EffectSet};
+use super::resident::{ResidentField, ResidentTables, VoxelKind};
 use lamina_compute::gpu::Gpu;
 use lamina_compute::gpu::pipeline::{READ, UNIFORM, WRITE};
 use lamina_compute::gpu::wgpu::{
@@ -9,7 +9,7 @@ use lamina_compute::gpu::wgpu::{
     TextureViewDimension,
 };
 
-/// What every kernel that marches is made of.
+/// The source of a kernel that marches.
 macro_rules! march {
     ($kernel:literal) => {
         concat!(
@@ -26,17 +26,17 @@ pub const RAYCAST: &str = march!("raycast.wgsl");
 pub const GENERATE: &str = march!("generate.wgsl");
 pub const SCAN: &str = concat!(include_str!("layout.wgsl"), include_str!("scan.wgsl"));
 
-/// The march for one kind of voxels and one set of effects.
+/// Pipelines that march, for one voxel type and one set of effects.
 #[derive(Debug)]
-pub struct March {
-    pub kind: Kind,
-    pub set: Set,
+pub struct MarchPipelines {
+    pub kind: VoxelKind,
+    pub set: EffectSet,
     pub raycast_rows: ComputePipeline,
     pub raycast_pixels: ComputePipeline,
     pub generate: ComputePipeline,
 }
 
-/// Shapes of bindings, and the kernels that no kind of voxels matters to.
+/// Bind group layouts, and the pipelines that do not depend on the field.
 #[derive(Debug)]
 pub struct Pipelines {
     field: BindGroupLayout,
@@ -71,18 +71,18 @@ impl Pipelines {
         }
     }
 
-    /// The march for voxels of this kind, with this set of effects.
-    pub fn march(&self, gpu: &Gpu, kind: Kind, set: Set) -> March {
+    /// Compiles the pipelines for one voxel type and one set of effects.
+    pub fn march(&self, gpu: &Gpu, kind: VoxelKind, set: EffectSet) -> MarchPipelines {
         self.march_of(gpu, kind, set, RAYCAST)
     }
 
-    /// The same with the ray caster of `raycast`.
-    pub fn march_of(&self, gpu: &Gpu, kind: Kind, set: Set, raycast: &str) -> March {
+    /// Compiles them with the source `raycast` of the ray caster.
+    pub fn march_of(&self, gpu: &Gpu, kind: VoxelKind, set: EffectSet, raycast: &str) -> MarchPipelines {
         let (raycast, generate) = (gpu.module("raycast", raycast), gpu.module("generate", GENERATE));
         let constants: Vec<(&str, f64)> =
             std::iter::once(("KIND", f64::from(kind as u32))).chain(set.constants()).collect();
         let raycaster = |entry| gpu.pipeline(&raycast, entry, &[&self.field, &self.raycast, &self.effects], &constants);
-        March {
+        MarchPipelines {
             kind,
             set,
             raycast_rows: raycaster("raycast_rows"),
@@ -91,8 +91,8 @@ impl Pipelines {
         }
     }
 
-    /// Group 2 of every march.
-    pub fn bind_effects(&self, gpu: &Gpu, effects: &Resources) -> BindGroup {
+    /// Group 2 of every pipeline that marches.
+    pub fn bind_effects(&self, gpu: &Gpu, effects: &EffectResources) -> BindGroup {
         let resources = [
             effects.uniform.as_entire_binding(),
             effects.sums.as_entire_binding(),
@@ -102,8 +102,8 @@ impl Pipelines {
         gpu.bind_all(&self.effects, resources)
     }
 
-    /// Group 0 of every march.
-    pub fn bind_field(&self, gpu: &Gpu, field: &Resident, tables: &Tables, view: &Buffer) -> BindGroup {
+    /// Group 0 of every pipeline that marches.
+    pub fn bind_field(&self, gpu: &Gpu, field: &ResidentField, tables: &ResidentTables, view: &Buffer) -> BindGroup {
         let resources = [
             field.volume.as_entire_binding(),
             view.as_entire_binding(),

@@ -1,12 +1,12 @@
-// The reference: emission-absorption ray casting of the field itself. Twin of scalar/raycast.rs.
+// Ray casting: emission-absorption pictures of the field. Counterpart of reference/raycast.rs.
 
-@group(1) @binding(0) var<uniform> picture: Picture;
+@group(1) @binding(0) var<uniform> picture: PictureUniforms;
 // Columns, and rows in the upper half word.
 @group(1) @binding(1) var<storage, read> pixels: array<u32>;
-// Three a pixel.
+// Three numbers per pixel.
 @group(1) @binding(2) var<storage, read_write> colors: array<f32>;
 
-// A band of rows of the whole picture.
+// Colors a band of rows of the whole picture.
 @compute @workgroup_size(8, 8)
 fn raycast_rows(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= view.width || id.y >= picture.count {
@@ -15,7 +15,7 @@ fn raycast_rows(@builtin(global_invocation_id) id: vec3u) {
     store(id.y * view.width + id.x, color_at(id.x, picture.first + id.y));
 }
 
-// Listed pixels.
+// Colors listed pixels.
 @compute @workgroup_size(64)
 fn raycast_pixels(
     @builtin(workgroup_id) group: vec3u,
@@ -37,27 +37,27 @@ fn store(n: u32, color: vec3f) {
 }
 
 fn color_at(i: u32, j: u32) -> vec3f {
-    let span = span_of(i, j);
+    let span = ray_span(i, j);
     var color = vec3f(0.0);
     var transmittance = 1.0;
     if EFFECTS {
-        let course = course_of(span);
-        var walk = Walk(u32(max(course.kept.x, 0.0)), 0u);
-        var s = next_sample(span, &walk);
-        while s.step < span.steps && f32(s.step) < course.kept.y {
-            let met = look(span, course, s);
+        let clipped = clip_ray(span);
+        var state = MarchState(u32(max(clipped.kept.x, 0.0)), 0u);
+        var s = next_sample(span, &state);
+        while s.step < span.steps && f32(s.step) < clipped.kept.y {
+            let met = shade_sample(span, clipped, s);
             let opacity = opacity_from_optical_depth(met.depth);
             color += transmittance * opacity * met.color;
             transmittance *= 1.0 - opacity;
             if transmittance < picture.floor {
                 break;
             }
-            s = next_sample(span, &walk);
+            s = next_sample(span, &state);
         }
         return min(color + transmittance * picture.background, vec3f(1.0));
     }
-    var walk = Walk(0u, 0u);
-    var s = next_sample(span, &walk);
+    var state = MarchState(0u, 0u);
+    var s = next_sample(span, &state);
     while s.step < span.steps {
         var piece = step_row(s.row);
         if s.length < 1.0 {
@@ -68,14 +68,14 @@ fn color_at(i: u32, j: u32) -> vec3f {
         if transmittance < picture.floor {
             break;
         }
-        s = next_sample(span, &walk);
+        s = next_sample(span, &state);
     }
-    // Sums of what is white may round to a little more than white.
+    // Sums for white may round to slightly more than 1.
     return min(color + transmittance * picture.background, vec3f(1.0));
 }
 
-// The last step: its optical depth in proportion to its length.
-fn short_step(s: Sample) -> vec4f {
+// The last step: its optical depth is proportional to its length.
+fn short_step(s: MarchSample) -> vec4f {
     let unit = unit_row(s.row);
     if unit.w <= 0.0 {
         return vec4f(0.0);

@@ -1,10 +1,10 @@
-//! A field on the device: voxels as the bits they are stored in, where to skip, and tables for the steps in use.
+//! A field on the device: voxels as raw bits, the empty-space map, and transfer function tables for the step lengths in use.
 
 use super::GpuError;
-use super::layout::Volume;
+use super::layout::VolumeUniforms;
 use crate::Field;
-use crate::volume::field::Stored;
-use crate::volume::transfer_lut::TransferTable;
+use crate::volume::stored::StoredVoxels;
+use crate::volume::transfer_lut::TransferLut;
 use half::slice::HalfFloatSliceExt;
 use lamina_compute::gpu::Gpu;
 use lamina_compute::gpu::wgpu::{
@@ -12,10 +12,10 @@ use lamina_compute::gpu::wgpu::{
     TextureDescriptor, TextureDimension, TextureFormat, TextureUsages, TextureView,
 };
 
-/// How voxels are stored; the shader's KIND.
+/// Storage of voxels; the shader's KIND.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
-pub enum Kind {
+pub enum VoxelKind {
     Whole,
     Half,
     Single,
@@ -23,48 +23,50 @@ pub enum Kind {
 
 /// A field on the device.
 #[derive(Debug)]
-pub struct Resident {
-    /// [`Field::id`].
+pub struct ResidentField {
+    /// [`Field::id`] of the field.
     pub id: u64,
-    pub kind: Kind,
+    pub kind: VoxelKind,
     pub voxels: TextureView,
     pub volume: Buffer,
     pub distances: Buffer,
     /// The light volume.
     pub light: Buffer,
-    /// The second field; one point where there is none.
+    /// The color field; one point if there is none.
     pub colors: TextureView,
-    tables: Vec<Tables>,
+    tables: Vec<ResidentTables>,
 }
 
-/// The transfer function for one step length.
+/// Transfer function tables for one step length.
 #[derive(Debug, Clone)]
-pub struct Tables {
+pub struct ResidentTables {
     pub step_length: f64,
-    /// Intervals of the range, and rows before it.
+    /// Bins of the range, and rows before it.
     pub bins: u32,
     pub below: u32,
-    /// Outside these positions all is transparent.
+    /// Positions between which the function is not transparent.
     pub visible: [f32; 2],
     pub step_rows: Buffer,
     pub unit_rows: Buffer,
 }
 
-/// Step lengths whose tables are kept: those of pictures and of VDIs, and one that a tuner tries.
+/// Step lengths whose tables are kept: those of pictures, of VDIs, and of one trial.
 const TABLES: usize = 3;
-/// Bytes of voxels handed over at a time; the driver holds a copy of them until they have arrived.
+/// Bytes of voxels uploaded at a time; the driver holds a copy until they have arrived.
 const SLAB_BYTES: usize = 64 << 20;
 
-impl Resident {
+impl ResidentField {
     /// Uploads `field`. To be called inside [`Gpu::run`], after [`check_size`].
     pub fn new(gpu: &Gpu, field: &Field) -> Self {
         let (kind, format, bytes): (_, _, &[u8]) = match field.stored() {
-            Stored::U8(v) => (Kind::Whole, TextureFormat::R8Uint, v),
-            Stored::U16(v) => (Kind::Whole, TextureFormat::R16Uint, bytemuck::cast_slice(v)),
-            Stored::F16(v) => (Kind::Half, TextureFormat::R16Uint, bytemuck::cast_slice(v.reinterpret_cast())),
-            Stored::F32(v) => (Kind::Single, TextureFormat::R32Uint, bytemuck::cast_slice(v)),
+            StoredVoxels::U8(v) => (VoxelKind::Whole, TextureFormat::R8Uint, v),
+            StoredVoxels::U16(v) => (VoxelKind::Whole, TextureFormat::R16Uint, bytemuck::cast_slice(v)),
+            StoredVoxels::F16(v) => {
+                (VoxelKind::Half, TextureFormat::R16Uint, bytemuck::cast_slice(v.reinterpret_cast()))
+            }
+            StoredVoxels::F32(v) => (VoxelKind::Single, TextureFormat::R32Uint, bytemuck::cast_slice(v)),
         };
-        let mut distances = field.skip().distances().to_vec();
+        let mut distances = field.empty_space().distances().to_vec();
         distances.resize(distances.len().next_multiple_of(4), 0);
         Self {
             id: field.id(),
@@ -78,18 +80,18 @@ impl Resident {
         }
     }
 
-    /// The tables for `step_length`, made if they are not there.
-    pub fn tables(&mut self, gpu: &Gpu, field: &Field, step_length: f64) -> Tables {
+    /// The tables for `step_length`, created at first use.
+    pub fn tables(&mut self, gpu: &Gpu, field: &Field, step_length: f64) -> ResidentTables {
         if let Some(t) = self.tables.iter().find(|t| t.step_length == step_length) {
             return t.clone();
         }
-        let table = TransferTable::new(&field.scene().transfer, field.unit_length(), step_length);
+        let table = TransferLut::new(&field.scene().transfer, field.unit_length(), step_length);
         let upload = |label, bytes| gpu.upload(label, bytes, BufferUsages::STORAGE);
-        let tables = Tables {
+        let tables = ResidentTables {
             step_length,
             bins: table.bins() as u32,
             below: table.below,
-            // Shaders need not know infinity.
+            // Shaders may not support infinity.
             visible: field.scene().transfer.visible_hull().map(|u| u.clamp(f32::MIN, f32::MAX)),
             step_rows: upload("step rows", bytemuck::cast_slice(&table.step)),
             unit_rows: upload("unit rows", bytemuck::cast_slice(&table.unit)),
@@ -102,7 +104,7 @@ impl Resident {
     }
 }
 
-/// Passes a field that the device can hold.
+/// Succeeds if `field` fits the device.
 pub fn check_size(gpu: &Gpu, field: &Field) -> Result<(), GpuError> {
     let side = field.grid().dims().into_iter().max().unwrap_or(0) as u64;
     let limit = gpu.limits().max_texture_dimension_3d.into();
@@ -110,7 +112,7 @@ pub fn check_size(gpu: &Gpu, field: &Field) -> Result<(), GpuError> {
         let (what, unit, remedy) = ("the volume", "voxels along one side", "send every other voxel");
         return Err(GpuError::TooLarge { what, needed: side, limit, unit, remedy });
     }
-    let (needed, limit) = (field.skip().distances().len() as u64, gpu.max_binding_bytes());
+    let (needed, limit) = (field.empty_space().distances().len() as u64, gpu.max_binding_bytes());
     if needed > limit {
         let (what, unit, remedy) = ("the volume's map of empty space", "bytes", "send every other voxel");
         return Err(GpuError::TooLarge { what, needed, limit, unit, remedy });
@@ -118,16 +120,16 @@ pub fn check_size(gpu: &Gpu, field: &Field) -> Result<(), GpuError> {
     Ok(())
 }
 
-fn volume(field: &Field) -> Volume {
+fn volume(field: &Field) -> VolumeUniforms {
     let dims = field.grid().dims();
     // As Grid::bounds: an axis with one sample point is drawn one spacing thick.
     let low = dims.map(|d| if d == 1 { -0.5 } else { 0.0 });
     let high = dims.map(|d| if d == 1 { 0.5 } else { (d - 1) as f32 });
     let (scale, offset) = field.unit_from_stored();
-    Volume {
+    VolumeUniforms {
         last: dims.map(|d| (d - 1) as u32),
         pad0: 0,
-        bricks: field.skip().dims().map(|d| d as u32),
+        bricks: field.empty_space().dims().map(|d| d as u32),
         pad1: 0,
         low,
         scale: scale as f32,
@@ -156,7 +158,7 @@ fn voxels(gpu: &Gpu, [nx, ny, nz]: [u32; 3], format: TextureFormat, bytes: &[u8]
         view_formats: &[],
     });
     let row_bytes = bytes.len() / (ny as usize * nz as usize);
-    // Part of a layer where a layer is more than a slab.
+    // Upload parts of a layer if a layer is larger than a slab.
     let rows = (SLAB_BYTES / row_bytes).clamp(1, ny as usize);
     let layers = if rows < ny as usize { 1 } else { (SLAB_BYTES / (row_bytes * rows)).clamp(1, nz as usize) };
     let mut last = None;
@@ -179,11 +181,11 @@ fn voxels(gpu: &Gpu, [nx, ny, nz]: [u32; 3], format: TextureFormat, bytes: &[u8]
                 },
                 Extent3d { width: nx, height: height as u32, depth_or_array_layers: depth as u32 },
             );
-            // One slab travels while the next is copied; no more of them wait.
+            // One slab is transferred while the next is copied; never more than one waits.
             let this = gpu.queue().submit([]);
             if let Some(submission_index) = last.replace(this) {
                 let wait = PollType::Wait { submission_index: Some(submission_index), timeout: None };
-                // Only a time limit could end it early; a loss is found by the caller.
+                // Without a timeout only a loss of the device can fail, which the caller finds.
                 let _ = gpu.device().poll(wait);
             }
         }

@@ -1,6 +1,6 @@
-//! Prefix sums on the device: from counts per ray to where each list starts.
+//! Prefix sums on the device: from counts per ray to list offsets.
 
-use super::layout::Scan;
+use super::layout::ScanUniforms;
 use super::pipelines::Pipelines;
 use lamina_compute::gpu::Gpu;
 use lamina_compute::gpu::wgpu::{BindGroup, Buffer, BufferUsages, ComputePass};
@@ -8,21 +8,21 @@ use lamina_compute::gpu::wgpu::{BindGroup, Buffer, BufferUsages, ComputePass};
 /// Numbers that one workgroup sums.
 const BLOCK: u32 = 1024;
 
-/// The passes that sum one buffer.
+/// Bind groups of the passes that sum one buffer.
 #[derive(Debug)]
 pub struct PrefixSum {
-    /// From the buffer itself to a single block.
+    /// Bind group and number of blocks per level, from the buffer itself to a single block.
     levels: Vec<(BindGroup, u32)>,
 }
 
 impl PrefixSum {
-    /// Makes ready to sum the first `count` numbers of `data`, one or more, in place.
+    /// Prepares the exclusive prefix sum of the first `count` (one or more) numbers of `data`, in place.
     pub fn new(gpu: &Gpu, pipelines: &Pipelines, data: &Buffer, count: u32) -> Self {
         let (mut data, mut count) = (data.clone(), count);
         let mut levels = Vec::new();
         loop {
             let blocks = count.div_ceil(BLOCK);
-            let scan = Scan { count, blocks, pad0: [0; 2] };
+            let scan = ScanUniforms { count, blocks, pad0: [0; 2] };
             let scan = gpu.upload("scan", bytemuck::bytes_of(&scan), BufferUsages::UNIFORM);
             let sums = gpu.buffer("sums", 4 * u64::from(blocks), BufferUsages::STORAGE);
             levels.push((gpu.bind(&pipelines.scan, &[&scan, &data, &sums]), blocks));

@@ -1,6 +1,6 @@
-// Exclusive prefix sums, in place: blocks of 1024 first, then the sums of blocks likewise, then added to each block.
+// Exclusive prefix sums in place: of blocks of 1024 first, then of the blocks' sums likewise, which are then added to the blocks.
 
-@group(0) @binding(0) var<uniform> scan: Scan;
+@group(0) @binding(0) var<uniform> scan: ScanUniforms;
 @group(0) @binding(1) var<storage, read_write> data: array<u32>;
 @group(0) @binding(2) var<storage, read_write> sums: array<u32>;
 
@@ -22,7 +22,7 @@ fn scan_blocks(
         own += data[n];
     }
     shared_sums[lane] = own;
-    // Every lane adds what lies `reach` before it, then twice that, until it holds the sum of all up to itself.
+    // Hillis-Steele scan: each lane adds the sum `reach` lanes before it, with `reach` doubling.
     for (var reach = 1u; reach < LANES; reach *= 2u) {
         workgroupBarrier();
         var before = 0u;

@@ -1,28 +1,28 @@
-//! Rays as the kernels start them: from the plane through the box's nearest corner, in units of sample points and steps.
+//! View uniforms: rays that start on the plane through the box's nearest corner, in units of sample points and steps.
 //!
-//! A camera far away has coordinates so great that single precision would shift its rays by a voxel; on that plane they
-//! are as small as the box. All of this is done once a picture, in double precision.
+//! A distant camera has coordinates so large that single precision would shift its rays by a voxel; on that plane they are as
+//! small as the box. Computed once per picture, in double precision.
 
-use super::layout::View;
-use super::resident::Tables;
+use super::layout::ViewUniforms;
+use super::resident::ResidentTables;
 use crate::Field;
 use glam::DVec3;
 use lamina_model::Camera;
 
-/// How far along the camera's axis the plane lies that rays start on: through the box's nearest corner.
+/// Depth, along the camera's axis, of the plane on which rays start: that of the box's nearest corner.
 pub fn nearest_depth(field: &Field, camera: &Camera) -> f64 {
     let corners = field.grid().bounds().corners();
     corners.map(|c| camera.view_from_world(c).z).into_iter().fold(f64::INFINITY, f64::min).max(0.0)
 }
 
-impl View {
-    /// The rays of `camera` through a `width` x `height` picture of `field`, sampled as `tables` say.
-    pub fn new(field: &Field, camera: &Camera, width: u32, height: u32, tables: &Tables) -> Self {
+impl ViewUniforms {
+    /// The rays of `camera` through a `width` x `height` picture of `field`, sampled with the step length of `tables`.
+    pub fn new(field: &Field, camera: &Camera, width: u32, height: u32, tables: &ResidentTables) -> Self {
         let step_length = tables.step_length;
         let near = nearest_depth(field, camera);
         let (center_x, center_y) = (0.5 * f64::from(width), 0.5 * f64::from(height));
         let forward = camera.direction(center_x, center_y, width, height);
-        // By half a pixel: what the picture's height spans, divided, so that little is lost to cancellation.
+        // Change per half pixel, from a span as long as the picture is high, to limit cancellation.
         let half_height = f64::from(height);
         let right = (camera.direction(center_x + 0.5 * half_height, center_y, width, height) - forward) / half_height;
         let up = (camera.direction(center_x, center_y - 0.5 * half_height, width, height) - forward) / half_height;

@@ -1,8 +1,8 @@
-//! A ray's samples with all that a scene asks for.
+//! Samples of a ray with all effects of a scene: clipping, pre-integration, isosurfaces, light, depth cueing.
 
-use super::march::{March, Sample};
-use crate::volume::effects::{Effects, FEWEST_ROWS, SHORTEST, WEAK_GRADIENT, cue_range};
-use crate::volume::transfer_lut::{Integral, OPAQUE};
+use super::march::{RayMarcher, RaySample};
+use crate::volume::effects::{FEWEST_ROWS, FieldEffects, SHORTEST, WEAK_GRADIENT, cue_range};
+use crate::volume::transfer_lut::{OPAQUE, PreintegrationTable};
 use crate::{Field, count};
 use glam::DVec3;
 use lamina_model::Ray;
@@ -12,66 +12,69 @@ use lamina_model::transfer::Classified;
 use lamina_model::vdi;
 use std::ops::ControlFlow;
 
-/// A ray in units of sample points, and what depends on it.
-struct Course<'a> {
+/// A ray in units of sample points, with the effects that apply to it.
+struct ClippedRay<'a> {
     field: &'a Field,
-    effects: &'a Effects,
+    effects: &'a FieldEffects,
     ray: &'a Ray,
     origin: DVec3,
     direction: DVec3,
-    /// World distances between which colours fade.
+    /// Depth cue, and the world distances between which it fades colors.
     cue: Option<(DepthCue, f64, f64)>,
 }
 
-impl March<'_> {
-    /// As [`March::samples`], for a field with `effects`; `integral` is there if they are pre-integrated.
+impl RayMarcher<'_> {
+    /// As [`RayMarcher::samples`], for a field with `effects`; `integral` is present if they are pre-integrated.
     pub fn samples_with(
         &self,
-        effects: &Effects,
-        integral: Option<&Integral>,
+        effects: &FieldEffects,
+        integral: Option<&PreintegrationTable>,
         ray: &Ray,
-        mut visit: impl FnMut(Sample) -> ControlFlow<()>,
+        mut visit: impl FnMut(RaySample) -> ControlFlow<()>,
     ) {
         let (field, unit_length, step_length) = (self.field, self.unit_length, self.step_length);
         let Some((t_in, t_out)) = self.bounds.clip(ray) else { return };
         let (origin, direction) = (field.index_from_world(ray.origin), ray.direction / field.grid().spacing());
         let (near, far) = cue_range(field.grid(), ray.origin);
         let cue = effects.cue.map(|cue| (cue, near, far));
-        let course = Course { field, effects, ray, origin, direction, cue };
+        let clipped = ClippedRay { field, effects, ray, origin, direction, cue };
         let (from, to) = effects.clip(origin, direction, t_in, t_out);
         let first = ((from - t_in) / step_length).max(0.0) as u32;
         for step in first..vdi::steps(t_out - t_in, step_length) {
+            // Clip the step.
             let start = t_in + f64::from(step) * step_length;
             let (a, b) = (start.max(from), (start + step_length).min(t_out).min(to));
             if a >= to {
                 return;
             }
             let (length, middle) = (b - a, 0.5 * (a + b));
-            if length <= SHORTEST * step_length || !field.skip().is_visible(course.at(middle)) {
+            if length <= SHORTEST * step_length || !field.empty_space().is_visible(clipped.at(middle)) {
                 continue;
             }
-            let ends = effects.needs_ends().then(|| [a, b].map(|t| course.value(t)));
+            // Classify the middle of the step, or integrate between its ends.
+            let ends = effects.needs_ends().then(|| [a, b].map(|t| clipped.value(t)));
             let whole = match (integral, ends) {
                 (Some(integral), Some([u, v])) if ((v - u) * integral.bins() as f64).abs() >= FEWEST_ROWS => {
                     let (color, depth) = integral.between(u, v);
                     Classified { color, opacity: 0.0, extinction: depth / step_length }
                 }
-                _ => field.scene().transfer.classify(field.sample(course.at(middle)), unit_length),
+                _ => field.scene().transfer.classify(field.sample(clipped.at(middle)), unit_length),
             };
-            let whole = Classified { color: course.own_color(whole, middle), ..whole };
-            let extinction = course.light_and_surfaces(whole, [a, b], ends);
+            // Apply the color field, light, and isosurfaces.
+            let whole = Classified { color: clipped.own_color(whole, middle), ..whole };
+            let extinction = clipped.light_and_surfaces(whole, [a, b], ends);
             let Some((color, optical_depth)) = extinction else { continue };
             let extinction = optical_depth / length;
             let opacity = opacity_from_optical_depth(extinction * unit_length);
             let classified = Classified { color, opacity, extinction };
-            if visit(Sample { step, length, classified }).is_break() {
+            if visit(RaySample { step, length, classified }).is_break() {
                 return;
             }
         }
     }
 }
 
-impl Course<'_> {
+impl ClippedRay<'_> {
     fn at(&self, t: f64) -> DVec3 {
         self.origin + t * self.direction
     }
@@ -81,7 +84,7 @@ impl Course<'_> {
         f64::from(self.field.sample(self.at(t)))
     }
 
-    /// The medium's colour at `t`, before light.
+    /// Color of the medium at ray distance `t`, before lighting.
     fn own_color(&self, medium: Classified, t: f64) -> [f64; 3] {
         let Some(colors) = self.effects.colors.as_ref().filter(|_| medium.extinction > 0.0) else {
             return medium.color;
@@ -90,16 +93,16 @@ impl Course<'_> {
         colors.at(self.at(t)).unwrap_or(medium.color)
     }
 
-    /// Straight colour and optical depth of the step from `a` to `b`; `None` if there is nothing.
+    /// Straight color and optical depth of the step from `a` to `b`; `None` if it is transparent.
     fn light_and_surfaces(
         &self,
         medium: Classified,
         [a, b]: [f64; 2],
         ends: Option<[f64; 2]>,
     ) -> Option<([f64; 3], f64)> {
-        // Finite, as in the twins' tables: a share of it may be 0.
+        // Finite, as in the tables of the fast levels: a share of it may be 0.
         let (depth, mut met) = ((medium.extinction * (b - a)).min(OPAQUE), 0.0);
-        let color = if depth > 0.0 { self.seen(medium.color, 0.5 * (a + b)) } else { [0.0; 3] };
+        let color = if depth > 0.0 { self.shade(medium.color, 0.5 * (a + b)) } else { [0.0; 3] };
         let (mut light, mut sum) = (Accumulator::default(), 0.0);
         let [u, v] = ends.unwrap_or_default();
         let surfaces = &self.effects.surfaces;
@@ -110,7 +113,7 @@ impl Course<'_> {
             }
             let share = self.crossing([a, b], [u, v], surface.at);
             light.add(color, depth * (share - met).max(0.0));
-            light.add(self.seen(surface.color, a + share * (b - a)), surface.optical_depth);
+            light.add(self.shade(surface.color, a + share * (b - a)), surface.optical_depth);
             (met, sum) = (share.max(met), sum + surface.optical_depth);
         }
         if sum == 0.0 {
@@ -121,7 +124,7 @@ impl Course<'_> {
         Some((light.color.map(|c| (c / opacity).min(1.0)), depth + sum))
     }
 
-    /// Where between `a` and `b` the field crosses `level`, as a share: the first secant, and one on its better side.
+    /// Position of the crossing of `level` between `a` and `b`, as a share of the step: two steps of the secant method.
     fn crossing(&self, [a, b]: [f64; 2], [u, v]: [f64; 2], level: f64) -> f64 {
         let first = (level - u) / (v - u);
         let w = self.value(a + first * (b - a));
@@ -132,9 +135,10 @@ impl Course<'_> {
         if p == q { first } else { (x + (level - p) / (q - p) * (y - x)).clamp(0.0, 1.0) }
     }
 
-    /// A straight colour as light and distance let it be seen at `t`.
-    fn seen(&self, color: [f64; 3], t: f64) -> [f64; 3] {
+    /// A straight color at ray distance `t` with shadow, occlusion, shading and depth cue applied.
+    fn shade(&self, color: [f64; 3], t: f64) -> [f64; 3] {
         let (effects, mut color) = (self.effects, color);
+        // Look the light volume up.
         let (mut shadow, mut open) = (1.0, 1.0);
         if let Some(volume) = &effects.volume {
             if let Some(transmittance) = &volume.transmittance {
@@ -146,11 +150,12 @@ impl Course<'_> {
                 open = 1.0 - effects.ambient_occlusion * (1.0 - volume.at(openness, self.at(t)));
             }
         }
+        // Shade by the gradient (Blinn-Phong).
         let (mut scale, mut highlight) = (open * shadow, 0.0);
         if let Some(s) = &effects.shading {
             let gradient = self.gradient(self.at(t));
             let size = gradient.length();
-            // NaN fails, and keeps the colour as it is.
+            // False for NaN, which leaves the color as it is.
             if size > 0.0 {
                 let per_voxel = size * self.field.grid().voxel_length();
                 let share = per_voxel / (per_voxel + WEAK_GRADIENT);
@@ -162,6 +167,7 @@ impl Course<'_> {
                 highlight = share * specular * shadow;
             }
         }
+        // Apply light, then the depth cue.
         if effects.volume.is_some() || effects.shading.is_some() {
             color = color.map(|c| (c * scale + highlight).clamp(0.0, 1.0));
         }
@@ -172,7 +178,7 @@ impl Course<'_> {
         color
     }
 
-    /// Central differences over a voxel to either side, per world length.
+    /// Gradient by central differences over one voxel to either side, per world length.
     fn gradient(&self, at: DVec3) -> DVec3 {
         count::gradient();
         let value = |p: DVec3| f64::from(self.field.sample(p));

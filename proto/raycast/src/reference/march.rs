@@ -1,36 +1,36 @@
-//! The one loop that samples the field along a ray; raycast and generate differ only in what they do with a sample.
+//! Ray marching: samples the field along a ray. Ray casting and VDI generation differ only in what they do with a sample.
 
 use crate::Field;
-use crate::volume::transfer_lut::Integral;
+use crate::volume::transfer_lut::PreintegrationTable;
 use lamina_model::transfer::Classified;
 use lamina_model::{Aabb, Ray, vdi};
 use std::ops::ControlFlow;
 
-/// One sample of a ray: the middle of step number `step`.
-pub struct Sample {
-    /// Steps from the ray's entry into the box.
+/// A sample in the middle of a step.
+pub struct RaySample {
+    /// Index of the step, counted from the ray's entry into the box.
     pub step: u32,
-    /// World length the sample stands for: one step, or the rest at the ray's end.
+    /// World length of the step; shorter than the others for the last one.
     pub length: f64,
-    /// What the transfer function makes of it.
+    /// Color and extinction by the transfer function.
     pub classified: Classified,
 }
 
 /// A field sampled at equal steps.
-pub struct March<'a> {
+pub struct RayMarcher<'a> {
     pub(super) field: &'a Field,
     pub(super) bounds: Aabb,
     pub(super) unit_length: f64,
     pub(super) step_length: f64,
-    integral: Option<Integral>,
+    integral: Option<PreintegrationTable>,
 }
 
-impl<'a> March<'a> {
+impl<'a> RayMarcher<'a> {
     /// Samples `field` every `step_length` (world units).
     pub fn new(field: &'a Field, step_length: f64) -> Self {
         let unit_length = field.unit_length();
         let integrated = field.effects().is_some_and(|e| e.pre_integrated);
-        let integral = integrated.then(|| Integral::new(&field.scene().transfer, unit_length, step_length));
+        let integral = integrated.then(|| PreintegrationTable::new(&field.scene().transfer, unit_length, step_length));
         Self { field, bounds: field.grid().bounds(), unit_length, step_length, integral }
     }
 
@@ -39,10 +39,10 @@ impl<'a> March<'a> {
         self.unit_length
     }
 
-    /// Visits the samples of `ray` that are not transparent, front to back until `visit` breaks. Samples sit in the middle
-    /// of their steps (second order); the last step is cut at the box, so that the whole length is covered whatever the step.
+    /// Passes the samples of `ray` that are not transparent to `visit`, front to back until it breaks. Samples lie in the middle
+    /// of their steps (second order); the last step is cut at the box, so that the whole length is covered.
     #[inline]
-    pub fn samples(&self, ray: &Ray, mut visit: impl FnMut(Sample) -> ControlFlow<()>) {
+    pub fn samples(&self, ray: &Ray, mut visit: impl FnMut(RaySample) -> ControlFlow<()>) {
         if let Some(effects) = self.field.effects() {
             return self.samples_with(effects, self.integral.as_ref(), ray, visit);
         }
@@ -53,11 +53,11 @@ impl<'a> March<'a> {
             let start = t_in + f64::from(step) * self.step_length;
             let length = self.step_length.min(t_out - start);
             let index = origin + (start + 0.5 * length) * direction;
-            if !self.field.skip().is_visible(index) {
+            if !self.field.empty_space().is_visible(index) {
                 continue;
             }
             let classified = self.field.scene().transfer.classify(self.field.sample(index), self.unit_length);
-            if classified.extinction > 0.0 && visit(Sample { step, length, classified }).is_break() {
+            if classified.extinction > 0.0 && visit(RaySample { step, length, classified }).is_break() {
                 return;
             }
         }

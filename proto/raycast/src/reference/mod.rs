@@ -1,5 +1,5 @@
-//! The oracle: ray casting and generation one ray and one sample at a time, in double precision, with the transfer
-//! function itself. Slow and plain; the fast levels are compared with it.
+//! The oracle: ray casting and VDI generation ray by ray in double precision, with the transfer function itself. Simple and
+//! slow; the fast levels are compared with it.
 
 mod effects;
 mod generate;

@@ -1,13 +1,13 @@
-//! The reference: emission-absorption ray casting of the field itself.
+//! Reference pictures: emission-absorption ray casting of the field.
 
-use super::march::March;
+use super::march::RayMarcher;
 use crate::Field;
 use lamina_model::composite::{Accumulator, TRANSMITTANCE_FLOOR};
 use lamina_model::{Camera, Image, Invalid, Ray};
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 
-/// A whole picture of `field`, `width` x `height` pixels.
+/// Casts a whole picture of `field`, `width` x `height` pixels.
 ///
 /// # Errors
 /// If the picture's size is out of bounds.
@@ -18,15 +18,15 @@ pub fn raycast(field: &Field, camera: &Camera, width: u32, height: u32) -> Resul
     Image::new(width, height, raycast_pixels(field, camera, width, height, &pixels))
 }
 
-/// The colours of some `pixels` (column, row) of that picture.
+/// Casts some `pixels` (column, row) of that picture; returns their colors in order.
 pub fn raycast_pixels(field: &Field, camera: &Camera, width: u32, height: u32, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
     let scene = field.scene();
-    let march = March::new(field, scene.step_length(field.grid()));
+    let march = RayMarcher::new(field, scene.step_length(field.grid()));
     let color = |&(i, j): &(u32, u32)| cast(&march, &camera.pixel_ray(i, j, width, height)).over(scene.background);
     pixels.par_iter().with_min_len(64).map(color).collect()
 }
 
-fn cast(march: &March, ray: &Ray) -> Accumulator {
+fn cast(march: &RayMarcher, ray: &Ray) -> Accumulator {
     let mut light = Accumulator::default();
     march.samples(ray, |s| {
         light.add(s.classified.color, s.classified.extinction * s.length);

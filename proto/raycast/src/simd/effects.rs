@@ -1,78 +1,84 @@
-//! What a scene asks for, eight rays at a time: the fast twin of `scalar::effects`.
+//! Effects of a scene, eight rays at a time; counterpart of `reference/effects.rs`.
 //!
-//! A kernel is compiled twice, without effects and with them; with them, what a scene does not ask for is passed over
-//! by a branch that goes the same way for all samples. Sixty-four kernels for every kind of voxels would save nothing more.
+//! A kernel is compiled twice, without effects and with all of them; effects that a scene lacks are skipped by branches that
+//! go the same way for all samples. Sixty-four specialized kernels per voxel type gained nothing more.
 
 mod integration;
 mod light;
 mod surfaces;
 
-use super::generate::Seen;
-use super::march::{Lens, Packet, View};
-use crate::volume::effects::{Effects, SHORTEST, cue_range};
-use crate::volume::transfer_lut::{Integral, OPAQUE, TransferTable};
+use super::generate::ShadedSample;
+use super::march::{RayPacket, RaySetup, VolumeSampler};
+use crate::volume::effects::{FieldEffects, SHORTEST, cue_range};
+use crate::volume::transfer_lut::{OPAQUE, PreintegrationTable, TransferLut};
 use crate::{Field, count};
 use glam::DVec3;
-use lamina_compute::simd::{Floats, Ints, Lanes, Masks, Pair, SMALL, WIDTH, opacity, small_opacity};
+use lamina_compute::simd::{
+    Lanes, Pair, SMALL_OPTICAL_DEPTH, SimdF32, SimdI32, SimdMask, WIDTH, opacity, small_opacity,
+};
 use lamina_model::Camera;
 
-/// Where samples come from: from the transfer function alone, or with effects.
-pub trait Source<L: Lanes> {
-    /// Makes ready for the rays of `packet` through `pixels`.
-    fn begin(&mut self, lens: &Lens, pixels: &[(u32, u32)], packet: &mut Packet<L>);
-    /// What there is to see at step `step`, whose middle lies at row `at` of the table; `None` if no lane of `live` sees any.
-    fn seen(&self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> Option<Seen<L>>;
+/// A source of shaded samples: the transfer function alone, or with effects.
+pub trait SampleSource<L: Lanes> {
+    /// Prepares for the rays of `packet`, which pass through `pixels`; may shorten them.
+    fn begin(&mut self, setup: &RaySetup, pixels: &[(u32, u32)], packet: &mut RayPacket<L>);
+    /// Shades step `step`, whose middle lies at row `at` of the table; `None` if it is transparent in all lanes of `live`.
+    fn shade(&self, packet: &RayPacket<L>, step: L::I, at: L::F, live: L::M) -> Option<ShadedSample<L>>;
 }
 
-/// No effects.
-pub struct Plain<'a>(pub &'a TransferTable);
+/// Samples without effects.
+pub struct TransferSource<'a>(pub &'a TransferLut);
 
-impl<L: Lanes> Source<L> for Plain<'_> {
+impl<L: Lanes> SampleSource<L> for TransferSource<'_> {
     #[inline(always)]
-    fn begin(&mut self, _: &Lens, _: &[(u32, u32)], _: &mut Packet<L>) {}
+    fn begin(&mut self, _: &RaySetup, _: &[(u32, u32)], _: &mut RayPacket<L>) {}
     #[inline(always)]
-    fn seen(&self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> Option<Seen<L>> {
-        Seen::new(self.0, packet, step, at, live)
+    fn shade(&self, packet: &RayPacket<L>, step: L::I, at: L::F, live: L::M) -> Option<ShadedSample<L>> {
+        ShadedSample::new(self.0, packet, step, at, live)
     }
 }
 
-/// The effects of a field for one camera and step length, as lanes count: values in rows of the table, lengths in steps.
-pub struct Prepared<'a> {
-    effects: &'a Effects,
-    integral: Option<Sums>,
-    /// Level, colour, optical depth.
+/// The effects of a field for one camera and step length, in units of the kernels: values in table rows, lengths in steps.
+pub struct LaneEffects<'a> {
+    effects: &'a FieldEffects,
+    integral: Option<LanePreintegration>,
+    /// Isosurfaces: level in table rows, color, optical depth.
     surfaces: Vec<(f32, [f32; 3], f32)>,
-    /// From differences over two voxels, in rows, to the gradient per voxel length.
+    /// Factors from differences over two voxels, in table rows, to the gradient per voxel length.
     gradient: [f32; 3],
-    /// Towards the light.
+    /// Unit vector towards the light.
     light: [f32; 3],
-    /// Steps from the eye to where colours begin to fade, and how much they do in a step.
+    /// Steps from the eye to where the depth cue begins, and its increase per step.
     cue: Option<(f64, f32)>,
-    colors: Option<Mapped<'a>>,
+    colors: Option<LaneColorChannel<'a>>,
 }
 
-/// A second field, and how it maps to colour.
-struct Mapped<'a> {
-    view: View<'a, f32>,
-    /// Position and colour.
+/// The color field, and its color map.
+struct LaneColorChannel<'a> {
+    sampler: VolumeSampler<'a, f32>,
+    /// Control points: position and color.
     corners: Vec<(f32, [f32; 3])>,
 }
 
-/// [`Integral`] in single precision, and as it is.
-struct Sums {
+/// [`PreintegrationTable`] in single precision, and the exact one.
+struct LanePreintegration {
     rows: Vec<[f32; 4]>,
     ends: [[f32; 4]; 2],
-    exact: Integral,
+    exact: PreintegrationTable,
 }
 
-impl<'a> Prepared<'a> {
-    /// `None` if the scene asks for nothing.
-    pub fn new(field: &'a Field, camera: &Camera, table: &'a TransferTable, step_length: f64) -> Option<Self> {
+impl<'a> LaneEffects<'a> {
+    /// The effects of `field`; `None` if its scene has none.
+    pub fn new(field: &'a Field, camera: &Camera, table: &'a TransferLut, step_length: f64) -> Option<Self> {
         let effects = field.effects()?;
         let integral = effects.pre_integrated.then(|| {
-            let exact = Integral::new(&field.scene().transfer, field.unit_length(), step_length);
+            let exact = PreintegrationTable::new(&field.scene().transfer, field.unit_length(), step_length);
             let narrow = |row: [f64; 4]| row.map(|x| x as f32);
-            Sums { rows: exact.sums.iter().copied().map(narrow).collect(), ends: exact.ends.map(narrow), exact }
+            LanePreintegration {
+                rows: exact.sums.iter().copied().map(narrow).collect(),
+                ends: exact.ends.map(narrow),
+                exact,
+            }
         });
         let rows = table.bins() as f64;
         let surface = |s: &crate::volume::effects::Surface| {
@@ -91,8 +97,8 @@ impl<'a> Prepared<'a> {
             gradient: (0.5 * field.grid().voxel_length() / (rows * field.grid().spacing())).as_vec3().to_array(),
             light: effects.light.as_vec3().to_array(),
             cue: effects.cue.map(|cue| (near / step_length, per_step(cue.strength))),
-            colors: effects.colors.as_ref().map(|colors| Mapped {
-                view: View::scaled(field, &colors.units, table, [1.0, 0.0]),
+            colors: effects.colors.as_ref().map(|colors| LaneColorChannel {
+                sampler: VolumeSampler::scaled(field, &colors.units, table, [1.0, 0.0]),
                 corners: colors.points().iter().map(|p| (p.at as f32, p.color.map(|c| c as f32))).collect(),
             }),
         })
@@ -100,31 +106,31 @@ impl<'a> Prepared<'a> {
 }
 
 /// Samples with effects.
-pub struct WithEffects<'a, L: Lanes, V> {
-    view: &'a View<'a, V>,
-    prepared: &'a Prepared<'a>,
-    /// The part of each ray that is not clipped, steps from its entry.
+pub struct EffectsSource<'a, L: Lanes, V> {
+    sampler: &'a VolumeSampler<'a, V>,
+    effects: &'a LaneEffects<'a>,
+    /// Ends of the part of each ray that is not clipped, in steps from its entry.
     kept: [L::F; 2],
-    /// Steps from where colours begin to fade to the entry.
+    /// Steps from where the depth cue begins to the entry of each ray.
     entry: L::F,
-    /// Halfway between light and eye, length 1.
+    /// Half vector between light and eye, of length 1.
     half: [L::F; 3],
 }
 
-impl<'a, L: Lanes, V: Pair> WithEffects<'a, L, V> {
-    /// The effects of `view`'s field.
+impl<'a, L: Lanes, V: Pair> EffectsSource<'a, L, V> {
+    /// Samples of `sampler`'s field with `effects`.
     #[inline(always)]
-    pub fn new(view: &'a View<'a, V>, prepared: &'a Prepared<'a>) -> Self {
+    pub fn new(sampler: &'a VolumeSampler<'a, V>, effects: &'a LaneEffects<'a>) -> Self {
         let zero = L::F::splat(0.0);
-        Self { view, prepared, kept: [zero; 2], entry: zero, half: [zero; 3] }
+        Self { sampler, effects, kept: [zero; 2], entry: zero, half: [zero; 3] }
     }
 }
 
-impl<L: Lanes, V: Pair> Source<L> for WithEffects<'_, L, V> {
+impl<L: Lanes, V: Pair> SampleSource<L> for EffectsSource<'_, L, V> {
     #[inline(always)]
-    fn begin(&mut self, lens: &Lens, pixels: &[(u32, u32)], packet: &mut Packet<L>) {
-        let effects = self.prepared.effects;
-        let near = self.prepared.cue.map_or(0.0, |(near, _)| near);
+    fn begin(&mut self, setup: &RaySetup, pixels: &[(u32, u32)], packet: &mut RayPacket<L>) {
+        let effects = self.effects.effects;
+        let near = self.effects.cue.map_or(0.0, |(near, _)| near);
         let (mut from, mut to, mut entry) = ([0.0; WIDTH], [0.0; WIDTH], [0.0; WIDTH]);
         let (mut first, mut end, mut half) = ([0; WIDTH], [0; WIDTH], [[0.0; WIDTH]; 3]);
         let steps = packet.steps.to_array();
@@ -132,8 +138,9 @@ impl<L: Lanes, V: Pair> Source<L> for WithEffects<'_, L, V> {
             if steps[l] == 0 {
                 continue;
             }
-            let world = lens.direction(i, j);
-            let (start, direction, rate) = (DVec3::from_array(lens.eye), lens.per_spacing(world), lens.rate(world));
+            // Clip the ray in double precision.
+            let world = setup.direction(i, j);
+            let (start, direction, rate) = (DVec3::from_array(setup.eye), setup.per_spacing(world), setup.rate(world));
             let enters = packet.entry_at[l];
             let length = f64::from(steps[l] - 1) + f64::from(packet.last_length[l]);
             let (a, b) = effects.clip(start, direction / rate, enters, enters + length);
@@ -152,9 +159,10 @@ impl<L: Lanes, V: Pair> Source<L> for WithEffects<'_, L, V> {
     }
 
     #[inline(always)]
-    fn seen(&self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> Option<Seen<L>> {
+    fn shade(&self, packet: &RayPacket<L>, step: L::I, at: L::F, live: L::M) -> Option<ShadedSample<L>> {
         let s = L::F::splat;
-        let (effects, table) = (self.prepared.effects, self.view.table);
+        let (effects, table) = (self.effects.effects, self.sampler.table);
+        // Clip the step.
         let k = L::F::from(step);
         let (from, to) = (k.max(self.kept[0]), (k + s(1.0)).min(self.kept[1]));
         let length = to - from;
@@ -162,32 +170,37 @@ impl<L: Lanes, V: Pair> Source<L> for WithEffects<'_, L, V> {
         if !live.any() {
             return None;
         }
+        // Classify the middle of the step.
         let middle = from + s(0.5) * length;
         let at = if effects.half_spaces.is_empty() {
             at
         } else {
             count::value();
-            self.view.sample::<L>(packet.at(middle))
+            self.sampler.sample::<L>(packet.at(middle))
         };
         let [r, g, b, unit, depth, _] = L::rows6(&table.unit, at);
         let shown = live & table.shown::<L>(at) & s(0.0).lt(unit);
         let straight = s(1.0).div(unit.max(s(f32::MIN_POSITIVE)));
-        let mut color = [(r * straight).only(shown), (g * straight).only(shown), (b * straight).only(shown)];
-        let mut depth = (depth * length).only(shown);
+        let mut color =
+            [(r * straight).zero_unless(shown), (g * straight).zero_unless(shown), (b * straight).zero_unless(shown)];
+        let mut depth = (depth * length).zero_unless(shown);
+        // Pre-integrate between the ends of the step.
         let mut ends = [s(0.0); 2];
         if effects.needs_ends() {
             count::value();
             for (end, t) in ends.iter_mut().zip([from, to]) {
-                *end = self.view.sample::<L>(packet.at(t));
+                *end = self.sampler.sample::<L>(packet.at(t));
             }
             self.integrate(ends, length, live, &mut color, &mut depth);
         } else if !shown.any() {
             return None;
         }
+        // Light the medium and composite it with isosurfaces.
         if s(0.0).lt(depth).any() {
             self.own_color(packet.at(middle), &mut color);
         }
         self.light_and_surfaces(packet, [from, length], ends, live, &mut color, &mut depth);
+        // Convert to the unit length.
         let unit = exact_opacity::<L>(depth * s(table.unit_steps).div(length));
         let shown = live & s(0.0).lt(unit);
         if !shown.any() {
@@ -195,18 +208,18 @@ impl<L: Lanes, V: Pair> Source<L> for WithEffects<'_, L, V> {
         }
         let ratio = exact_opacity::<L>(depth).div(unit);
         let color = [color[0] * unit, color[1] * unit, color[2] * unit];
-        Some(Seen { shown, color, unit, depth, ratio, length })
+        Some(ShadedSample { shown, color, unit, depth, ratio, length })
     }
 }
 
-impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
-    /// The medium's colour at `p`, before light, where a second field gives it.
+impl<L: Lanes, V: Pair> EffectsSource<'_, L, V> {
+    /// Replaces `color` by the color field's at position `p`, before lighting, if there is one.
     #[inline(always)]
     fn own_color(&self, p: [L::F; 3], color: &mut [L::F; 3]) {
-        let Some(Mapped { view, corners }) = &self.prepared.colors else { return };
+        let Some(LaneColorChannel { sampler, corners }) = &self.effects.colors else { return };
         count::color();
-        let u = view.sample::<L>(p);
-        // Fails for NaN.
+        let u = sampler.sample::<L>(p);
+        // False for NaN.
         let there = L::F::splat(0.0).le(u.abs());
         let mut before = corners[0].0;
         let mut mapped = corners[0].1.map(L::F::splat);
@@ -224,8 +237,8 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
     }
 }
 
-/// 1 - exp(-x), small ones with all their digits.
+/// 1 - exp(-x) without cancellation for small x.
 #[inline(always)]
 fn exact_opacity<L: Lanes>(x: L::F) -> L::F {
-    L::F::select(x.lt(L::F::splat(SMALL)), small_opacity::<L>(x), opacity::<L>(x))
+    L::F::select(x.lt(L::F::splat(SMALL_OPTICAL_DEPTH)), small_opacity::<L>(x), opacity::<L>(x))
 }

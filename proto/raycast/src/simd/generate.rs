@@ -1,18 +1,20 @@
-//! R in lanes: the fast twin of `scalar::generate`.
+//! VDI generation, eight rays at a time; counterpart of `reference/generate.rs`.
 
-use super::effects::{Plain, Prepared, Source, WithEffects};
-use super::march::{Lens, Packet, View, Visit};
+use super::effects::{EffectsSource, LaneEffects, SampleSource, TransferSource};
+use super::march::{RayPacket, RaySetup, SampleSink, VolumeSampler};
 use super::tile::Tile;
 use crate::Field;
-use crate::vdi::assemble::{Band, Join, header, in_order};
-use crate::vdi::segmentation::Fit;
-use crate::volume::field::{Stored, for_stored};
-use crate::volume::transfer_lut::TransferTable;
-use lamina_compute::simd::{Floats, Ints, Job, Lanes, Level, Masks, Pair, SMALL, WIDTH, opacity, small_opacity};
+use crate::vdi::assemble::{RowBand, VdiBuilder, header, in_order};
+use crate::vdi::segmentation::Segmenter;
+use crate::volume::stored::{StoredVoxels, for_stored};
+use crate::volume::transfer_lut::TransferLut;
+use lamina_compute::simd::{
+    Lanes, Level, Pair, SMALL_OPTICAL_DEPTH, SimdF32, SimdI32, SimdKernel, SimdMask, WIDTH, opacity, small_opacity,
+};
 use lamina_model::composite::optical_depth_from_opacity;
 use lamina_model::{GenerationParams, Invalid, Segmentation, Supersegment, Vdi, VdiHeader};
 
-/// The VDI of `field`, which [fits](super::march::fits), with `segmentation`.
+/// Generates the VDI of `field`, which must [fit](super::march::fits), with `segmentation`.
 ///
 /// # Errors
 /// As [`crate::Backend::generate`].
@@ -23,47 +25,47 @@ pub fn generate(
     segmentation: Segmentation,
 ) -> Result<Vdi, Invalid> {
     let header = header(field, params)?;
-    let fit = Fit::new(&header, segmentation, field.unit_length());
-    let table = TransferTable::new(&field.scene().transfer, field.unit_length(), header.step_length);
-    let rays = Rays::new(field, &header);
-    let effects = Prepared::new(field, &header.camera, &table, header.step_length);
+    let fit = Segmenter::new(&header, segmentation, field.unit_length());
+    let table = TransferLut::new(&field.scene().transfer, field.unit_length(), header.step_length);
+    let rays = VdiRays::new(field, &header);
+    let effects = LaneEffects::new(field, &header.camera, &table, header.step_length);
     let effects = effects.as_ref();
-    let gamma = fit.finer(params.gamma()) as f32;
-    let mut join = Join::new((params.resolution() as usize).pow(2));
+    let gamma = fit.initial_gamma(params.gamma()) as f32;
+    let mut join = VdiBuilder::new((params.resolution() as usize).pow(2));
     for_stored!(field.stored(), v => {
-        let view = View::new(field, v, &table);
+        let sampler = VolumeSampler::new(field, v, &table);
         let rows = |n: usize| {
             let first_row = Tile::ROWS * n as u32;
-            let rows = level.run(Rows { view: &view, rays: &rays, effects, gamma, first_row });
+            let rows = level.run(GenerateRows { sampler: &sampler, rays: &rays, effects, gamma, first_row });
             let mut number = first_row..;
             rows.map(|row| fit.rows(number.next().unwrap_or_default(), row))
         };
-        in_order(rays.bands(), rows, |rows: [Band; 2]| rows.into_iter().for_each(|row| join.add(row)));
+        in_order(rays.bands(), rows, |rows: [RowBand; 2]| rows.into_iter().for_each(|row| join.add(row)));
     });
     join.finish(header)
 }
 
 /// The rays of a VDI.
-pub struct Rays {
+pub struct VdiRays {
     /// Their directions.
-    pub lens: Lens,
-    /// Optical depth at which a ray ends.
+    pub setup: RaySetup,
+    /// Optical depth at which a ray ends; infinite without a cutoff.
     pub cutoff: f32,
     resolution: u32,
 }
 
-impl Rays {
-    /// The rays that `header` describes.
+impl VdiRays {
+    /// The rays of the VDI with `header`.
     pub fn new(field: &Field, header: &VdiHeader) -> Self {
         let (resolution, cutoff) = (header.params.resolution(), header.params.opacity_cutoff());
         Self {
-            lens: Lens::new(field, &header.camera, [resolution; 2], header.step_length),
+            setup: RaySetup::new(field, &header.camera, [resolution; 2], header.step_length),
             cutoff: optical_depth_from_opacity(cutoff) as f32,
             resolution,
         }
     }
 
-    /// Pairs of rows.
+    /// Number of pairs of rows.
     pub fn bands(&self) -> usize {
         self.resolution.div_ceil(Tile::ROWS) as usize
     }
@@ -75,11 +77,11 @@ impl Rays {
     }
 }
 
-/// What there is to see at a sample of each ray.
-pub struct Seen<L: Lanes> {
-    /// The lanes where there is anything.
+/// Color and opacity of one sample of each ray.
+pub struct ShadedSample<L: Lanes> {
+    /// Lanes in which the sample is not transparent.
     pub shown: L::M,
-    /// Premultiplied colour of one unit length.
+    /// Premultiplied color of one unit length.
     pub color: [L::F; 3],
     /// Opacity of one unit length.
     pub unit: L::F,
@@ -87,14 +89,14 @@ pub struct Seen<L: Lanes> {
     pub depth: L::F,
     /// Opacity of the sample's length over that of a unit length.
     pub ratio: L::F,
-    /// In steps: 1, or less at the end of a ray.
+    /// Length in steps: 1, or less at the end of a ray.
     pub length: L::F,
 }
 
-impl<L: Lanes> Seen<L> {
-    /// At position `at` of the table; `None` if no lane of `live` shows anything.
+impl<L: Lanes> ShadedSample<L> {
+    /// The sample at row `at` of the table; `None` if it is transparent in all lanes of `live`.
     #[inline(always)]
-    pub fn new(table: &TransferTable, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> Option<Self> {
+    pub fn new(table: &TransferLut, packet: &RayPacket<L>, step: L::I, at: L::F, live: L::M) -> Option<Self> {
         let shown = live & table.shown::<L>(at);
         if !shown.any() {
             return None;
@@ -106,8 +108,8 @@ impl<L: Lanes> Seen<L> {
         if last.any() {
             length = L::F::select(last, L::F::from_array(packet.last_length), length);
             depth = depth * length;
-            // What is faint by the series: beside it, all digits of the other are rounding.
-            let large = L::F::splat(SMALL).lt(depth);
+            // For faint samples use the series: the other form has only rounding errors there.
+            let large = L::F::splat(SMALL_OPTICAL_DEPTH).lt(depth);
             let part = L::F::select(large, opacity::<L>(depth), small_opacity::<L>(depth));
             ratio = L::F::select(last, part.div(unit), ratio);
         }
@@ -115,35 +117,35 @@ impl<L: Lanes> Seen<L> {
     }
 }
 
-/// Two rows of rays.
-struct Rows<'a, V> {
-    view: &'a View<'a, V>,
-    rays: &'a Rays,
-    effects: Option<&'a Prepared<'a>>,
+/// Kernel: two rows of rays.
+struct GenerateRows<'a, V> {
+    sampler: &'a VolumeSampler<'a, V>,
+    rays: &'a VdiRays,
+    effects: Option<&'a LaneEffects<'a>>,
     gamma: f32,
     first_row: u32,
 }
 
-impl<V: Pair> Job for Rows<'_, V> {
-    type Output = [Band; 2];
+impl<V: Pair> SimdKernel for GenerateRows<'_, V> {
+    type Output = [RowBand; 2];
     #[inline(always)]
-    fn run<L: Lanes>(self) -> [Band; 2] {
+    fn run<L: Lanes>(self) -> [RowBand; 2] {
         match self.effects {
-            None => self.cluster::<L>(Plain(self.view.table)),
-            Some(effects) => self.cluster::<L>(WithEffects::new(self.view, effects)),
+            None => self.cluster::<L>(TransferSource(self.sampler.table)),
+            Some(effects) => self.cluster::<L>(EffectsSource::new(self.sampler, effects)),
         }
     }
 }
 
-impl<V: Pair> Rows<'_, V> {
+impl<V: Pair> GenerateRows<'_, V> {
     #[inline(always)]
-    fn cluster<L: Lanes>(&self, source: impl Source<L>) -> [Band; 2] {
-        let mut rows = [Band::default(), Band::default()];
-        let mut cluster = Cluster::new(source, self.view.table.unit_steps, self.gamma, self.rays.cutoff);
+    fn cluster<L: Lanes>(&self, source: impl SampleSource<L>) -> [RowBand; 2] {
+        let mut rows = [RowBand::default(), RowBand::default()];
+        let mut cluster = SegmentClusterer::new(source, self.sampler.table.unit_steps, self.gamma, self.rays.cutoff);
         for tile in self.rays.tiles(self.first_row) {
-            let mut packet = Packet::<L>::new(&self.rays.lens, tile.pixels());
-            cluster.source.begin(&self.rays.lens, tile.pixels(), &mut packet);
-            self.view.march(&packet, &mut cluster);
+            let mut packet = RayPacket::<L>::new(&self.rays.setup, tile.pixels());
+            cluster.source.begin(&self.rays.setup, tile.pixels(), &mut packet);
+            self.sampler.march(&packet, &mut cluster);
             cluster.finish();
             cluster.closed.hand_over(tile.pixels().iter().map(|&(_, j)| (j - self.first_row) as usize), &mut rows);
         }
@@ -151,8 +153,8 @@ impl<V: Pair> Rows<'_, V> {
     }
 }
 
-/// Eight open supersegments, and the lists of closed ones.
-struct Cluster<L: Lanes, S> {
+/// Clusters the samples of eight rays: eight open supersegments, and the closed ones.
+struct SegmentClusterer<L: Lanes, S> {
     source: S,
     gamma: f32,
     /// Steps in a unit length.
@@ -164,18 +166,18 @@ struct Cluster<L: Lanes, S> {
     end: L::I,
     /// Length in steps.
     length: L::F,
-    /// Accumulated opacity and premultiplied colour: sums of what each sample adds, so that faint ones keep their digits.
+    /// Accumulated opacity and premultiplied color: sums of contributions, so that faint ones keep their digits.
     opacity: L::F,
     color: [L::F; 3],
     optical_depth: L::F,
-    /// Opacity of one unit length of it.
+    /// Opacity of the open supersegment at unit length.
     unit: L::F,
     /// Optical depth of the whole ray so far.
     ray_depth: L::F,
-    closed: Closed,
+    closed: ClosedSegments,
 }
 
-impl<L: Lanes, S: Source<L>> Cluster<L, S> {
+impl<L: Lanes, S: SampleSource<L>> SegmentClusterer<L, S> {
     #[inline(always)]
     fn new(source: S, unit_steps: f32, gamma: f32, cutoff: f32) -> Self {
         let zero = L::F::splat(0.0);
@@ -192,14 +194,14 @@ impl<L: Lanes, S: Source<L>> Cluster<L, S> {
             optical_depth: zero,
             unit: zero,
             ray_depth: zero,
-            closed: Closed::default(),
+            closed: ClosedSegments::default(),
         }
     }
 
     /// Closes the open supersegments of `lanes`.
     #[inline(always)]
     fn close(&mut self, lanes: L::M) {
-        self.closed.records.push(Record {
+        self.closed.records.push(ClosedRecord {
             lanes: lanes.bits() as u8,
             start: self.start.to_array(),
             end: self.end.to_array(),
@@ -209,7 +211,7 @@ impl<L: Lanes, S: Source<L>> Cluster<L, S> {
         });
     }
 
-    /// Closes what is open and makes ready for the next rays.
+    /// Closes all open supersegments and resets the state for the next packet.
     #[inline(always)]
     fn finish(&mut self) {
         self.close(self.end.gt(L::I::splat(0)));
@@ -218,8 +220,8 @@ impl<L: Lanes, S: Source<L>> Cluster<L, S> {
     }
 }
 
-/// The state of all lanes at a step where some closed.
-struct Record {
+/// The state of all lanes at a step where some supersegments closed.
+struct ClosedRecord {
     lanes: u8,
     start: [i32; WIDTH],
     end: [i32; WIDTH],
@@ -230,20 +232,20 @@ struct Record {
 
 /// Closed supersegments of a packet, in order.
 #[derive(Default)]
-struct Closed {
-    records: Vec<Record>,
+struct ClosedSegments {
+    records: Vec<ClosedRecord>,
 }
 
-impl Closed {
-    /// Appends each ray's list to its row, and forgets them. `row_of` tells the row of each lane.
-    fn hand_over(&mut self, row_of: impl Iterator<Item = usize>, rows: &mut [Band; 2]) {
+impl ClosedSegments {
+    /// Appends each ray's list to its row and clears them. `row_of` gives the row of each lane.
+    fn hand_over(&mut self, row_of: impl Iterator<Item = usize>, rows: &mut [RowBand; 2]) {
         let mut counts = [0; WIDTH];
         for record in &self.records {
             for (l, count) in counts.iter_mut().enumerate() {
                 *count += usize::from(record.lanes >> l & 1);
             }
         }
-        // Where each lane's list goes on: lists of one row lie one after the other.
+        // Position at which each lane's list continues: lists of one row follow each other.
         let (mut place, mut row) = ([0; WIDTH], [0; WIDTH]);
         for (l, r) in row_of.enumerate() {
             let band = &mut rows[r];
@@ -265,7 +267,7 @@ impl Closed {
 
 const NONE: Supersegment = Supersegment { start: 0, end: 0, color: [0.0; 3], optical_depth: 0.0 };
 
-impl Record {
+impl ClosedRecord {
     #[inline(always)]
     fn supersegment(&self, l: usize) -> Supersegment {
         let straight = reciprocal(self.opacity[l]);
@@ -278,51 +280,52 @@ impl Record {
     }
 }
 
-impl<L: Lanes, S: Source<L>> Visit<L> for Cluster<L, S> {
+impl<L: Lanes, S: SampleSource<L>> SampleSink<L> for SegmentClusterer<L, S> {
     #[inline(always)]
-    fn sample(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M {
-        let Some(Seen { shown, color: [r, g, b], unit, depth, ratio, length }) =
-            self.source.seen(packet, step, at, live)
+    fn sample(&mut self, packet: &RayPacket<L>, step: L::I, at: L::F, live: L::M) -> L::M {
+        let Some(ShadedSample { shown, color: [r, g, b], unit, depth, ratio, length }) =
+            self.source.shade(packet, step, at, live)
         else {
             return live;
         };
-        // The open supersegment and the sample at unit length, both times the open one's opacity: no division.
+        // Compare the open supersegment and the sample at unit length, both times the open one's opacity, which saves a division.
         let open = self.unit;
         let difference = ((open - unit) * self.opacity).abs();
         let difference = difference.max((self.color[0] * open - r * self.opacity).abs());
         let difference = difference.max((self.color[1] * open - g * self.opacity).abs());
         let difference = difference.max((self.color[2] * open - b * self.opacity).abs());
         let alike = difference.lt(L::F::splat(self.gamma) * self.opacity);
+        // Close the supersegments that the sample does not join.
         let joins = shown & self.end.eq(step) & alike;
         let begins = shown & !joins;
         let closes = begins & self.end.gt(L::I::splat(0));
         if closes.any() {
             self.close(closes);
         }
-        // What a lane keeps, and what it adds: all and nothing where no sample is shown.
+        // Add the sample to lanes that keep their supersegment, start a new one in others; masks make both one expression.
         let kept = !begins;
-        let shows = (L::F::splat(1.0) - self.opacity.only(kept)) * ratio.only(shown);
-        self.color[0] = self.color[0].only(kept) + shows * r;
-        self.color[1] = self.color[1].only(kept) + shows * g;
-        self.color[2] = self.color[2].only(kept) + shows * b;
-        self.opacity = self.opacity.only(kept) + shows * unit;
-        // Computed for the case that the sample joins, before it is known, so that the next sample waits less.
+        let shows = (L::F::splat(1.0) - self.opacity.zero_unless(kept)) * ratio.zero_unless(shown);
+        self.color[0] = self.color[0].zero_unless(kept) + shows * r;
+        self.color[1] = self.color[1].zero_unless(kept) + shows * g;
+        self.color[2] = self.color[2].zero_unless(kept) + shows * b;
+        self.opacity = self.opacity.zero_unless(kept) + shows * unit;
+        // Compute the unit opacity for the case that the next sample joins, ahead of time, to shorten the dependency chain.
         let (depths, lengths) = (self.optical_depth + depth, self.length + length);
         let joined = opacity::<L>(depths * L::F::splat(self.unit_steps).div(lengths));
         self.unit = L::F::select(joins, joined, L::F::select(begins, unit, self.unit));
-        self.length = self.length.only(kept) + length.only(shown);
-        self.optical_depth = self.optical_depth.only(kept) + depth.only(shown);
+        self.length = self.length.zero_unless(kept) + length.zero_unless(shown);
+        self.optical_depth = self.optical_depth.zero_unless(kept) + depth.zero_unless(shown);
         self.start = L::I::select(begins, step, self.start);
         self.end = L::I::select(shown, step + L::I::splat(1), self.end);
         if self.cutoff == f32::INFINITY {
             return live;
         }
-        self.ray_depth = self.ray_depth + depth.only(shown);
+        self.ray_depth = self.ray_depth + depth.zero_unless(shown);
         live & self.ray_depth.lt(L::F::splat(self.cutoff))
     }
 }
 
-/// 1 / `opacity`, or 0 where it is too faint for that to be a number: black, then, rather than NaN.
+/// 1 / `opacity`, or 0 where that overflows: such a supersegment becomes black rather than NaN.
 #[inline(always)]
 pub fn reciprocal(opacity: f32) -> f32 {
     if opacity > f32::MIN_POSITIVE { 1.0 / opacity } else { 0.0 }

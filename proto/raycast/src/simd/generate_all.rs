@@ -1,26 +1,26 @@
-//! R for many gammas at once: one march, its samples clustered for every gamma.
+//! VDI generation for many gammas in a single march, whose samples are clustered once for every gamma.
 //!
-//! Sampling is most of the cost of one VDI, and all gammas share it. They share clustering too: an open supersegment is
-//! known by where it starts, so gammas whose open supersegments start at the same sample share one state, and one
-//! comparison with the next sample tells all of them whether it joins. Those that it does not join part from the others,
-//! and meet again in the state that starts there. The results are bit for bit those of one generation per gamma.
+//! Sampling is most of the cost of a VDI, and all gammas share it. They share clustering too: gammas whose open supersegments
+//! start at the same step have identical ones, so they share one state, and one comparison with the next sample decides for
+//! all of them. Gammas that the sample does not join leave the state and meet in the state that starts at that sample. The
+//! results equal those of one generation per gamma, bit for bit.
 
-use super::generate::{Rays, Seen, reciprocal};
-use super::march::{Packet, View, Visit};
+use super::generate::{ShadedSample, VdiRays, reciprocal};
+use super::march::{RayPacket, SampleSink, VolumeSampler};
 use super::tile::Tile;
 use crate::Field;
-use crate::vdi::assemble::{Band, Join, header, in_order};
-use crate::vdi::segmentation::Fit;
-use crate::volume::field::{Stored, for_stored};
-use crate::volume::transfer_lut::TransferTable;
-use lamina_compute::simd::{Floats, Ints, Job, Lanes, Level, Masks, Pair, WIDTH, opacity};
+use crate::vdi::assemble::{RowBand, VdiBuilder, header, in_order};
+use crate::vdi::segmentation::Segmenter;
+use crate::volume::stored::{StoredVoxels, for_stored};
+use crate::volume::transfer_lut::TransferLut;
+use lamina_compute::simd::{Lanes, Level, Pair, SimdF32, SimdI32, SimdKernel, SimdMask, WIDTH, opacity};
 use lamina_model::{GenerationParams, Invalid, Segmentation, Supersegment, Vdi};
 
-/// Gammas that share one march: one bit each.
+/// The most gammas of one march: one bit each.
 pub const MOST_GAMMAS: usize = 128;
 
-/// The VDI of `field`, which [fits](super::march::fits), for each of `gammas` (ascending, at most [`MOST_GAMMAS`]); the
-/// other parameters are those of `params`; with `segmentation`.
+/// Generates the VDI of `field`, which must [fit](super::march::fits), for each of `gammas` (ascending, at most
+/// [`MOST_GAMMAS`]) with `segmentation`; the other parameters are those of `params`.
 ///
 /// # Errors
 /// As [`super::generate`].
@@ -35,24 +35,24 @@ pub fn generate_all(
     let headers: Vec<_> =
         gammas.iter().map(|&gamma| header(field, &params.with_gamma(gamma)?)).collect::<Result<_, _>>()?;
     let Some(first) = headers.first() else { return Ok(Vec::new()) };
-    let table = TransferTable::new(&field.scene().transfer, field.unit_length(), first.step_length);
-    let rays = Rays::new(field, first);
-    let fits: Vec<Fit> = headers.iter().map(|h| Fit::new(h, segmentation, field.unit_length())).collect();
-    let gammas: Vec<f32> = gammas.iter().zip(&fits).map(|(&g, fit)| fit.finer(g) as f32).collect();
-    // Of many VDIs one at a time outgrows its room: none is kept for each.
-    let mut joins: Vec<Join> = gammas.iter().map(|_| Join::new(0)).collect();
+    let table = TransferLut::new(&field.scene().transfer, field.unit_length(), first.step_length);
+    let rays = VdiRays::new(field, first);
+    let fits: Vec<Segmenter> = headers.iter().map(|h| Segmenter::new(h, segmentation, field.unit_length())).collect();
+    let gammas: Vec<f32> = gammas.iter().zip(&fits).map(|(&g, fit)| fit.initial_gamma(g) as f32).collect();
+    // No capacity is reserved: of many VDIs only a few outgrow it.
+    let mut joins: Vec<VdiBuilder> = gammas.iter().map(|_| VdiBuilder::new(0)).collect();
     for_stored!(field.stored(), v => {
-        let view = View::new(field, v, &table);
+        let sampler = VolumeSampler::new(field, v, &table);
         let rows = |n: usize| {
             let first_row = Tile::ROWS * n as u32;
-            let rows = level.run(Rows { view: &view, rays: &rays, gammas: &gammas, first_row });
+            let rows = level.run(GenerateAllRows { sampler: &sampler, rays: &rays, gammas: &gammas, first_row });
             let mut number = first_row..;
             rows.map(|row| {
                 let j = number.next().unwrap_or_default();
-                row.into_iter().zip(&fits).map(|(band, fit)| fit.rows(j, band)).collect::<Vec<Band>>()
+                row.into_iter().zip(&fits).map(|(band, fit)| fit.rows(j, band)).collect::<Vec<RowBand>>()
             })
         };
-        in_order(rays.bands(), rows, |rows: [Vec<Band>; 2]| {
+        in_order(rays.bands(), rows, |rows: [Vec<RowBand>; 2]| {
             for row in rows {
                 row.into_iter().zip(&mut joins).for_each(|(band, join)| join.add(band));
             }
@@ -62,31 +62,31 @@ pub fn generate_all(
     joins.into_iter().zip(headers).map(|(join, header)| join.finish(header)).collect()
 }
 
-/// Two rows of rays, for each gamma.
-struct Rows<'a, V> {
-    view: &'a View<'a, V>,
-    rays: &'a Rays,
+/// Kernel: two rows of rays, for each gamma.
+struct GenerateAllRows<'a, V> {
+    sampler: &'a VolumeSampler<'a, V>,
+    rays: &'a VdiRays,
     gammas: &'a [f32],
     first_row: u32,
 }
 
-impl<V: Pair> Job for Rows<'_, V> {
-    type Output = [Vec<Band>; 2];
+impl<V: Pair> SimdKernel for GenerateAllRows<'_, V> {
+    type Output = [Vec<RowBand>; 2];
     #[inline(always)]
-    fn run<L: Lanes>(self) -> [Vec<Band>; 2] {
-        let mut rows = [0, 1].map(|_| self.gammas.iter().map(|_| Band::default()).collect::<Vec<_>>());
-        let mut clusters = Clusters {
-            table: self.view.table,
+    fn run<L: Lanes>(self) -> [Vec<RowBand>; 2] {
+        let mut rows = [0, 1].map(|_| self.gammas.iter().map(|_| RowBand::default()).collect::<Vec<_>>());
+        let mut clusters = MultiGammaClusterer {
+            table: self.sampler.table,
             gammas: self.gammas,
             cutoff: self.rays.cutoff,
             ray_depth: L::F::splat(0.0),
-            states: std::array::from_fn(|_| States::new()),
+            states: std::array::from_fn(|_| OpenSegments::new()),
             closed: Default::default(),
         };
         for tile in self.rays.tiles(self.first_row) {
-            let packet = Packet::<L>::new(&self.rays.lens, tile.pixels());
+            let packet = RayPacket::<L>::new(&self.rays.setup, tile.pixels());
             clusters.ray_depth = L::F::splat(0.0);
-            self.view.march(&packet, &mut clusters);
+            self.sampler.march(&packet, &mut clusters);
             for (l, &(_, j)) in tile.pixels().iter().enumerate() {
                 clusters.states[l].close_all(&mut clusters.closed[l]);
                 let row = &mut rows[(j - self.first_row) as usize];
@@ -106,22 +106,22 @@ impl<V: Pair> Job for Rows<'_, V> {
     }
 }
 
-/// The rays of a packet.
-struct Clusters<'a, L: Lanes> {
-    table: &'a TransferTable,
+/// Clusters the samples of eight rays for all gammas.
+struct MultiGammaClusterer<'a, L: Lanes> {
+    table: &'a TransferLut,
     gammas: &'a [f32],
     /// Optical depth at which a ray ends.
     cutoff: f32,
     ray_depth: L::F,
-    states: [States; WIDTH],
+    states: [OpenSegments; WIDTH],
     closed: [Vec<(u128, Supersegment)>; WIDTH],
 }
 
-impl<L: Lanes> Visit<L> for Clusters<'_, L> {
+impl<L: Lanes> SampleSink<L> for MultiGammaClusterer<'_, L> {
     #[inline(always)]
-    fn sample(&mut self, packet: &Packet<L>, step: L::I, at: L::F, live: L::M) -> L::M {
-        let Some(Seen { shown, color: [r, g, b], unit, depth, ratio, length }) =
-            Seen::new(self.table, packet, step, at, live)
+    fn sample(&mut self, packet: &RayPacket<L>, step: L::I, at: L::F, live: L::M) -> L::M {
+        let Some(ShadedSample { shown, color: [r, g, b], unit, depth, ratio, length }) =
+            ShadedSample::new(self.table, packet, step, at, live)
         else {
             return live;
         };
@@ -132,7 +132,7 @@ impl<L: Lanes> Visit<L> for Clusters<'_, L> {
         while lanes != 0 {
             let l = lanes.trailing_zeros() as usize;
             lanes &= lanes - 1;
-            let sample = Sample {
+            let sample = LaneSample {
                 step: steps[l] as u32,
                 color: [color[0][l], color[1][l], color[2][l]],
                 unit: unit[l],
@@ -145,37 +145,37 @@ impl<L: Lanes> Visit<L> for Clusters<'_, L> {
         if self.cutoff == f32::INFINITY {
             return live;
         }
-        self.ray_depth = self.ray_depth + depth.only(shown);
+        self.ray_depth = self.ray_depth + depth.zero_unless(shown);
         live & self.ray_depth.lt(L::F::splat(self.cutoff))
     }
 }
 
 /// One sample of one ray.
-struct Sample {
+struct LaneSample {
     step: u32,
-    /// Premultiplied colour and opacity of one unit length.
+    /// Premultiplied color and opacity of one unit length.
     color: [f32; 3],
     unit: f32,
     /// Opacity of the sample's length over that of a unit length.
     ratio: f32,
     depth: f32,
-    /// In steps.
+    /// Length in steps.
     length: f32,
 }
 
 const CHUNKS: usize = MOST_GAMMAS / WIDTH;
 
-/// The open supersegments of one ray, eight to a chunk. No two start at one step, so there are no more than gammas.
-struct States {
+/// The open supersegments of one ray, in chunks of eight. No two start at the same step, so there are at most as many as gammas.
+struct OpenSegments {
     count: usize,
-    /// First step beyond them all.
+    /// First step beyond all of them.
     end: u32,
     start: [u32; MOST_GAMMAS],
-    /// Whose it is: bit n is the n-th gamma.
+    /// The gammas that share each state: bit n is gamma n.
     gammas: [u128; MOST_GAMMAS],
-    /// The least of these.
+    /// The smallest of these gammas.
     least_gamma: [[f32; WIDTH]; CHUNKS],
-    /// As in a [`super::generate`] of one gamma.
+    /// As in [`super::generate`], which clusters for one gamma.
     opacity: [[f32; WIDTH]; CHUNKS],
     color: [[[f32; WIDTH]; 3]; CHUNKS],
     optical_depth: [[f32; WIDTH]; CHUNKS],
@@ -183,7 +183,7 @@ struct States {
     unit: [[f32; WIDTH]; CHUNKS],
 }
 
-impl States {
+impl OpenSegments {
     fn new() -> Self {
         Self {
             count: 0,
@@ -200,7 +200,14 @@ impl States {
     }
 
     #[inline(always)]
-    fn add<L: Lanes>(&mut self, s: &Sample, gammas: &[f32], unit_steps: f32, closed: &mut Vec<(u128, Supersegment)>) {
+    fn add<L: Lanes>(
+        &mut self,
+        s: &LaneSample,
+        gammas: &[f32],
+        unit_steps: f32,
+        closed: &mut Vec<(u128, Supersegment)>,
+    ) {
+        // Close everything before a gap.
         let mut parted = 0;
         if self.end != s.step {
             self.close_all(closed);
@@ -208,6 +215,7 @@ impl States {
         }
         let mut emptied = 0_u128;
         for chunk in 0..self.count.div_ceil(WIDTH) {
+            // Split gammas that the sample does not join off their states, then add the sample to the states.
             let (differences, alike) = self.compare::<L>(chunk, s);
             let used = (self.count - chunk * WIDTH).min(WIDTH);
             let mut unlike = !alike & ((1 << used) - 1);
@@ -233,21 +241,22 @@ impl States {
             self.grow::<L>(chunk, s, unit_steps);
         }
         while emptied != 0 {
-            // From the last one on, so that what moves into a gap stays.
+            // From the last one on: `remove` moves the last state into the gap.
             let n = 127 - emptied.leading_zeros() as usize;
             emptied &= !(1 << n);
             self.remove(n);
         }
+        // Open a supersegment for all gammas that were split off.
         if parted != 0 {
             self.begin(s, parted, gammas[parted.trailing_zeros() as usize]);
         }
         self.end = s.step + 1;
     }
 
-    /// How far a sample is from each open supersegment of a chunk, times its opacity; and bits of those it is alike for all
-    /// of its gammas.
+    /// Differences between a sample and each open supersegment of a chunk, times its opacity; and, as bits, the supersegments
+    /// that the sample joins for all of their gammas.
     #[inline(always)]
-    fn compare<L: Lanes>(&self, chunk: usize, s: &Sample) -> (L::F, u32) {
+    fn compare<L: Lanes>(&self, chunk: usize, s: &LaneSample) -> (L::F, u32) {
         let (open, opacity) = (L::F::from_array(self.unit[chunk]), L::F::from_array(self.opacity[chunk]));
         let difference = ((open - L::F::splat(s.unit)) * opacity).abs();
         let color = &self.color[chunk];
@@ -260,7 +269,7 @@ impl States {
 
     /// Adds a sample to all open supersegments of a chunk.
     #[inline(always)]
-    fn grow<L: Lanes>(&mut self, chunk: usize, s: &Sample, unit_steps: f32) {
+    fn grow<L: Lanes>(&mut self, chunk: usize, s: &LaneSample, unit_steps: f32) {
         let before = L::F::from_array(self.opacity[chunk]);
         let shows = (L::F::splat(1.0) - before) * L::F::splat(s.ratio);
         let color = &mut self.color[chunk];
@@ -275,8 +284,8 @@ impl States {
         self.length[chunk] = lengths.to_array();
     }
 
-    /// Opens a supersegment with one sample.
-    fn begin(&mut self, s: &Sample, whose: u128, least_gamma: f32) {
+    /// Opens a supersegment with one sample, for gammas `whose`.
+    fn begin(&mut self, s: &LaneSample, whose: u128, least_gamma: f32) {
         let (n, chunk, l) = (self.count, self.count / WIDTH, self.count % WIDTH);
         self.count += 1;
         (self.start[n], self.gammas[n]) = (s.step, whose);
@@ -288,7 +297,7 @@ impl States {
         (self.optical_depth[chunk][l], self.length[chunk][l], self.unit[chunk][l]) = (s.depth, s.length, s.unit);
     }
 
-    /// Puts the last one in place of number `n`.
+    /// Removes state `n`; the last one takes its place.
     fn remove(&mut self, n: usize) {
         self.count -= 1;
         let last = self.count;
@@ -304,7 +313,7 @@ impl States {
         }
     }
 
-    /// The supersegment that ends here for gammas `whose`.
+    /// Closes supersegment `n` for gammas `whose`.
     fn close(&self, n: usize, whose: u128, closed: &mut Vec<(u128, Supersegment)>) {
         let (chunk, l) = (n / WIDTH, n % WIDTH);
         let straight = reciprocal(self.opacity[chunk][l]);
@@ -317,7 +326,7 @@ impl States {
         closed.push((whose, segment));
     }
 
-    /// Ends all: what comes next adjoins nothing.
+    /// Closes all supersegments.
     fn close_all(&mut self, closed: &mut Vec<(u128, Supersegment)>) {
         for n in 0..self.count {
             self.close(n, self.gammas[n], closed);
@@ -326,7 +335,7 @@ impl States {
     }
 }
 
-/// The first `n` bits.
+/// The lowest `n` bits.
 fn below(n: usize) -> u128 {
     if n >= MOST_GAMMAS { u128::MAX } else { (1 << n) - 1 }
 }

@@ -1,4 +1,4 @@
-//! R in lanes: the fast CPU level, written in the arithmetic of [`lamina_compute::simd`].
+//! Ray casting and VDI generation on the processor, eight rays at a time, in the vector types of [`lamina_compute::simd`].
 
 mod effects;
 mod generate;

@@ -1,8 +1,8 @@
-//! Which pixels share a packet: four by two, so that eight rays stay near each other.
+//! Assignment of pixels to packets: tiles of four by two, so that the eight rays stay close to each other.
 
 use lamina_compute::simd::WIDTH;
 
-/// Pixels (column, row) of one packet.
+/// The pixels (column, row) of one packet.
 pub struct Tile {
     pixels: [(u32, u32); WIDTH],
     count: usize,
@@ -29,7 +29,7 @@ impl Tile {
         })
     }
 
-    /// Row by row.
+    /// The pixels, row by row.
     #[inline(always)]
     pub fn pixels(&self) -> &[(u32, u32)] {
         &self.pixels[..self.count]

@@ -1,4 +1,4 @@
-//! What every level of `generate` shares: the header, and a VDI's rows joined in order as workers finish them.
+//! Assembly of a VDI, shared by all levels of `generate`: its header, and its bands of rows joined in order as workers finish.
 
 use crate::Field;
 use lamina_model::{GenerationParams, Invalid, Supersegment, Vdi, VdiHeader};
@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// The header of `field`'s VDI.
+/// The header of `field`'s VDI with `params`.
 ///
 /// # Errors
 /// If the step is so short that rays would have too many of them.
@@ -24,26 +24,26 @@ pub fn header(field: &Field, params: &GenerationParams) -> Result<VdiHeader, Inv
     .check()
 }
 
-/// Some rows of rays: how many supersegments each ray has, and all of them in order.
+/// Consecutive rows of rays: the number of supersegments of each ray, and the supersegments of all rays in order.
 #[derive(Debug, Default)]
-pub struct Band {
+pub struct RowBand {
     /// Supersegments per ray.
     pub counts: Vec<u32>,
     /// All lists, one after the other.
     pub segments: Vec<Supersegment>,
 }
 
-/// Runs `work` for bands 0..`count` on all cores and hands the results to `take` in order.
+/// Runs `work` for bands 0..`count` on all cores and passes the results to `take` in order.
 ///
-/// Workers fetch bands in order too, so few finished ones ever wait for an earlier one: beside what `take` keeps, memory
-/// is that of a few bands.
+/// Workers start bands in order too, so few finished ones ever wait for an earlier one: besides what `take` keeps, memory is
+/// that of a few bands.
 pub fn in_order<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync, take: impl FnMut(T) + Send) {
-    struct Line<T, F> {
+    struct Reordering<T, F> {
         waiting: BTreeMap<usize, T>,
         next: usize,
         take: F,
     }
-    let line = Mutex::new(Line { waiting: BTreeMap::new(), next: 0, take });
+    let reordering = Mutex::new(Reordering { waiting: BTreeMap::new(), next: 0, take });
     let fetched = AtomicUsize::new(0);
     rayon::broadcast(|_| {
         loop {
@@ -52,9 +52,9 @@ pub fn in_order<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync, take: i
                 return;
             }
             let band = work(n);
-            let mut line = line.lock().unwrap_or_else(PoisonError::into_inner);
-            line.waiting.insert(n, band);
-            let Line { waiting, next, take } = &mut *line;
+            let mut reordering = reordering.lock().unwrap_or_else(PoisonError::into_inner);
+            reordering.waiting.insert(n, band);
+            let Reordering { waiting, next, take } = &mut *reordering;
             while let Some(band) = waiting.remove(next) {
                 take(band);
                 *next += 1;
@@ -63,30 +63,30 @@ pub fn in_order<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync, take: i
     });
 }
 
-/// Supersegments a ray that room is kept for.
+/// Supersegments per ray for which capacity is reserved.
 const USUAL_LIST: usize = 16;
 
-/// Joins bands, handed over in order, into a VDI.
+/// Builds a VDI from bands of rows that are added in order.
 #[derive(Debug)]
-pub struct Join {
+pub struct VdiBuilder {
     offsets: Vec<u32>,
     segments: Vec<Supersegment>,
     total: usize,
 }
 
-impl Join {
-    /// Nothing yet, of a VDI of `rays` rays.
+impl VdiBuilder {
+    /// An empty builder for a VDI of `rays` rays.
     pub fn new(rays: usize) -> Self {
         let mut offsets = Vec::with_capacity(rays + 1);
         offsets.push(0);
-        // Room that is not touched costs nothing, and lists that outgrow theirs are held twice while they move.
+        // Untouched capacity costs no memory, whereas a vector that outgrows its own is held twice while it moves.
         let mut segments = Vec::new();
         let _ = segments.try_reserve_exact(rays.saturating_mul(USUAL_LIST));
         Self { offsets, segments, total: 0 }
     }
 
-    /// Adds a band's lists.
-    pub fn add(&mut self, band: Band) {
+    /// Appends a band's lists.
+    pub fn add(&mut self, band: RowBand) {
         self.total += band.segments.len();
         if u32::try_from(self.total).is_err() {
             return;
@@ -99,7 +99,7 @@ impl Join {
         self.segments.extend_from_slice(&band.segments);
     }
 
-    /// The VDI.
+    /// The finished VDI.
     ///
     /// # Errors
     /// If it has 2^32 supersegments or more.

@@ -1,4 +1,4 @@
-//! A VDI as rays make it: samples become supersegments, and rows of them one image.
+//! From samples to a VDI: segmentation of rays into supersegments, and assembly of rows.
 
 pub mod assemble;
 pub mod segmentation;

@@ -1,55 +1,53 @@
-//! Supersegments where they serve best: of all ways to join a ray's finer ones, the way with the least error for its
-//! number.
+//! Optimal segmentation: joins the fine supersegments of a ray into fewer, with the least error for their number.
 //!
-//! What a supersegment stands for is one medium: the mean premultiplied colour and opacity of a unit length. Its error is the
-//! square of the difference from that, summed over its length; a ray's cost is the errors of all its supersegments and a
-//! price for each. The least cost is found from the front to the back; beginnings that can no longer be part of it are dropped
-//! on the way (R. Killick, P. Fearnhead and I. A. Eckley, "Optimal Detection of Changepoints With a Linear Computational
-//! Cost", JASA 107, 2012), and of more than [`MOST_BEGINS`], which only noise leaves, the dearest. Joined ones keep the ray's
-//! light, as they do when samples are joined one by one.
+//! Each joined supersegment represents its part of the ray by one homogeneous medium: the mean premultiplied color and opacity
+//! of a unit length. Its error is the squared difference from that mean, integrated over its length; the cost of a ray is the
+//! sum of all errors plus a penalty per supersegment. Dynamic programming finds the least cost front to back; candidates that
+//! can no longer be part of it are pruned (R. Killick, P. Fearnhead and I. A. Eckley, "Optimal Detection of Changepoints With a
+//! Linear Computational Cost", JASA 107, 2012), and of more than [`MAX_CANDIDATES`], which only noise leaves, the most
+//! expensive. Joining preserves a ray's color and opacity, like joining samples one by one.
 
-use crate::vdi::assemble::Band;
+use crate::vdi::assemble::RowBand;
 use lamina_model::composite::opacity_from_optical_depth;
 use lamina_model::{Segmentation, Supersegment, VdiHeader};
 use rayon::prelude::*;
 
-/// A supersegment costs as much as being off by so many gammas over one unit length.
-const PRICE: f64 = 1.75;
-/// What is fitted has been clustered with so much less of gamma. From a quarter, pictures are within 0.2 dB of those from a
-/// 32nd, in half the time.
-const FINER: f64 = 4.0;
-/// Places that are kept where the supersegment that is searched for may begin. On uniform noise all of a ray's would be.
-const MOST_BEGINS: usize = 32;
+/// Penalty of a supersegment: the error of being off by this many gammas over one unit length, before squaring.
+const PENALTY: f64 = 1.75;
+/// Divisor of gamma for the initial clustering. With 4, pictures are within 0.2 dB of those with 32, in half the time.
+const INITIAL_GAMMA_DIVISOR: f64 = 4.0;
+/// The most candidate starts of the last supersegment that are kept. On uniform noise none would be pruned.
+const MAX_CANDIDATES: usize = 32;
 
 /// Premultiplied red, green, blue, and opacity.
-type Light = [f64; 4];
+type PremultipliedRgba = [f64; 4];
 
-/// What becomes of the rows of a VDI once they are clustered.
+/// Segments clustered rows of a VDI.
 #[derive(Debug)]
-pub struct Fit<'a> {
-    /// Of the VDI; none if its rows are left as they are.
+pub struct Segmenter<'a> {
+    /// Header of the VDI; `None` if rows are left as clustered.
     header: Option<&'a VdiHeader>,
     unit_steps: f64,
-    price: f64,
+    penalty: f64,
 }
 
-impl<'a> Fit<'a> {
-    /// For the VDI of `header`, the transfer function's unit being `unit_length` long.
+impl<'a> Segmenter<'a> {
+    /// A segmenter for the VDI of `header`, where `unit_length` is the world length that opacities refer to.
     pub fn new(header: &'a VdiHeader, segmentation: Segmentation, unit_length: f64) -> Self {
         let gamma = header.params.gamma();
-        // At gamma = 0 everything differs from everything.
+        // At gamma = 0 nothing is joined.
         let fitted = segmentation == Segmentation::Fitted && gamma > 0.0;
         let unit_steps = unit_length / header.step_length;
-        Self { header: fitted.then_some(header), unit_steps, price: (PRICE * gamma).powi(2) * unit_steps }
+        Self { header: fitted.then_some(header), unit_steps, penalty: (PENALTY * gamma).powi(2) * unit_steps }
     }
 
-    /// What gamma the rows are to be clustered with, where the VDI's is `gamma`.
-    pub fn finer(&self, gamma: f64) -> f64 {
-        if self.header.is_some() { gamma / FINER } else { gamma }
+    /// The gamma with which to cluster rows before [`Self::rows`], for a VDI of `gamma`.
+    pub fn initial_gamma(&self, gamma: f64) -> f64 {
+        if self.header.is_some() { gamma / INITIAL_GAMMA_DIVISOR } else { gamma }
     }
 
-    /// Whole rows, of which the first is `first_row`.
-    pub fn rows(&self, first_row: u32, fine: Band) -> Band {
+    /// Segments whole rows, the first of which is row `first_row` of the VDI.
+    pub fn rows(&self, first_row: u32, fine: RowBand) -> RowBand {
         let Some(header) = self.header else { return fine };
         let (mut rows, mut rest) = (Vec::new(), fine.segments.as_slice());
         for (j, counts) in (first_row..).zip(fine.counts.chunks(header.params.resolution() as usize)) {
@@ -57,8 +55,9 @@ impl<'a> Fit<'a> {
             rest = others;
             rows.push((j, counts, segments));
         }
-        let rows: Vec<Band> = rows.into_par_iter().map(|(j, counts, fine)| self.row(header, j, counts, fine)).collect();
-        let mut band = Band::default();
+        let rows: Vec<RowBand> =
+            rows.into_par_iter().map(|(j, counts, fine)| self.row(header, j, counts, fine)).collect();
+        let mut band = RowBand::default();
         for row in rows {
             band.counts.extend(row.counts);
             band.segments.extend(row.segments);
@@ -66,15 +65,15 @@ impl<'a> Fit<'a> {
         band
     }
 
-    fn row(&self, header: &VdiHeader, j: u32, counts: &[u32], mut fine: &[Supersegment]) -> Band {
-        let (mut row, mut ray) = (Band::default(), Ray::default());
+    fn row(&self, header: &VdiHeader, j: u32, counts: &[u32], mut fine: &[Supersegment]) -> RowBand {
+        let (mut row, mut ray) = (RowBand::default(), RaySearch::default());
         for (i, &count) in (0..).zip(counts) {
             let (list, rest) = fine.split_at(count as usize);
             fine = rest;
             let before = row.segments.len();
             if let (false, Some((t_in, t_out))) = (list.is_empty(), header.ray_span(i, j)) {
                 ray.length = (t_out - t_in) / header.step_length;
-                // What is opaque would make all opaque that it joins.
+                // An opaque supersegment would make everything opaque that it is joined with.
                 let alike = |a: &Supersegment, b: &Supersegment| {
                     a.end == b.start && a.optical_depth.is_finite() == b.optical_depth.is_finite()
                 };
@@ -86,19 +85,19 @@ impl<'a> Fit<'a> {
     }
 }
 
-/// Steps below this are rounding.
+/// Lengths in steps below this are rounding errors.
 const SHORTEST: f64 = 1e-6;
 
-/// Sums from the front of a run.
+/// Prefix sums along a run, from its front.
 #[derive(Debug, Clone, Copy, Default)]
-struct Sums {
+struct PrefixSums {
     length: f64,
-    light: Light,
+    light: PremultipliedRgba,
     squares: f64,
 }
 
-impl Sums {
-    /// With `s` behind, on a ray of so many steps in all, the last of which may be a part of one.
+impl PrefixSums {
+    /// The sums with `s` appended, on a ray of `ray_length` steps, which may end within a step.
     fn with(self, s: &Supersegment, ray_length: f64, unit_steps: f64) -> Self {
         let length = (f64::from(s.end).min(ray_length) - f64::from(s.start)).max(SHORTEST);
         let opacity = opacity_from_optical_depth(f64::from(s.optical_depth) * (unit_steps / length));
@@ -118,46 +117,49 @@ impl Sums {
     }
 }
 
-/// What the search along a ray keeps.
+/// State of the search along a ray; reused for all rays of a row.
 #[derive(Debug, Default)]
-struct Ray {
-    /// In steps.
+struct RaySearch {
+    /// Length in steps.
     length: f64,
-    sums: Vec<Sums>,
-    /// Least cost up to each place, and where the last supersegment begins then.
+    sums: Vec<PrefixSums>,
+    /// Least cost up to each boundary, and the start of the last supersegment of that solution.
     least: Vec<(f64, usize)>,
-    /// Places where a supersegment may still begin, with what ending here would cost, but for its price.
-    begins: Vec<(f64, usize)>,
+    /// Candidate starts of the last supersegment, with the cost of ending it here, without its penalty.
+    candidates: Vec<(f64, usize)>,
     ends: Vec<usize>,
 }
 
-impl Ray {
-    /// Joins a run without gaps.
-    fn join(&mut self, run: &[Supersegment], fit: &Fit, out: &mut Vec<Supersegment>) {
-        let Self { length, sums, least, begins, ends } = self;
+impl RaySearch {
+    /// Segments a run without gaps and appends its supersegments to `out`.
+    fn join(&mut self, run: &[Supersegment], fit: &Segmenter, out: &mut Vec<Supersegment>) {
+        let Self { length, sums, least, candidates, ends } = self;
         sums.clear();
-        sums.push(Sums::default());
+        sums.push(PrefixSums::default());
         least.clear();
         least.push((0.0, 0));
-        begins.clear();
+        candidates.clear();
+        // Find the least cost up to each boundary, front to back.
         for (n, s) in run.iter().enumerate() {
             let here = sums[n].with(s, *length, fit.unit_steps);
-            begins.push((0.0, n));
+            candidates.push((0.0, n));
             let mut lowest = (f64::INFINITY, n);
-            for (cost, begin) in begins.iter_mut() {
+            for (cost, begin) in candidates.iter_mut() {
                 *cost = least[*begin].0 + here.error_since(&sums[*begin]);
                 if *cost < lowest.0 {
                     lowest = (*cost, *begin);
                 }
             }
-            begins.retain(|(cost, _)| *cost <= lowest.0 + fit.price);
-            if begins.len() > MOST_BEGINS {
-                begins.select_nth_unstable_by(MOST_BEGINS, |a, b| a.0.total_cmp(&b.0));
-                begins.truncate(MOST_BEGINS);
+            // Prune candidates that cannot become part of a solution.
+            candidates.retain(|(cost, _)| *cost <= lowest.0 + fit.penalty);
+            if candidates.len() > MAX_CANDIDATES {
+                candidates.select_nth_unstable_by(MAX_CANDIDATES, |a, b| a.0.total_cmp(&b.0));
+                candidates.truncate(MAX_CANDIDATES);
             }
             sums.push(here);
-            least.push((lowest.0 + fit.price, lowest.1));
+            least.push((lowest.0 + fit.penalty, lowest.1));
         }
+        // Trace the solution back, then join its parts front to back.
         ends.clear();
         let mut end = run.len();
         while end > 0 {
@@ -170,7 +172,7 @@ impl Ray {
     }
 }
 
-/// One supersegment for several: their light, and the mean of their colours by what each shows.
+/// One supersegment in place of several: same opacity, and the mean of their colors weighted by visible opacity.
 fn joined(run: &[Supersegment]) -> Supersegment {
     let [only] = run else {
         let (mut depth, mut color, mut opacity) = (0.0, [0.0; 3], 0.0);
@@ -189,7 +191,7 @@ fn joined(run: &[Supersegment]) -> Supersegment {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vdi::assemble::Join;
+    use crate::vdi::assemble::VdiBuilder;
     use glam::DVec3;
     use lamina_model::{Aabb, Camera, GenerationParams, Vdi, composite::Accumulator};
 
@@ -231,9 +233,9 @@ mod tests {
         let params = fine.header().params.with_gamma(gamma).unwrap();
         let header = VdiHeader { params, ..*fine.header() };
         let counts = fine.offsets().windows(2).map(|w| w[1] - w[0]).collect();
-        let band = Band { counts, segments: fine.segments().to_vec() };
-        let fit = Fit::new(&header, Segmentation::Fitted, UNIT_STEPS * header.step_length);
-        let mut join = Join::new(36);
+        let band = RowBand { counts, segments: fine.segments().to_vec() };
+        let fit = Segmenter::new(&header, Segmentation::Fitted, UNIT_STEPS * header.step_length);
+        let mut join = VdiBuilder::new(36);
         join.add(fit.rows(0, band));
         join.finish(header).unwrap()
     }
@@ -246,31 +248,31 @@ mod tests {
             let [r, g, b] = s.color.map(f64::from);
             (length, [r * opacity, g * opacity, b * opacity, opacity])
         };
-        let all: Vec<(f64, Light)> = run.iter().map(light).collect();
+        let all: Vec<(f64, PremultipliedRgba)> = run.iter().map(light).collect();
         let length: f64 = all.iter().map(|(l, _)| l).sum();
-        let mean: Light = std::array::from_fn(|i| all.iter().map(|(l, x)| l * x[i]).sum::<f64>() / length);
-        let off = |x: &Light| (0..4).map(|i| (x[i] - mean[i]).powi(2)).sum::<f64>();
+        let mean: PremultipliedRgba = std::array::from_fn(|i| all.iter().map(|(l, x)| l * x[i]).sum::<f64>() / length);
+        let off = |x: &PremultipliedRgba| (0..4).map(|i| (x[i] - mean[i]).powi(2)).sum::<f64>();
         all.iter().map(|(l, x)| l * off(x)).sum()
     }
 
     /// The cost of the supersegments `found`, each of which stands for those of `run` that it covers.
-    fn cost(run: &[Supersegment], found: &[Supersegment], price: f64) -> f64 {
+    fn cost(run: &[Supersegment], found: &[Supersegment], penalty: f64) -> f64 {
         let covered = |f: &Supersegment| {
             let part: Vec<_> = run.iter().filter(|s| f.start <= s.start && s.end <= f.end).copied().collect();
             assert_eq!((part[0].start, part[part.len() - 1].end), (f.start, f.end));
-            error(&part) + price
+            error(&part) + penalty
         };
         found.iter().map(covered).sum()
     }
 
     /// The least cost of all 2^(n - 1) ways to cut `run`.
-    fn least(run: &[Supersegment], price: f64) -> f64 {
+    fn least(run: &[Supersegment], penalty: f64) -> f64 {
         let cuts = run.len() - 1;
         let way = |bits: u32| {
             let (mut from, mut sum) = (0, 0.0);
             for n in 0..=cuts {
                 if n == cuts || bits >> n & 1 == 1 {
-                    sum += error(&run[from..=n]) + price;
+                    sum += error(&run[from..=n]) + penalty;
                     from = n + 1;
                 }
             }
@@ -284,7 +286,7 @@ mod tests {
         for seed in 0..4 {
             let fine = fine(seed);
             for gamma in [0.003, 0.02, 0.1] {
-                let price = (PRICE * gamma).powi(2) * UNIT_STEPS;
+                let penalty = (PENALTY * gamma).powi(2) * UNIT_STEPS;
                 let fitted = fit(&fine, gamma);
                 assert_eq!(fitted.header().params.gamma(), gamma);
                 for ray in 0..36 {
@@ -292,7 +294,7 @@ mod tests {
                     for run in list.chunk_by(|a, b| a.end == b.start) {
                         let inside = |s: &&Supersegment| run[0].start <= s.start && s.end <= run[run.len() - 1].end;
                         let found: Vec<_> = found.iter().filter(inside).copied().collect();
-                        let (cost, least) = (cost(run, &found, price), least(run, price));
+                        let (cost, least) = (cost(run, &found, penalty), least(run, penalty));
                         assert!((cost - least).abs() < 1e-12, "gamma {gamma}, ray {ray}: {cost} where {least} can be");
                     }
                 }
@@ -325,9 +327,12 @@ mod tests {
             counts.push(fitted.segments().len());
         }
         assert!(counts[0] == fine.segments().len() && counts.is_sorted_by(|a, b| a >= b), "{counts:?}");
-        let greedy = Fit::new(fine.header(), Segmentation::Greedy, 1.0);
+        let greedy = Segmenter::new(fine.header(), Segmentation::Greedy, 1.0);
         assert_eq!(
-            (greedy.finer(0.3), greedy.rows(0, Band { counts: vec![0; 36], segments: Vec::new() }).counts.len()),
+            (
+                greedy.initial_gamma(0.3),
+                greedy.rows(0, RowBand { counts: vec![0; 36], segments: Vec::new() }).counts.len()
+            ),
             (0.3, 36)
         );
     }
@@ -350,8 +355,9 @@ mod tests {
             // The ray's whole row, so that its number counts.
             let mut counts = vec![0; 6];
             counts[n as usize % 6] = 2;
-            let band = Band { counts, segments: vec![piece(0, steps - 1), piece(steps - 1, steps)] };
-            let fitted = Fit::new(&header, Segmentation::Fitted, UNIT_STEPS * header.step_length).rows(n / 6, band);
+            let band = RowBand { counts, segments: vec![piece(0, steps - 1), piece(steps - 1, steps)] };
+            let fitted =
+                Segmenter::new(&header, Segmentation::Fitted, UNIT_STEPS * header.step_length).rows(n / 6, band);
             assert_eq!(fitted.segments.len(), 1, "ray {n}: {length} steps");
         }
         assert!(shorter > 5, "{shorter}");

@@ -1,31 +1,32 @@
-//! The second field of a scene whose colours come from one: made once for a field, looked up by all kernels.
+//! Color channel: the second field of a scene whose colors come from one, mapped once per field for all kernels.
 
-use super::field::{trilinear, units};
+use super::interpolate::trilinear;
+use super::stored::units;
 use glam::DVec3;
 use lamina_model::effects::{ColorField, ColorPoint};
 use lamina_model::{Grid, Voxels};
 
-/// Its positions in the range that maps to colours.
+/// A field that gives colors, and its color map.
 #[derive(Debug)]
-pub struct Colors {
+pub struct ColorChannel {
     dims: [usize; 3],
-    /// Of each sample point, x fastest; NaN where the field is not finite.
+    /// Positions in the map's range, per sample point, x fastest; NaN where the field is not finite.
     pub units: Vec<f32>,
     map: ColorField,
 }
 
-impl Colors {
-    /// `voxels` on `grid` as `map` asks for.
+impl ColorChannel {
+    /// The channel of `voxels` on `grid` under `map`.
     pub fn new(grid: &Grid, voxels: Voxels, map: &ColorField) -> Self {
         Self { dims: grid.dims(), units: units(voxels, &map.range), map: map.clone() }
     }
 
-    /// The corners of the map.
+    /// The control points of the map.
     pub fn points(&self) -> &[ColorPoint] {
         &self.map.points
     }
 
-    /// The colour at `index` (units of sample points); `None` next to a point that is not finite.
+    /// The color at `index` (units of sample points); `None` in a cell with a point that is not finite.
     pub fn at(&self, index: DVec3) -> Option<[f64; 3]> {
         let u = trilinear(self.dims, &self.units, index);
         (!u.is_nan()).then(|| self.map.at(u))

@@ -1,25 +1,24 @@
-//! Reduction: fewer sample points over the same box.
+//! Downsampling: reduced volumes with fewer sample points over the same box.
 //!
-//! A new point is a weighted sum of the old ones around it, axis by axis. The weights are Keys' cubic convolution (Cubic
-//! Convolution Interpolation for Digital Image Processing, 1981) stretched to the new spacing, so that what the new grid
-//! cannot hold is averaged away instead of folded down, and noise falls with it.
+//! A new point is a weighted sum of the old ones around it, separably per axis. The weights are Keys' cubic convolution (R. G.
+//! Keys, "Cubic Convolution Interpolation for Digital Image Processing", IEEE Trans. ASSP 29, 1981) stretched to the new
+//! spacing, so that frequencies above the new grid's limit are averaged out instead of aliased, and noise decreases.
 
-use super::field::{Stored, for_stored};
-use super::occupancy::Scalar;
+use super::stored::{Scalar, StoredVoxels, for_stored};
 use crate::Field;
 use glam::DVec3;
 use lamina_model::{GenerationParams, Grid, Invalid, ReducedVolume, Scene};
 use rayon::prelude::*;
 
-/// Positions farther from the range of the transfer function than this are brought to it, so that a voxel gone astray does
-/// not decide what the others cost.
+/// Largest distance of a value from the range, in ranges. Values beyond are clamped, so that outliers do not inflate the
+/// encoded size.
 const FARTHEST: f32 = 8.0;
 
-/// `field` with at most as many sample points on a side as `params` says; under light, which is measured in voxels, with all
-/// of them.
+/// Reduces `field` to at most as many sample points per side as `params` allows. Fields with lighting keep all points, because
+/// lighting is measured in voxels.
 ///
 /// # Errors
-/// If none can stand for it: voxels are NaN or infinite, for which it has no word, or colours come from a second field.
+/// If a reduced volume cannot represent the field: voxels are NaN or infinite, or colors come from a second field.
 pub fn reduce(field: &Field, params: &GenerationParams) -> Result<ReducedVolume, Invalid> {
     check_reducible(field)?;
     let (grid, dims) = (field.grid(), field.grid().dims());
@@ -30,7 +29,7 @@ pub fn reduce(field: &Field, params: &GenerationParams) -> Result<ReducedVolume,
     let slices = for_stored!(field.stored(), v => shrink_slices(v, |x| unit(x.wide()), dims, fewer));
     let units = shrink_along_z(slices, dims, fewer);
     let spacing = DVec3::from_array(std::array::from_fn(|a| {
-        // One sample point is drawn one spacing thick.
+        // An axis with one sample point is drawn one spacing thick.
         let intervals = |n: usize| n.max(2) as f64 - 1.0;
         grid.spacing()[a] * intervals(dims[a]) / intervals(fewer[a])
     }));
@@ -39,7 +38,7 @@ pub fn reduce(field: &Field, params: &GenerationParams) -> Result<ReducedVolume,
     ReducedVolume::new(Grid::new(fewer, spacing, grid.origin())?, scene, *params, units)
 }
 
-/// The most sample points on a side that a reduced volume of `field` may have; 0 if none can stand for it.
+/// The most sample points per side that a reduced volume of `field` can have; 0 if it cannot be represented.
 pub fn most_points(field: &Field) -> u32 {
     check_reducible(field).map_or(0, |()| field.grid().longest_side())
 }
@@ -55,7 +54,7 @@ fn check_reducible(field: &Field) -> Result<(), Invalid> {
     Err(Invalid::new("representation", reason))
 }
 
-/// The ends of the values kept.
+/// Bounds to which values are clamped.
 fn ends(field: &Field) -> (f32, f32) {
     let range = field.scene().transfer.range();
     let surfaces = field.scene().effects.isosurfaces.iter().map(|s| range.unit_from_value(s.value));
@@ -67,8 +66,8 @@ fn lit(field: &Field) -> bool {
     effects.shading.is_some() || effects.shadows.is_some() || effects.ambient_occlusion.is_some()
 }
 
-/// The sides of a grid of `dims` brought down so that none has more than `most` points: all by one factor, and none with
-/// two points or more to less than two.
+/// Dimensions of a grid of at most `most` points per side: all sides are scaled by one factor, and sides of two points or more
+/// keep at least two.
 fn reduced_dims(dims: [usize; 3], most: u32) -> [usize; 3] {
     let longest = dims.into_iter().max().unwrap_or(1);
     let factor = (f64::from(most.max(2)) - 1.0) / (longest.max(2) as f64 - 1.0);
@@ -87,8 +86,8 @@ fn keys(x: f64) -> f64 {
     }
 }
 
-/// For each of `to` points along `from`, the first old point it is made of and the weights from there on. Beyond an end the
-/// values go on as their reflection in the end's, upside down, so that a ramp stays one.
+/// For each of `to` points along an axis of `from` points, its first source point and the weights from there on. Beyond an end,
+/// values are extrapolated by point reflection at the end, so that ramps stay exact.
 fn weights(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
     if from == to {
         return (0..to).map(|i| (i, vec![1.0])).collect();
@@ -116,11 +115,11 @@ fn weights(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
     (0..to).map(of).collect()
 }
 
-/// Rows summed at once.
+/// Rows filtered at once.
 const ROWS: usize = 8;
 
-/// `units` of `voxels`, of a grid of `dims`, with as many points along x and y as `fewer` has. A slice at a time, so that the
-/// volume is read once and only what is left of it is written.
+/// Reduces x and y of `voxels`, a grid of `dims`, to the dimensions `fewer`, and maps scalars by `unit`. Works slice by slice,
+/// so that the volume is read once and only the reduced one is written.
 fn shrink_slices<V: Scalar>(
     voxels: &[V],
     unit: impl Fn(V) -> f32 + Sync,
@@ -151,7 +150,7 @@ fn shrink_slices<V: Scalar>(
     out
 }
 
-/// `values`, all of whose slices are left, with as many as `fewer` has.
+/// Reduces z of `values`, whose x and y are reduced already.
 fn shrink_along_z(values: Vec<f32>, dims: [usize; 3], fewer: [usize; 3]) -> Vec<f32> {
     if fewer[2] == dims[2] {
         return values;
@@ -165,7 +164,7 @@ fn shrink_along_z(values: Vec<f32>, dims: [usize; 3], fewer: [usize; 3]) -> Vec<
     out
 }
 
-/// The sum of the runs, each as long as `out`, that follow each other in `values`, each times its weight.
+/// Weighted sum of the consecutive runs of `values`, each as long as `out`.
 fn weighted_sum(out: &mut [f32], values: &[f32], weights: &[f32]) {
     out.fill(0.0);
     for (values, w) in values.chunks_exact(out.len()).zip(weights) {

@@ -1,6 +1,6 @@
-//! Effects in the units that kernels count in: positions in sample points, values in the transfer function's range.
+//! Effects of a scene in kernel units: positions in sample points, values as positions in the transfer function's range.
 
-use super::color_channel::Colors;
+use super::color_channel::ColorChannel;
 use super::light_volume::LightVolume;
 use glam::DVec3;
 use lamina_model::composite::optical_depth_from_opacity;
@@ -8,56 +8,56 @@ use lamina_model::effects::{DepthCue, Shading};
 use lamina_model::{Grid, Scene};
 use std::sync::Arc;
 
-/// Below this gradient, in shares of the range per voxel, less than half of the shading applies.
+/// Gradient magnitude, in ranges per voxel, at which half of the shading applies; less below it.
 pub const WEAK_GRADIENT: f64 = 0.01;
-/// A step cut shorter than this share of itself is nothing.
+/// Clipped steps shorter than this share of a step are skipped.
 pub const SHORTEST: f64 = 1e-4;
-/// Steps whose ends differ by fewer rows of the table than this are taken in the middle: sums there would lose digits.
+/// Steps whose ends differ by fewer table rows than this are sampled in the middle: differences of sums would lose digits.
 pub const FEWEST_ROWS: f64 = 4.0;
 
-/// What a scene asks for, ready to be applied.
+/// The effects of a field.
 #[derive(Debug)]
-pub struct Effects {
+pub struct FieldEffects {
     /// Unit vector towards the light.
     pub light: DVec3,
     /// Shading by the gradient.
     pub shading: Option<Shading>,
-    /// How dark full shadow is.
+    /// Darkness of full shadow, 0 to 1.
     pub shadows: f64,
-    /// How dark a closed-in point is.
+    /// Darkness of full occlusion, 0 to 1.
     pub ambient_occlusion: f64,
-    /// How much light reaches a point; there if either of those is above 0.
+    /// Transmittance and openness of each point; present if either of the above is positive.
     pub volume: Option<LightVolume>,
-    /// By rising value.
+    /// Isosurfaces by rising value.
     pub surfaces: Vec<Surface>,
-    /// Kept is where `normal` . index <= `offset` for all.
+    /// Clip half spaces: points with `normal` . index <= `offset` for all of them are kept.
     pub half_spaces: Vec<(DVec3, f64)>,
-    /// The transfer function is integrated over a step.
+    /// Whether the transfer function is integrated over each step.
     pub pre_integrated: bool,
-    /// Colours fade with distance.
+    /// Fading of colors with distance.
     pub cue: Option<DepthCue>,
-    /// Where the medium's colours come from instead of the transfer function.
-    pub colors: Option<Arc<Colors>>,
+    /// Field that gives the medium's colors in place of the transfer function.
+    pub colors: Option<Arc<ColorChannel>>,
 }
 
 /// An isosurface.
 #[derive(Debug, Clone, Copy)]
 pub struct Surface {
-    /// Its value, in the range.
+    /// Value, as a position in the range.
     pub at: f64,
-    /// Straight colour.
+    /// Straight color.
     pub color: [f64; 3],
-    /// Of one crossing; may be infinite.
+    /// Optical depth of one crossing; may be infinite.
     pub optical_depth: f64,
 }
 
-impl Effects {
-    /// The effects of `scene` on `grid`, whose second field is `colors`; `None` if it asks for nothing. `extinction` is the
-    /// field's at an index.
+impl FieldEffects {
+    /// The effects of `scene` on `grid`, with color field `colors`; `None` if it has none. `extinction` gives the field's
+    /// extinction at an index, per world length.
     pub fn new(
         scene: &Scene,
         grid: &Grid,
-        colors: Option<Arc<Colors>>,
+        colors: Option<Arc<ColorChannel>>,
         extinction: impl Fn(DVec3) -> f64 + Sync,
     ) -> Option<Self> {
         let asked = &scene.effects;
@@ -80,7 +80,7 @@ impl Effects {
             (normal / scale, (p.offset - p.normal.dot(grid.origin())) / scale)
         };
         let half_spaces: Vec<(DVec3, f64)> = asked.half_spaces().into_iter().map(half_space).collect();
-        // What is cut away casts no shadow.
+        // Clipped parts cast no shadow.
         let left = |p: DVec3| half_spaces.iter().all(|(normal, offset)| normal.dot(p) <= *offset);
         let volume = (shadows > 0.0 || ambient_occlusion > 0.0).then(|| {
             let toward = (shadows > 0.0).then_some(light);
@@ -100,12 +100,12 @@ impl Effects {
         })
     }
 
-    /// True if the scalar at a step's ends matters.
+    /// True if kernels need the scalars at the ends of steps.
     pub fn needs_ends(&self) -> bool {
         self.pre_integrated || !self.surfaces.is_empty()
     }
 
-    /// The part of a ray `start` + t `direction` (in sample points) that lies in all half spaces, within `from`..`to`.
+    /// Clips the ray `start` + t `direction` (in sample points), t in `from`..`to`, by all half spaces.
     pub fn clip(&self, start: DVec3, direction: DVec3, from: f64, to: f64) -> (f64, f64) {
         let (mut from, mut to) = (from, to);
         for (normal, offset) in &self.half_spaces {
@@ -122,12 +122,12 @@ impl Effects {
     }
 }
 
-/// A direction of any length at length 1.
+/// `direction`, of any length, scaled to length 1 without overflow.
 fn unit(direction: DVec3) -> DVec3 {
     (direction / direction.abs().max_element()).normalize()
 }
 
-/// Distances from `eye` to the nearest point and to the farthest corner of the box, world units: between them colours fade.
+/// Distances from `eye` to the nearest point and the farthest corner of the box, world units: the range of the depth cue.
 pub fn cue_range(grid: &Grid, eye: DVec3) -> (f64, f64) {
     let bounds = grid.bounds();
     let near = (eye.clamp(bounds.min, bounds.max) - eye).length();
@@ -140,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn colours_fade_from_the_eye_on_where_it_is_inside() {
+    fn colors_fade_from_the_eye_on_where_it_is_inside() {
         let grid = Grid::new([3, 5, 5], DVec3::ONE, DVec3::ZERO).unwrap();
         assert_eq!(cue_range(&grid, DVec3::new(1.0, 2.0, 2.0)), (0.0, 3.0), "from the middle all corners are as far");
         assert_eq!(cue_range(&grid, DVec3::new(1.0, 2.0, 10.0)), (6.0, (1.0_f64 + 4.0 + 100.0).sqrt()));

@@ -1,29 +1,29 @@
-//! How much light reaches each point: made once for a field, looked up by all kernels.
+//! Light volume: transmittance towards the light and ambient openness, computed once per field and looked up by all kernels.
 //!
-//! On a grid of half the field's resolution, at most 129 points a side: for shadows the transmittance towards the light,
-//! swept slice by slice away from it (each point takes what the slice before lets through, by the trapezoidal rule), and
-//! for ambient occlusion openness: the mean transmittance of two cells in all 26 directions. Shadows are as soft as that
-//! grid is coarse. Isosurfaces cast none, and what clipping takes away casts none either.
+//! Its grid has half the field's resolution, at most 129 points a side. Transmittance is swept slice by slice away from the
+//! light: each point attenuates the interpolated transmittance of the slice before, by the trapezoidal rule. Openness is the
+//! mean transmittance over two cells in all 26 directions. Shadows are as soft as the grid is coarse. Isosurfaces and clipped
+//! parts cast no shadow.
 
-use super::field::trilinear;
+use super::interpolate::trilinear;
 use glam::DVec3;
 use lamina_model::Grid;
 use rayon::prelude::*;
 
 /// The most points per side.
-const MOST: usize = 129;
-/// Cells that a ray may lie beyond the box by rounding.
+const MAX_POINTS: usize = 129;
+/// Tolerance, in cells, by which rounding may place a ray outside the box.
 const ROUNDING: f64 = 1e-6;
-/// Cells that openness looks ahead.
-const REACH: i64 = 2;
+/// Cells over which openness is measured.
+const OCCLUSION_CELLS: i64 = 2;
 
 /// Light on a coarse grid, x fastest.
 #[derive(Debug)]
 pub struct LightVolume {
     /// Points per side, 2 or more.
     pub dims: [usize; 3],
-    /// From units of sample points to its own, by `scale` and then `offset`: an axis with one sample point is drawn, and
-    /// lit, from half a spacing before to half a spacing behind it.
+    /// Scale, then offset, from units of sample points to units of this grid. An axis with one sample point is drawn and lit
+    /// from half a spacing before it to half a spacing behind it.
     pub scale: [f64; 3],
     pub offset: [f64; 3],
     /// Transmittance towards the light, if there are shadows.
@@ -32,23 +32,23 @@ pub struct LightVolume {
     pub openness: Option<Vec<f32>>,
 }
 
-/// The coarse grid being filled.
-struct Coarse {
+/// Extinction on the coarse grid.
+struct CoarseGrid {
     dims: [usize; 3],
     spacing: DVec3,
     extinction: Vec<f32>,
 }
 
 impl LightVolume {
-    /// Shadows of the light of direction `light` (unit vector towards it), if one is given, and openness if it is `occluded`,
-    /// on `grid`, where `extinction` (at an index, per world length) is the field's.
+    /// The light volume of a field on `grid`, with shadows of the light in direction `light` (unit vector towards it) if one is
+    /// given, and openness if `occluded`. `extinction` gives the field's at an index, per world length.
     pub fn new(grid: &Grid, light: Option<DVec3>, occluded: bool, extinction: impl Fn(DVec3) -> f64 + Sync) -> Self {
-        let dims = grid.dims().map(|n| ((n - 1).div_ceil(2) + 1).clamp(2, MOST));
+        let dims = grid.dims().map(|n| ((n - 1).div_ceil(2) + 1).clamp(2, MAX_POINTS));
         let scale: [f64; 3] = std::array::from_fn(|a| (dims[a] - 1) as f64 / (grid.dims()[a] - 1).max(1) as f64);
         let offset = grid.dims().map(|n| if n == 1 { 0.5 } else { 0.0 });
         let (per_cell, first) = (DVec3::from_array(scale.map(f64::recip)), DVec3::from_array(offset));
         let most = 1e4 / grid.voxel_length();
-        // Each point stands for its surroundings: the mean of eight places a quarter of a cell away.
+        // Average the extinction of eight places a quarter of a cell away from each point.
         let mean = |p: DVec3| {
             let place = |n: u32| p + DVec3::from_array([0, 1, 2].map(|a| if n >> a & 1 == 0 { -0.25 } else { 0.25 }));
             (0..8).map(|n| extinction((place(n) - first) * per_cell).min(most)).sum::<f64>() / 8.0
@@ -56,14 +56,14 @@ impl LightVolume {
         let point = |n: usize| DVec3::from_array(coordinates(dims, n).map(|c| c as f64));
         let count = dims.iter().product();
         let extinction = (0..count).into_par_iter().map(|n| mean(point(n)) as f32).collect();
-        let coarse = Coarse { dims, spacing: grid.spacing() * per_cell, extinction };
+        let coarse = CoarseGrid { dims, spacing: grid.spacing() * per_cell, extinction };
         let open = |n: usize| coarse.openness(coordinates(dims, n));
         let openness = occluded.then(|| (0..count).into_par_iter().map(open).collect());
         let transmittance = light.map(|light| coarse.transmittance(light));
         Self { dims, scale, offset, transmittance, openness }
     }
 
-    /// Its `values`, transmittance or openness, at `index` in units of the field's sample points.
+    /// Interpolates `values`, transmittance or openness, at `index` in units of the field's sample points.
     pub fn at(&self, values: &[f32], index: DVec3) -> f64 {
         let index = index * DVec3::from_array(self.scale) + DVec3::from_array(self.offset);
         trilinear(self.dims, values, index)
@@ -74,8 +74,8 @@ fn coordinates([nx, ny, _]: [usize; 3], n: usize) -> [i64; 3] {
     [n % nx, n / nx % ny, n / (nx * ny)].map(|c| c as i64)
 }
 
-impl Coarse {
-    /// Extinction at a point; nothing outside.
+impl CoarseGrid {
+    /// Extinction at a point; 0 outside the grid.
     fn at(&self, p: [i64; 3]) -> f64 {
         let inside = (0..3).all(|a| (0..self.dims[a] as i64).contains(&p[a]));
         if inside { f64::from(self.extinction[self.number(p)]) } else { 0.0 }
@@ -90,19 +90,19 @@ impl Coarse {
         for n in (0..27).filter(|&n| n != 13) {
             let d = [n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1];
             let length = (DVec3::from_array(d.map(|c| c as f64)) * self.spacing).length();
-            let depth: f64 = (1..=REACH).map(|k| self.at(std::array::from_fn(|a| p[a] + k * d[a]))).sum();
+            let depth: f64 = (1..=OCCLUSION_CELLS).map(|k| self.at(std::array::from_fn(|a| p[a] + k * d[a]))).sum();
             sum += (-depth * length).exp();
         }
         (sum / 26.0) as f32
     }
 
-    /// Slice by slice across the axis that light travels along fastest.
+    /// Transmittance, swept across the axis along which light travels fastest.
     fn transmittance(&self, light: DVec3) -> Vec<f32> {
         let cells = light / self.spacing;
         let speed = cells.abs();
         let axis = (0..3).max_by(|&a, &b| speed[a].total_cmp(&speed[b])).unwrap_or(2);
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-        // From a point to the slice before, in cells.
+        // Offset, in cells, from a point to where its light crosses the slice before.
         let back = cells / speed[axis];
         let length = (back * self.spacing).length();
         let [n, columns, rows] = [axis, u, v].map(|a| self.dims[a] as i64);
@@ -118,7 +118,7 @@ impl Coarse {
             let done = &all;
             let through = move |(i, j): (i64, i64)| {
                 let (x, y) = (i as f64 + back[u], j as f64 + back[v]);
-                // Through a side of the box light comes in whole.
+                // Light that enters through a side of the box is not attenuated.
                 let (right, top) = ((columns - 1) as f64, (rows - 1) as f64);
                 let outside = x < -ROUNDING || y < -ROUNDING || x > right + ROUNDING || y > top + ROUNDING;
                 let (x, y) = (x.clamp(0.0, right), y.clamp(0.0, top));

@@ -1,9 +1,11 @@
-//! A volume as rays are cast through it: its voxels, where it can be seen, and what its transfer function and effects make of it.
+//! Volumes prepared for ray casting: stored voxels, interpolation, empty space, transfer function tables, light, effects.
 
 pub mod color_channel;
 pub mod downsample;
 pub mod effects;
 pub mod field;
+pub mod interpolate;
 pub mod light_volume;
 pub mod occupancy;
+pub mod stored;
 pub mod transfer_lut;

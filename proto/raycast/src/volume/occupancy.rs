@@ -1,46 +1,27 @@
-//! Where rays may skip: for every brick of 4 x 4 x 4 cells, how many bricks away the nearest one is that shows something.
+//! Empty-space map: for every brick of 4 x 4 x 4 cells, its distance in bricks to the nearest visible one.
 //!
 //! Interpolation stays within the least and greatest voxel that a brick's cells touch, so a brick whose range the transfer
 //! function leaves transparent is empty. Distances are Chebyshev's: all bricks nearer than d on every axis are empty.
 
-use half::f16;
+use super::stored::Scalar;
 use lamina_model::Grid;
 use rayon::prelude::*;
 
 /// Cells per side of a brick.
 pub const BRICK: usize = 4;
-/// The greatest distance stored, bricks.
+/// Largest distance stored, bricks.
 pub const FARTHEST: u8 = 15;
 
-/// Distances, brick by brick, x fastest.
+/// Distances to the nearest visible brick, x fastest.
 #[derive(Debug)]
-pub struct SkipMap {
+pub struct EmptySpaceMap {
     dims: [usize; 3],
     distances: Vec<u8>,
 }
 
-/// A scalar that voxels are stored as; both conversions are exact.
-pub trait Scalar: Copy + Send + Sync + Into<f32> + Into<f64> {
-    /// In double precision.
-    #[inline(always)]
-    fn wide(self) -> f64 {
-        self.into()
-    }
-    /// In single precision.
-    #[inline(always)]
-    fn narrow(self) -> f32 {
-        self.into()
-    }
-}
-
-impl Scalar for u8 {}
-impl Scalar for u16 {}
-impl Scalar for f16 {}
-impl Scalar for f32 {}
-
-impl SkipMap {
-    /// The map of `voxels` on `grid`, where `shows(lo, hi)` says whether anything from `lo` to `hi` is visible. With
-    /// `beside`, bricks beside a visible one count as visible too.
+impl EmptySpaceMap {
+    /// The map of `voxels` on `grid`, where `shows(lo, hi)` tells whether any value from `lo` to `hi` is visible. With `beside`,
+    /// neighbors of visible bricks count as visible too.
     pub fn new<V: Scalar>(grid: &Grid, voxels: &[V], beside: bool, shows: impl Fn(f32, f32) -> bool + Sync) -> Self {
         // Cells are one fewer than voxels.
         let dims = grid.dims().map(|d| (d - 1).max(1).div_ceil(BRICK));
@@ -52,11 +33,11 @@ impl SkipMap {
         Self { dims, distances }
     }
 
-    /// Bricks per axis.
+    /// Number of bricks per axis.
     pub fn dims(&self) -> [usize; 3] {
         self.dims
     }
-    /// Bricks from each brick to the nearest visible one, 0 if itself is; [`FARTHEST`] means that or more.
+    /// Distance from each brick to the nearest visible one, in bricks; 0 for a visible brick, at most [`FARTHEST`].
     pub fn distances(&self) -> &[u8] {
         &self.distances
     }
@@ -69,7 +50,7 @@ impl SkipMap {
     }
 }
 
-/// 1 for every brick that may show something, else 0.
+/// 1 for every brick that may be visible, else 0.
 fn visible<V: Scalar>(
     grid: &Grid,
     [bx, by, bz]: [usize; 3],
@@ -86,7 +67,7 @@ fn visible<V: Scalar>(
         for (k, j) in (z..nz.min(z + BRICK + 1)).flat_map(|k| (y..ny.min(y + BRICK + 1)).map(move |j| (k, j))) {
             let start = (k * ny + j) * nx;
             for ((lo, hi), v) in lows.iter_mut().zip(highs.iter_mut()).zip(&voxels[start..start + nx]) {
-                // NaN changes neither.
+                // NaN fails both comparisons.
                 let v = v.narrow();
                 *lo = if v < *lo { v } else { *lo };
                 *hi = if v > *hi { v } else { *hi };
@@ -96,14 +77,15 @@ fn visible<V: Scalar>(
             let touched = b * BRICK..nx.min((b + 1) * BRICK + 1);
             let lo = lows[touched.clone()].iter().copied().fold(f32::INFINITY, f32::min);
             let hi = highs[touched].iter().copied().fold(f32::NEG_INFINITY, f32::max);
-            // A range without a finite value stays empty, and shows nothing.
+            // A brick without a finite value is empty.
             *brick = u8::from(lo <= hi && shows(lo, hi));
         }
     });
     bricks
 }
 
-/// Grows the visible set by one brick in all directions again and again; the distance is how often it takes.
+/// Dilates the visible set by one brick in all directions repeatedly; a brick's distance is the number of dilations that it
+/// takes to reach it.
 fn distances(dims: [usize; 3], visible: Vec<u8>) -> Vec<u8> {
     let [nx, ny, nz] = dims;
     let mut distances = vec![0; visible.len()];
@@ -122,13 +104,13 @@ fn distances(dims: [usize; 3], visible: Vec<u8>) -> Vec<u8> {
             or(out, [&row[1..]]);
         });
         // `next` is grown along x; grow along y into `reached`, along z back.
-        let neighbours = |n: usize, len: usize| n.saturating_sub(1)..len.min(n + 2);
+        let neighbors = |n: usize, len: usize| n.saturating_sub(1)..len.min(n + 2);
         reached.par_chunks_mut(nx).enumerate().for_each(|(row, out)| {
             let (y, z) = (row % ny, row / ny);
-            or(out, neighbours(y, ny).map(|j| &next[(z * ny + j) * nx..][..nx]));
+            or(out, neighbors(y, ny).map(|j| &next[(z * ny + j) * nx..][..nx]));
         });
         next.par_chunks_mut(nx * ny).enumerate().for_each(|(z, out)| {
-            or(out, neighbours(z, nz).map(|k| &reached[k * nx * ny..][..nx * ny]));
+            or(out, neighbors(z, nz).map(|k| &reached[k * nx * ny..][..nx * ny]));
         });
         std::mem::swap(&mut reached, &mut next);
     }

@@ -1,38 +1,38 @@
-//! The transfer function as a table over its range: what the fast levels look up, on the CPU and on the GPU.
+//! Lookup table of the transfer function, for the fast levels on processor and GPU; and its integral, for pre-integration.
 //!
-//! Entries are equally spaced and interpolated linearly. Between two control points every column is smooth, so the error
-//! is of second order in the spacing; in a bin that holds a control point the kink, or the jump of two points at one
-//! position, is rounded off over that bin. The table is made fine enough for the closest pair of control points.
+//! Rows are equally spaced over the range and interpolated linearly. Between two control points every column is smooth, so the
+//! error is of second order in the spacing; in a bin that holds a control point the kink, or the jump of two points at one
+//! position, is smoothed over that bin. The table resolves the closest pair of control points.
 
-use lamina_compute::simd::{Floats, Lanes};
+use lamina_compute::simd::{Lanes, SimdF32};
 use lamina_model::TransferFunction;
 use lamina_model::composite::opacity_from_optical_depth;
 
-/// Rows of [`TransferTable::unit`] and [`TransferTable::step`].
+/// The transfer function for one step length, as rows over its range.
 #[derive(Debug, Clone)]
-pub struct TransferTable {
+pub struct TransferLut {
     /// Red, green, blue and opacity of one step, premultiplied. `below` + `bins` + 1 rows.
     pub step: Vec<[f32; 4]>,
-    /// Red, green, blue and opacity of one unit length, premultiplied; then the optical depth of one step and the ratio of
-    /// a step's opacity to that of a unit length; then two zeros. As many rows.
+    /// Red, green, blue and opacity of one unit length, premultiplied; then the optical depth of one step, and the ratio of a
+    /// step's opacity to that of a unit length; then two zeros. As many rows as `step`.
     pub unit: Vec<[f32; 8]>,
-    /// Rows before that of position 0: one where points at 0 make a jump, for what lies below the range.
+    /// Rows before that of position 0: one if control points at 0 make a jump, for values below the range.
     pub below: u32,
-    /// Steps in a unit length.
+    /// Number of steps in a unit length.
     pub unit_steps: f32,
-    /// Outside these rows, ends included, all is transparent.
+    /// First and last row, as positions, between which the function is not transparent.
     pub visible: [f32; 2],
 }
 
-/// The least number of bins: 32 KB of rows, in reach of a core's first cache.
+/// Least number of bins: 32 KB of rows, which fit a first-level cache.
 const MIN_BINS: usize = 1024;
 /// The greatest number of bins.
 const MAX_BINS: usize = 1 << 16;
-/// Stands for an infinite optical depth: opaque, and still a number that can be interpolated.
+/// Finite stand-in for an infinite optical depth: opaque, but still usable in interpolation.
 pub const OPAQUE: f64 = 1e4;
 
-impl TransferTable {
-    /// The table of `transfer` for steps of `step_length` where opacities refer to `unit_length`.
+impl TransferLut {
+    /// The table of `transfer` for steps of `step_length`, where opacities refer to `unit_length` (world units).
     pub fn new(transfer: &TransferFunction, unit_length: f64, step_length: f64) -> Self {
         let bins = bins(transfer);
         let units = step_length / unit_length;
@@ -42,7 +42,7 @@ impl TransferTable {
             let c = transfer.classify(u, unit_length);
             let optical_depth = (c.extinction * step_length).min(OPAQUE);
             let step = opacity_from_optical_depth(optical_depth);
-            // A transparent row takes the limit, so that bins at the rim of the visible interpolate towards it.
+            // Use the limit in transparent rows, so that bins at the edge of the visible range interpolate towards it.
             let ratio = if c.opacity > 0.0 { step / c.opacity } else { units };
             let [r, g, b] = c.color.map(|x| (x * c.opacity) as f32);
             let step_row = c.color.map(|x| (x * step) as f32);
@@ -56,36 +56,36 @@ impl TransferTable {
         Self { step, unit, below, unit_steps: (1.0 / units) as f32, visible }
     }
 
-    /// Whether something may show at a position given in rows. NaN never does.
+    /// Lanes whose position, in rows, may be visible. NaN is not.
     #[inline(always)]
     pub fn shown<L: Lanes>(&self, at: L::F) -> L::M {
         L::F::splat(self.visible[0]).le(at) & at.le(L::F::splat(self.visible[1]))
     }
 
-    /// Intervals of the range.
+    /// Number of intervals of the range.
     pub fn bins(&self) -> usize {
         self.step.len() - 1 - self.below as usize
     }
 }
 
-/// Four bins or more between any two control points that are apart, within bounds; two nearer than the finest bin are a jump.
+/// Number of bins: four or more between any two distinct control points, within bounds; closer ones count as a jump.
 fn bins(transfer: &TransferFunction) -> usize {
     let gaps = transfer.points().windows(2).map(|w| w[1].at - w[0].at);
     let least = gaps.filter(|&g| g * MAX_BINS as f64 > 1.0).fold(1.0, f64::min);
     ((4.0 / least) as usize).clamp(MIN_BINS, MAX_BINS).next_power_of_two()
 }
 
-/// The transfer function integrated over its range: what a step shows whose scalar runs from one end to the other in a line.
+/// Integral of the transfer function over its range: color and optical depth of a step along which the scalar is linear.
 #[derive(Debug)]
-pub struct Integral {
-    /// Sums of optical depth x (red, green, blue, 1) of a whole step, row by row from the first; in units of rows.
+pub struct PreintegrationTable {
+    /// Prefix sums of optical depth x (red, green, blue, 1) of a whole step, per row; in units of rows.
     pub sums: Vec<[f64; 4]>,
-    /// The summands below and above the range.
+    /// The integrand below and above the range.
     pub ends: [[f64; 4]; 2],
 }
 
-impl Integral {
-    /// For steps of `step_length` where opacities refer to `unit_length`; as many rows as [`TransferTable::new`] makes.
+impl PreintegrationTable {
+    /// The integral for steps of `step_length`, where opacities refer to `unit_length`; as many rows as [`TransferLut::new`].
     pub fn new(transfer: &TransferFunction, unit_length: f64, step_length: f64) -> Self {
         let bins = bins(transfer);
         let summand = |at: f64| {
@@ -103,12 +103,12 @@ impl Integral {
         Self { sums, ends: [summand(-1.0), last] }
     }
 
-    /// Intervals of the range.
+    /// Number of intervals of the range.
     pub fn bins(&self) -> usize {
         self.sums.len() - 1
     }
 
-    /// Straight colour and optical depth of a whole step between two positions in the range that are apart.
+    /// Straight color and optical depth of a whole step between two distinct positions in the range.
     pub fn between(&self, from: f64, to: f64) -> ([f64; 3], f64) {
         let bins = self.bins() as f64;
         let (a, b) = (self.at(from * bins), self.at(to * bins));
@@ -116,7 +116,7 @@ impl Integral {
         if depth > 0.0 { ([r / depth, g / depth, b / depth], depth) } else { ([0.0; 3], 0.0) }
     }
 
-    /// As single precision can add them up: per row its sum, what that was rounded by, and what is added up to the next row.
+    /// The sums in single precision: per row its rounded sum, the rounding error, and the difference to the next row.
     pub fn split(&self) -> Vec<[[f32; 4]; 3]> {
         let next = self.sums.iter().skip(1).chain(self.sums.last());
         let row = |(sum, next): (&[f64; 4], &[f64; 4])| {

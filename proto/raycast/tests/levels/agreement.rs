@@ -3,7 +3,7 @@
 use lamina_model::{Image, SquaredError, Supersegment, Vdi};
 
 // What single precision and the table cost. A sample's position is off by some 1e-5 of a voxel, its scalar by 1e-6 of the
-// range, the table's colour by the square of a bin, 1e-6: together some 1e-5 of a channel, 100 dB. Where a kink of the
+// range, the table's color by the square of a bin, 1e-6: together some 1e-5 of a channel, 100 dB. Where a kink of the
 // transfer function lies inside a bin, or a ray just grazes a voxel that is not a number, single pixels differ by more.
 pub const MIN_PSNR_DB: f64 = 90.0;
 pub const MAX_CHANNEL: f32 = 0.02;
@@ -27,7 +27,7 @@ pub struct Agreement {
     pub worst_depth: f64,
     /// Mean difference of optical depths, relative to their mean.
     pub mean_depth: f64,
-    /// Greatest difference of colour between supersegments that are alike and not nearly transparent.
+    /// Greatest difference of color between supersegments that are alike and not nearly transparent.
     pub worst_color: f32,
 }
 

@@ -221,7 +221,7 @@ fn shadows_and_cues_have_closed_forms() {
 }
 
 #[test]
-fn a_second_field_gives_the_colour_of_every_depth() {
+fn a_second_field_gives_the_color_of_every_depth() {
     // The second field is z, black at 0 and red at 8; the eye on +z. The picture is the integral of that over 0.95^depth.
     let range = ScalarRange::new(0.0, 8.0, Scale::Linear).unwrap();
     let points = vec![ColorPoint { at: 0.0, color: [0.0; 3] }, ColorPoint { at: 1.0, color: [1.0, 0.0, 0.0] }];

@@ -1,4 +1,4 @@
-//! The GPU kernels against the scalar oracle, on any Vulkan device, be it in software. Without one the tests say that they
+//! The GPU kernels against the oracle, on any Vulkan device, hardware or software. Without one the tests say that they
 //! skip; with REQUIRE_GPU=1 they fail instead.
 
 use crate::agreement::{MAX_CHANNEL, MAX_RAYS, agreement, compare, compare_pictures};

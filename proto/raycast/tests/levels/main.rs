@@ -1,4 +1,4 @@
-//! The fast levels of the kernels against the scalar oracle, on one field of every kind.
+//! The fast levels of the kernels against the oracle in `reference`, on one field of every kind.
 
 #![allow(clippy::unwrap_used)]
 

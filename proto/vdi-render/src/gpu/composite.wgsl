@@ -1,16 +1,17 @@
-// Compositing what a stretch of a ray meets in one pixel's list. As cpu/gather.rs, for one ray.
+// Compositing of one pixel's list along one ray; counterpart of simd/composite.rs.
 
-// What a ray has gathered so far, front to back.
-struct Light {
+// Accumulated color and transmittance of a ray, front to back.
+struct LineAccumulator {
     color: vec3f,
     transmittance: f32,
-    // The place in the list where the previous pixel's search ended: neighbours' lists are alike.
+    // Index in the list where the previous pixel's search ended: neighboring lists are similar.
     hint: u32,
 }
 
-// Adds what lies between two places on the line in `pixel`, near to far or far to near as the ray runs; true if nothing
-// behind can be seen.
-fn gather(line: Line, pixel: u32, start: f32, stop: f32, light: ptr<function, Light>) -> bool {
+// Composites the supersegments of `pixel` between two positions on the line, in the order along the ray; true if the ray has
+// become opaque.
+fn composite_list(line: ImageLine, pixel: u32, start: f32, stop: f32, light: ptr<function, LineAccumulator>) -> bool {
+    // Convert the positions to steps on the pixel's ray.
     let slot = slots[pixel];
     let span = spans[slot];
     let first = span.first;
@@ -22,6 +23,7 @@ fn gather(line: Line, pixel: u32, start: f32, stop: f32, light: ptr<function, Li
     let near = min(a, b);
     let far = max(a, b);
     let length = (to_way - from_way) * line.steps;
+    // Composite the supersegments between them, away from or towards the generation camera.
     if line.depth_change >= 0.0 {
         var k = first_met(first, count, near, (*light).hint);
         (*light).hint = k;
@@ -46,8 +48,8 @@ fn gather(line: Line, pixel: u32, start: f32, stop: f32, light: ptr<function, Li
     return (*light).transmittance < view.floor;
 }
 
-// Composites `length` steps of a supersegment; true if nothing behind can be seen.
-fn add(n: u32, length: f32, light: ptr<function, Light>) -> bool {
+// Composites `length` steps of a supersegment; true if the ray has become opaque.
+fn add(n: u32, length: f32, light: ptr<function, LineAccumulator>) -> bool {
     if length <= 0.0 {
         return false;
     }
@@ -58,7 +60,7 @@ fn add(n: u32, length: f32, light: ptr<function, Light>) -> bool {
     return (*light).transmittance < view.floor;
 }
 
-// The first supersegment of a list that ends beyond `near`, looked for from place `hint` on.
+// Index of the first supersegment of a list that ends beyond `near`, searched from `hint` on.
 fn first_met(first: u32, count: u32, near: f32, hint: u32) -> u32 {
     var k = min(hint, count);
     while k > 0u && f32(ends[first + k - 1u].y) > near {
@@ -70,7 +72,7 @@ fn first_met(first: u32, count: u32, near: f32, hint: u32) -> u32 {
     return k;
 }
 
-// One past the last supersegment of a list that starts at `far` or before, likewise.
+// Index after the last supersegment of a list that starts at `far` or before, searched from `hint` on.
 fn past_met(first: u32, count: u32, far: f32, hint: u32) -> u32 {
     var k = min(hint, count);
     while k < count && f32(ends[first + k].x) <= far {

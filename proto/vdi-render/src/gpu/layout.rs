@@ -1,27 +1,27 @@
-//! What the host tells the kernels; twins of the structs in layout.wgsl, member by member (tests/layout.rs compares them); so
-//! is `Span` of [`crate::simd`].
+//! Uniforms and storage elements, laid out as the structs of layout.wgsl, member by member (tests/layout.rs compares them);
+//! `DepthSteps` of [`crate::simd`] is one of them too.
 
 use bytemuck::{Pod, Zeroable};
 
-/// Planes that a ray is clipped to: six of the box, four sides of the occupied rectangle, two of depth.
+/// Planes that clip a ray: six of the box, four sides of the occupied rectangle, two of depth.
 pub const PLANES: usize = 12;
 
-/// A VDI as uploaded.
+/// The VDI.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub struct Stored {
+pub struct StoredVdi {
     pub size: [u32; 2],
     pub first_masks: [u32; 2],
     pub depth: f32,
     pub far: f32,
-    pub slabs: f32,
+    pub depth_bins: f32,
     pub margin: f32,
 }
 
-/// A number linear along every ray and in the picture's columns and rows.
+/// A function that is linear along every ray and in the picture's columns and rows.
 #[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
-pub struct Form {
+pub struct LinearForm {
     pub start: [f32; 3],
     pub pad0: f32,
     pub change: [f32; 3],
@@ -31,11 +31,11 @@ pub struct Form {
 /// Rays of a picture.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub struct View {
-    pub column: Form,
-    pub row: Form,
-    pub depth: Form,
-    pub planes: [Form; PLANES],
+pub struct ViewUniforms {
+    pub column: LinearForm,
+    pub row: LinearForm,
+    pub depth: LinearForm,
+    pub planes: [LinearForm; PLANES],
     pub background: [f32; 3],
     pub floor: f32,
     pub width: u32,
@@ -47,10 +47,10 @@ pub struct View {
     pub pad1: [u32; 2],
 }
 
-/// Which pixels of a picture a dispatch colours.
+/// The pixels that a dispatch colors.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub struct Picture {
+pub struct PictureUniforms {
     pub first: u32,
     pub count: u32,
     pub pad0: [u32; 2],

@@ -1,10 +1,10 @@
-//! The compiled kernels and the shape of their bindings.
+//! Pipelines and bind group layouts.
 
 use lamina_compute::gpu::Gpu;
 use lamina_compute::gpu::pipeline::{READ, UNIFORM, WRITE};
 use lamina_compute::gpu::wgpu::{BindGroupLayout, ComputePipeline};
 
-/// All of them.
+/// Source of all kernels.
 pub const RENDER: &str = concat!(
     include_str!("layout.wgsl"),
     include_str!("leaf.wgsl"),
@@ -14,12 +14,12 @@ pub const RENDER: &str = concat!(
     include_str!("render.wgsl")
 );
 
-/// See the file's head.
+/// The compiled pipelines, and the layouts of their bind groups.
 #[derive(Debug)]
 pub struct Pipelines {
     /// Group 0: a VDI, and the rays of a picture.
     pub vdi: BindGroupLayout,
-    /// Group 1: pixels and their colours.
+    /// Group 1: pixels and their colors.
     pub picture: BindGroupLayout,
     pub render_rows: ComputePipeline,
     pub render_pixels: ComputePipeline,

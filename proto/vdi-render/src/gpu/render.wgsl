@@ -1,12 +1,12 @@
-// I: a VDI seen from any camera, a thread for a pixel. Twin of cpu/mod.rs.
+// VDI rendering from any camera, one invocation per pixel; counterpart of simd/mod.rs.
 
-@group(1) @binding(0) var<uniform> picture: Picture;
+@group(1) @binding(0) var<uniform> picture: PictureUniforms;
 // Columns, and rows in the upper half word.
 @group(1) @binding(1) var<storage, read> pixels: array<u32>;
-// Three a pixel.
+// Three numbers per pixel.
 @group(1) @binding(2) var<storage, read_write> colors: array<f32>;
 
-// A band of rows of the whole picture.
+// Colors a band of rows of the whole picture.
 @compute @workgroup_size(8, 8)
 fn render_rows(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= view.width || id.y >= picture.count {
@@ -15,7 +15,7 @@ fn render_rows(@builtin(global_invocation_id) id: vec3u) {
     store(id.y * view.width + id.x, color_at(id.x, picture.first + id.y));
 }
 
-// Listed pixels.
+// Colors listed pixels.
 @compute @workgroup_size(64)
 fn render_pixels(
     @builtin(workgroup_id) group: vec3u,
@@ -41,7 +41,7 @@ fn color_at(i: u32, j: u32) -> vec3f {
     if line.steps <= 0.0 {
         return view.background;
     }
-    let light = walk(line);
-    // Sums of what is white may round to a little more than white.
+    let light = trace(line);
+    // Sums for white may round to slightly more than 1.
     return min(light.color + light.transmittance * view.background, vec3f(1.0));
 }

@@ -1,24 +1,24 @@
-//! Rays as the kernels start them: everything they need is linear in the picture's columns and rows and along the ray.
+//! View uniforms: all quantities that kernels need, as functions linear in the picture's columns and rows and along each ray.
 //!
-//! A camera far away, or a generation camera far away, has coordinates so great that single precision would shift rays by
-//! steps. So rays start on the plane through the middle of the box, depths count from one through the middle of what is
-//! stored, and all coefficients are made here, once a picture, in double precision.
+//! A distant camera, or a distant generation camera, has coordinates so large that single precision would shift rays by steps.
+//! So rays start on the plane through the middle of the box, depths count from a plane through the middle of the stored depths,
+//! and all coefficients are computed here, once per picture, in double precision.
 
-use super::layout::{Form, PLANES, View};
+use super::layout::{LinearForm, PLANES, ViewUniforms};
 use crate::Displacement;
-use crate::simd::{Index, homogeneous};
+use crate::simd::{AccelerationGrid, homogeneous};
 use glam::DVec3;
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
 use lamina_model::{Camera, Vdi};
 
-/// Nearer to the generation camera than this, in units of the farthest depth, nothing is drawn: the whole image shrinks
-/// to a point there, and single precision finds no pixels in it.
+/// Nearest depth that is drawn, in units of the farthest one: nearer to the generation camera the whole image shrinks to a
+/// point, and single precision finds no pixels in it.
 const NEAR: f64 = 1e-5;
 
-/// Rays in double precision: from the plane through the box's middle.
-struct Rays {
+/// Rays in double precision, which start on the plane through the box's middle.
+struct RayForms {
     camera: Camera,
-    /// Depth of the plane they start on.
+    /// Depth of the plane on which they start.
     middle: f64,
     forward: DVec3,
     /// Change of the direction per half pixel to the right, and down.
@@ -28,11 +28,11 @@ struct Rays {
     height: u32,
 }
 
-impl Rays {
+impl RayForms {
     fn new(camera: &Camera, middle: DVec3, width: u32, height: u32) -> Self {
         let (x, y) = (0.5 * f64::from(width), 0.5 * f64::from(height));
         let forward = camera.direction(x, y, width, height);
-        // What the picture's height spans, divided, so that little is lost to cancellation.
+        // Change per half pixel, from a span as long as the picture is high, to limit cancellation.
         let h = f64::from(height);
         let right = (camera.direction(x + 0.5 * h, y, width, height) - forward) / h;
         let down = (camera.direction(x, y + 0.5 * h, width, height) - forward) / h;
@@ -40,7 +40,7 @@ impl Rays {
         Self { camera: *camera, middle, forward, right, down, width, height }
     }
 
-    /// What a linear function of world directions, 0 at the point `zero`, is along the rays, less `least`.
+    /// Coefficients, along the rays, of a linear function of world directions that is -`least` at the point `zero`.
     fn form(&self, zero: DVec3, least: f64, function: impl Fn(DVec3) -> f64) -> [[f64; 3]; 2] {
         let change = [self.forward, self.right, self.down].map(&function);
         let start = function(self.camera.position() + self.middle * self.forward - zero) - least;
@@ -48,7 +48,7 @@ impl Rays {
     }
 
     /// The half space where such a function is at least `least`, scaled so that its change along rays is about 1.
-    fn plane(&self, zero: DVec3, least: f64, function: impl Fn(DVec3) -> f64) -> Form {
+    fn plane(&self, zero: DVec3, least: f64, function: impl Fn(DVec3) -> f64) -> LinearForm {
         let form = self.form(zero, least, function);
         let [a, x, y] = form[1].map(f64::abs);
         let most = a.max(x * f64::from(self.width)).max(y * f64::from(self.height));
@@ -57,36 +57,42 @@ impl Rays {
     }
 }
 
-fn single(form: [[f64; 3]; 2]) -> Form {
+fn single(form: [[f64; 3]; 2]) -> LinearForm {
     let [start, change] = form.map(|part| part.map(|c| c.clamp(f32::MIN.into(), f32::MAX.into()) as f32));
-    Form { start, pad0: 0.0, change, pad1: 0.0 }
+    LinearForm { start, pad0: 0.0, change, pad1: 0.0 }
 }
 
-impl View {
+impl ViewUniforms {
     /// The rays of `camera` through a `width` x `height` picture of `vdi`, whose image is displaced `by`.
-    pub fn new(vdi: &Vdi, index: &Index, camera: &Camera, [width, height]: [u32; 2], by: Displacement) -> Self {
+    pub fn new(
+        vdi: &Vdi,
+        grid: &AccelerationGrid,
+        camera: &Camera,
+        [width, height]: [u32; 2],
+        by: Displacement,
+    ) -> Self {
         let header = vdi.header();
         let bounds = &header.bounds;
-        let rays = Rays::new(camera, bounds.center(), width, height);
+        let rays = RayForms::new(camera, bounds.center(), width, height);
         let eye = header.camera.position();
-        let image = |direction| homogeneous(header, index, by, direction);
-        let mut planes = [Form::default(); PLANES];
+        let image = |direction| homogeneous(header, grid, by, direction);
+        let mut planes = [LinearForm::default(); PLANES];
         for axis in 0..3 {
             planes[2 * axis] = rays.plane(bounds.min, 0.0, |d| d[axis]);
             planes[2 * axis + 1] = rays.plane(bounds.max, 0.0, |d| -d[axis]);
         }
-        let [w, h] = index.size.map(f64::from);
+        let [w, h] = grid.size.map(f64::from);
         planes[6] = rays.plane(eye, 0.0, |d| image(d).x);
         planes[7] = rays.plane(eye, 0.0, |d| w * image(d).z - image(d).x);
         planes[8] = rays.plane(eye, 0.0, |d| image(d).y);
         planes[9] = rays.plane(eye, 0.0, |d| h * image(d).z - image(d).y);
-        let [near, far] = index.depths;
+        let [near, far] = grid.depths;
         planes[10] = rays.plane(eye, near.max(NEAR * far), |d| image(d).z);
         planes[11] = rays.plane(eye, -far, |d| -image(d).z);
         Self {
             column: single(rays.form(eye, 0.0, |d| image(d).x)),
             row: single(rays.form(eye, 0.0, |d| image(d).y)),
-            depth: single(rays.form(eye, index.middle, |d| image(d).z)),
+            depth: single(rays.form(eye, grid.middle, |d| image(d).z)),
             planes,
             background: header.background,
             floor: TRANSMITTANCE_FLOOR as f32,

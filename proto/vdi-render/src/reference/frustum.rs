@@ -1,18 +1,18 @@
-//! The way of a straight ray through the pixels of a VDI's image.
+//! Traversal of the VDI's pixels along a straight ray.
 //!
-//! A line in the world is a line in the generation camera's image, so its pixels are walked with a 2-D DDA. In the
-//! camera's frame (X right, Y up, Z along the view) the ray is O + s D, and it crosses the plane X = f Z of a pixel
-//! boundary at s = (f Z_O - X_O) / (X_D - f Z_D). The ray is first clipped to the box and to the camera's pyramid: inside
-//! it Z > 0 and image positions move monotonely, so the boundaries met are those between the first and the last pixel,
-//! and none that the line reaches only behind the camera can come in between.
+//! A line in the world is a line in the generation camera's image, so its pixels are traversed with a 2-D DDA. In the camera's
+//! frame (X right, Y up, Z along the view) the ray is O + s D, and it crosses the plane X = f Z of a pixel boundary at s = (f
+//! Z_O - X_O) / (X_D - f Z_D). The ray is first clipped to the box and to the camera's pyramid: inside it Z > 0 and image
+//! positions are monotone in s, so the boundaries crossed are those between the first and the last pixel, and none that the
+//! line reaches only behind the camera can come in between.
 
 use crate::Displacement;
 use glam::DVec3;
 use lamina_model::{Ray, VdiHeader};
 use std::ops::ControlFlow;
 
-/// A ray in the generation camera's frame, clipped to where the VDI has data.
-pub struct Walk<'a> {
+/// A ray in the generation camera's frame, clipped to the box and the camera's pyramid.
+pub struct FrustumWalk<'a> {
     header: &'a VdiHeader,
     origin: DVec3,
     direction: DVec3,
@@ -21,20 +21,20 @@ pub struct Walk<'a> {
     displaced: Displacement,
 }
 
-/// A stretch of a ray inside one pixel's frustum.
-pub struct Crossing {
+/// The part of a ray inside one pixel's frustum.
+pub struct PixelCrossing {
     /// Pixel column.
     pub i: u32,
     /// Pixel row.
     pub j: u32,
-    /// Ray distance at which the stretch begins.
+    /// Ray distance at which the part begins.
     pub from: f64,
-    /// Ray distance at which it ends.
+    /// Ray distance at which the part ends.
     pub to: f64,
 }
 
-impl<'a> Walk<'a> {
-    /// `ray` clipped to the box and the pyramid of `header`, whose image is `displaced`; `None` if it passes by.
+impl<'a> FrustumWalk<'a> {
+    /// `ray` clipped to the box and the pyramid of `header`, whose image is `displaced`; `None` if it misses them.
     pub fn new(header: &'a VdiHeader, ray: &Ray, displaced: Displacement) -> Option<Self> {
         let (mut enter, mut leave) = header.bounds.clip(ray)?;
         let camera = &header.camera;
@@ -62,9 +62,9 @@ impl<'a> Walk<'a> {
         self.origin.z + s * self.direction.z
     }
 
-    /// Visits the pixels in order along the ray until `visit` breaks.
-    pub fn pixels(&self, mut visit: impl FnMut(Crossing) -> ControlFlow<()>) {
-        // A hair inside both ends: the ray may start or end on the pyramid's tip, where positions are not defined.
+    /// Passes the pixels crossed to `visit`, in order along the ray, until it breaks.
+    pub fn pixels(&self, mut visit: impl FnMut(PixelCrossing) -> ControlFlow<()>) {
+        // Stay a little inside both ends: at the apex of the pyramid image positions are undefined.
         let hair = 1e-9 * (self.leave - self.enter);
         let (first, last) = (self.pixel_at(self.enter + hair), self.pixel_at(self.leave - hair));
         let (mut pixel, mut from) = (first, self.enter);
@@ -72,9 +72,9 @@ impl<'a> Walk<'a> {
         loop {
             let axis = usize::from(next[1] < next[0]);
             let at_end = pixel == last;
-            // Rounding may put a crossing a hair before the previous one: then the stretch is empty.
+            // Rounding may put a crossing slightly before the previous one: then the part is empty.
             let to = if at_end { self.leave } else { next[axis].clamp(from, self.leave) };
-            let stretch = Crossing { i: pixel[0], j: pixel[1], from, to };
+            let stretch = PixelCrossing { i: pixel[0], j: pixel[1], from, to };
             if (to > from && visit(stretch).is_break()) || at_end {
                 return;
             }
@@ -88,12 +88,12 @@ impl<'a> Walk<'a> {
         let r = self.header.params.resolution();
         let p = self.origin + s * self.direction;
         let hz = self.header.camera.tan_half_fov() * p.z;
-        // A NaN casts to 0; what rounding pushes over the rim belongs to the last pixel.
+        // NaN casts to 0; what rounding pushes over the edge belongs to the last pixel.
         let index = |ratio: f64, by: f64| ((0.5 * (ratio + 1.0) * f64::from(r) + by) as u32).min(r - 1);
         [index(p.x / hz, self.displaced[0]), index(-p.y / hz, self.displaced[1])]
     }
 
-    /// Ray distance of the boundary between `pixel` and its neighbour towards `last`; infinity if there already.
+    /// Ray distance of the boundary between `pixel` and its neighbor towards `last`; infinity if `pixel` is `last`.
     fn crossing(&self, axis: usize, pixel: u32, last: u32) -> f64 {
         if pixel == last {
             return f64::INFINITY;
@@ -105,7 +105,7 @@ impl<'a> Walk<'a> {
             _ => (-self.origin.y, -self.direction.y),
         };
         let s = (f * self.origin.z - o) / (d - f * self.direction.z);
-        // The boundary lies between first and last pixel, so it is crossed; a quotient that rounding made NaN is "now".
+        // The boundary lies between first and last pixel, so it is crossed; NaN from rounding means immediately.
         if s.is_nan() { f64::NEG_INFINITY } else { s }
     }
 }

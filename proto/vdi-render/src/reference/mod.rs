@@ -1,4 +1,4 @@
-//! I in plain f64, one ray at a time and nothing prepared: the oracle that [`super::simd`] is tested against.
+//! The oracle: VDI rendering ray by ray in double precision, without any acceleration structure.
 
 mod frustum;
 mod render;

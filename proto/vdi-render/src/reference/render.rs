@@ -1,16 +1,16 @@
-//! I: a VDI seen from any camera, outside the volume, inside it, or behind the generation camera.
+//! VDI rendering from any camera: outside the volume, inside it, or behind the generation camera.
 //!
-//! Per pixel that a ray crosses, the supersegments whose depth range it meets are composited with their optical depth in
-//! proportion to the length crossed. Depth planes are parallel to the generation image. Memory is the picture's own.
+//! In each pixel of the VDI that a ray crosses, the supersegments whose depth range it meets are composited with their optical
+//! depth in proportion to the length crossed. Depth planes are parallel to the generation image.
 
-use super::frustum::{Crossing, Walk};
+use super::frustum::{FrustumWalk, PixelCrossing};
 use crate::Displacement;
 use lamina_model::composite::{Accumulator, TRANSMITTANCE_FLOOR};
 use lamina_model::{Camera, Image, Invalid, Ray, Supersegment, Vdi};
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 
-/// A picture of `vdi` from `camera`. The paper's I.
+/// Renders `vdi` from `camera`. The paper's I.
 ///
 /// # Errors
 /// If the picture's size is out of bounds.
@@ -21,12 +21,12 @@ pub fn render(vdi: &Vdi, camera: &Camera, width: u32, height: u32) -> Result<Ima
     Image::new(width, height, render_pixels(vdi, camera, width, height, &pixels))
 }
 
-/// The colours of some `pixels` (column, row) of that picture.
+/// Renders some `pixels` (column, row) of that picture; returns their colors in order.
 pub fn render_pixels(vdi: &Vdi, camera: &Camera, width: u32, height: u32, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
     displaced_pixels(vdi, camera, [width, height], pixels, [0.0; 2])
 }
 
-/// The same with the VDI's image displaced.
+/// Renders some pixels with the VDI's image displaced.
 pub fn displaced_pixels(
     vdi: &Vdi,
     camera: &Camera,
@@ -34,70 +34,73 @@ pub fn displaced_pixels(
     pixels: &[(u32, u32)],
     by: Displacement,
 ) -> Vec<[f32; 3]> {
-    let spans = spans(vdi);
+    let depth_steps = depth_steps(vdi);
     let background = vdi.header().background;
-    let color = |&(i, j): &(u32, u32)| trace(vdi, &spans, &camera.pixel_ray(i, j, width, height), by).over(background);
+    let color =
+        |&(i, j): &(u32, u32)| trace(vdi, &depth_steps, &camera.pixel_ray(i, j, width, height), by).over(background);
     pixels.par_iter().with_min_len(64).map(color).collect()
 }
 
-/// How depth along the view becomes steps on one pixel's ray: `scale * depth - offset`, up to `last`.
+/// Conversion of depth along the view to steps on one pixel's ray: `scale * depth - offset`, up to `last`.
 #[derive(Clone, Copy, Default)]
-struct Span {
+struct RayDepthSteps {
     scale: f64,
     offset: f64,
     last: f64,
 }
 
-/// The span of every pixel that has a list.
-fn spans(vdi: &Vdi) -> Vec<Span> {
+/// The conversion for every pixel that has a list.
+fn depth_steps(vdi: &Vdi) -> Vec<RayDepthSteps> {
     let (header, r) = (vdi.header(), vdi.resolution());
-    let span = |n: usize| {
+    let steps = |n: usize| {
         let (i, j) = (n as u32 % r, n as u32 / r);
         let occupied = vdi.offsets()[n] < vdi.offsets()[n + 1];
-        let Some((t_in, t_out)) = occupied.then(|| header.ray_span(i, j)).flatten() else { return Span::default() };
+        let Some((t_in, t_out)) = occupied.then(|| header.ray_span(i, j)).flatten() else {
+            return RayDepthSteps::default();
+        };
         // Depth along the view times the slant is distance along the pixel's own ray.
         let slant = header.camera.direction(f64::from(i) + 0.5, f64::from(j) + 0.5, r, r).length();
         let per_step = 1.0 / header.step_length;
-        Span { scale: slant * per_step, offset: t_in * per_step, last: (t_out - t_in) * per_step }
+        RayDepthSteps { scale: slant * per_step, offset: t_in * per_step, last: (t_out - t_in) * per_step }
     };
-    (0..r as usize * r as usize).into_par_iter().with_min_len(1024).map(span).collect()
+    (0..r as usize * r as usize).into_par_iter().with_min_len(1024).map(steps).collect()
 }
 
-fn trace(vdi: &Vdi, spans: &[Span], ray: &Ray, by: Displacement) -> Accumulator {
+fn trace(vdi: &Vdi, depth_steps: &[RayDepthSteps], ray: &Ray, by: Displacement) -> Accumulator {
     let mut light = Accumulator::default();
-    if let Some(walk) = Walk::new(vdi.header(), ray, by) {
+    if let Some(walk) = FrustumWalk::new(vdi.header(), ray, by) {
         walk.pixels(|crossing| {
             let list = vdi.list(crossing.i, crossing.j);
             if list.is_empty() {
                 return ControlFlow::Continue(());
             }
-            let span = spans[crossing.j as usize * vdi.resolution() as usize + crossing.i as usize];
-            composite_list(vdi.header().step_length, &walk, &crossing, span, list, &mut light)
+            let steps = depth_steps[crossing.j as usize * vdi.resolution() as usize + crossing.i as usize];
+            composite_list(vdi.header().step_length, &walk, &crossing, steps, list, &mut light)
         });
     }
     light
 }
 
-/// Composites what a stretch of the ray meets in one pixel's list, near to far or far to near as the ray runs.
+/// Composites the part of a ray inside one pixel's frustum with the pixel's list, in the order along the ray.
 fn composite_list(
     step_length: f64,
-    walk: &Walk,
-    crossing: &Crossing,
-    span: Span,
+    walk: &FrustumWalk,
+    crossing: &PixelCrossing,
+    steps: RayDepthSteps,
     list: &[Supersegment],
     light: &mut Accumulator,
 ) -> ControlFlow<()> {
-    let steps_at = |s: f64| walk.depth(s) * span.scale - span.offset;
+    let steps_at = |s: f64| walk.depth(s) * steps.scale - steps.offset;
     let (a, b) = (steps_at(crossing.from), steps_at(crossing.to));
     let (near, far) = (a.min(b), a.max(b));
-    // A stretch along a depth plane lies in one supersegment as a whole.
+    // A part along a depth plane lies in one supersegment as a whole.
     let flat = far - near <= 1e-12 * far.abs();
     let first = list.partition_point(|s| f64::from(s.end) <= near);
     let is_met = |s: &Supersegment| if flat { f64::from(s.start) <= far } else { f64::from(s.start) < far };
     let met = &list[first..first + list[first..].partition_point(is_met)];
     let mut add = |s: &Supersegment| {
         // The last step of a ray is cut at the box.
-        let (start, end) = (f64::from(s.start), f64::from(s.end).min(span.last));
+        let (start, end) = (f64::from(s.start), f64::from(s.end).min(steps.last));
         let share = if flat { 1.0 } else { (end.min(far) - start.max(near)).max(0.0) / (far - near) };
         let length = share * (crossing.to - crossing.from);
         let whole = (end - start) * step_length;

@@ -1,16 +1,16 @@
-//! The planes between which the VDI may show something, and which of them matter to a tile of the picture.
+//! Clip planes of a VDI's visible region, and their selection for a tile of the picture.
 //!
-//! Along the ray through picture position (x, y) a plane's signed distance is a + b t, with b linear in x and y. So
-//! over a tile b lies between its values at the corners, and so does the place -a/b where rays meet the plane. A plane
-//! that, over the whole tile, is entered before another one surely is, or left after another one, cuts no ray of the
-//! tile: it is left out. What remains gives every ray the same entry and exit as all planes do.
+//! Along the ray through picture position (x, y) a plane's signed distance is a + b t, with b linear in x and y. So over a tile
+//! b lies between its values at the corners, and so does the position -a/b where rays meet the plane. A plane that all rays of
+//! the tile enter before they surely enter another one, or leave after another one, clips none of them and is left out. The
+//! other planes give every ray the same entry and exit as all planes do.
 
 use lamina_compute::simd::WIDTH;
 
 /// The most planes: six of the box, four sides of the occupied rectangle, two of depth.
 pub const PLANES: usize = 12;
 
-/// How far apart two places must be, relative, before one is surely first.
+/// Relative difference from which on the order of two positions is certain.
 const SURELY: f64 = 1e-9;
 
 /// A half space a + b t >= 0.
@@ -18,7 +18,7 @@ const SURELY: f64 = 1e-9;
 pub struct Plane {
     /// Signed distance of the rays' origin.
     pub a: f64,
-    /// Its change along the ray through picture position (0, 0), and how that changes per pixel to the right and down.
+    /// Its change along the ray through picture position (0, 0), and the change of that per pixel to the right and down.
     pub b: [f64; 3],
 }
 
@@ -29,14 +29,14 @@ impl Plane {
     }
 }
 
-/// A few planes.
+/// Up to [`PLANES`] planes.
 #[derive(Clone, Copy, Default)]
-pub struct Clip {
+pub struct ClipPlanes {
     planes: [Plane; PLANES],
     count: usize,
 }
 
-impl Clip {
+impl ClipPlanes {
     /// Adds a plane.
     pub fn push(&mut self, plane: Plane) {
         self.planes[self.count] = plane;
@@ -47,8 +47,8 @@ impl Clip {
         &self.planes[..self.count]
     }
 
-    /// Where the rays through picture positions (`x`, `y`) are inside all planes: entry and exit, the exit before the
-    /// entry if nowhere. Without branches, so that the compiler does several rays at a time.
+    /// Entry and exit of the rays through picture positions (`x`, `y`); the exit is before the entry if a ray misses the region.
+    /// Without branches, so that the compiler vectorizes it.
     #[inline(always)]
     pub fn spans(&self, x: &[f64; WIDTH], y: &[f64; WIDTH]) -> ([f64; WIDTH], [f64; WIDTH]) {
         let (mut enter, mut leave) = ([0.0; WIDTH], [f64::INFINITY; WIDTH]);
@@ -64,13 +64,13 @@ impl Clip {
         (enter, leave)
     }
 
-    /// The planes that matter to rays with x and y between two corners; `None` if all these rays pass by.
+    /// The planes that clip any ray with x and y between two corners; `None` if all these rays miss the region.
     pub fn of_tile(&self, x: [f64; 2], y: [f64; 2]) -> Option<Self> {
         let places = |plane: &Plane| {
             let b = [plane.b(x[0], y[0]), plane.b(x[1], y[0]), plane.b(x[0], y[1]), plane.b(x[1], y[1])];
             let least = b.into_iter().fold(f64::INFINITY, f64::min);
             let most = b.into_iter().fold(f64::NEG_INFINITY, f64::max);
-            // A plane that some rays of the tile run parallel to may be anywhere.
+            // Nothing is known of a plane to which some rays of the tile are parallel.
             let known = least > 0.0 || most < 0.0;
             let (p, q) = (-plane.a / least, -plane.a / most);
             known.then(|| (least > 0.0, p.min(q), p.max(q)))

@@ -1,64 +1,73 @@
-//! Compositing what eight lines meet in one pixel's list.
+//! Compositing of one pixel's list along eight rays.
 
-use super::dda::Tile;
-use super::packet::{Heading, Packet};
-use super::ray_setup::Frame;
-use lamina_compute::simd::{Floats, Ints, Lanes, Masks, SMALL, WIDTH, opacity, small_opacity};
+use super::dda::CrossedTile;
+use super::packet::{Heading, LinePacket};
+use super::ray_setup::RaySetup;
+use lamina_compute::simd::{Lanes, SMALL_OPTICAL_DEPTH, SimdF32, SimdI32, SimdMask, WIDTH, opacity, small_opacity};
 use lamina_model::Supersegment;
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
 
-/// Eight rays under way.
-pub struct Light<L: Lanes> {
-    seen: Seen<L>,
-    /// Which rays may still see something.
+/// Accumulated colors of eight rays, and the state of the traversal.
+pub struct RayAccumulator<L: Lanes> {
+    seen: Radiance<L>,
+    /// Rays that are not opaque yet.
     pub alive: L::M,
-    /// The place in the list where the previous pixel's search ended: neighbours' lists are alike.
+    /// Index in the list where the previous pixel's search ended: neighboring lists are similar.
     hint: usize,
 }
 
-/// What they have gathered so far, front to back.
+/// Accumulated color and transmittance, front to back.
 #[derive(Clone, Copy)]
-struct Seen<L: Lanes> {
+struct Radiance<L: Lanes> {
     color: [L::F; 3],
     transmittance: L::F,
 }
 
-/// The stretches of eight lines in one pixel, in steps of that pixel's ray.
-struct Stretches<L: Lanes> {
+/// The parts of eight lines inside one pixel, in steps of that pixel's ray.
+struct CrossedIntervals<L: Lanes> {
     near: L::F,
     far: L::F,
-    /// Step lengths covered per step of depth; 0 for lines that are not in the pixel.
+    /// Step lengths per step of depth; 0 for lines that are not in the pixel.
     per_step: L::F,
 }
 
-impl<L: Lanes> Light<L> {
-    /// Nothing yet, for the rays that `live`.
+impl<L: Lanes> RayAccumulator<L> {
+    /// Nothing accumulated, for the rays in `live`.
     #[inline(always)]
     pub fn new(live: L::M) -> Self {
-        let seen = Seen { color: [L::F::splat(0.0); 3], transmittance: L::F::splat(1.0) };
+        let seen = Radiance { color: [L::F::splat(0.0); 3], transmittance: L::F::splat(1.0) };
         Self { seen, alive: live, hint: 0 }
     }
 
-    /// Adds what lines meet in `pixel`, near to far or far to near as they run.
+    /// Composites the list of `pixel` along the lines in `met`, in the order along them.
     #[inline(always)]
-    pub fn gather(&mut self, frame: &Frame, packet: &Packet<L>, heading: Heading, pixel: &Tile<L>, met: L::M) {
+    pub fn composite_list(
+        &mut self,
+        setup: &RaySetup,
+        packet: &LinePacket<L>,
+        heading: Heading,
+        pixel: &CrossedTile<L>,
+        met: L::M,
+    ) {
         let [i, j] = pixel.at.map(|k| k as usize);
-        let (span, list) = frame.index.span(j * frame.index.size[0] as usize + i);
-        let (list, densities) = (&frame.vdi.segments()[list.clone()], &frame.index.densities[list]);
+        let (span, list) = setup.grid.span(j * setup.grid.size[0] as usize + i);
+        let (list, densities) = (&setup.vdi.segments()[list.clone()], &setup.grid.densities[list]);
+        // Convert the positions to steps on the pixel's ray.
         let (from, to) = (packet.way(pixel.from), packet.way(pixel.to));
         let scale = L::F::splat(span.scale);
         let offset = L::F::splat(span.offset);
         let (a, b) = (scale * packet.depth(from) - offset, scale * packet.depth(to) - offset);
         let (near, far) = if heading.receding { (a, b) } else { (b, a) };
-        // Along a depth plane a supersegment has all of the stretch or nothing: a thin one tells which.
-        let far = far.max(near + L::F::splat(frame.thin));
-        let per_step = packet.steps(to - from).div(far - near).only(met);
+        // A part along a depth plane gets a minimal thickness: a supersegment contains all of it or nothing.
+        let far = far.max(near + L::F::splat(setup.thin));
+        let per_step = packet.steps(to - from).div(far - near).zero_unless(met);
         // The last step of a ray is cut at the box.
         let far = far.min(L::F::splat(span.last));
-        let stretches = Stretches { near, far, per_step };
-        // Ends are integers: end > near says end > floor(near), and start <= far says start <= floor(far).
-        let [least, most] = L::F::ends(near, far, met);
+        let stretches = CrossedIntervals { near, far, per_step };
+        // Ends are integers: end > near means end > floor(near), and start <= far means start <= floor(far).
+        let [least, most] = L::F::range_where(near, far, met);
         let mut light = self.seen;
+        // Composite the supersegments between them, away from or towards the generation camera.
         if heading.receding {
             let first = first_met(list, least, self.hint);
             self.hint = first;
@@ -82,8 +91,7 @@ impl<L: Lanes> Light<L> {
         self.alive = self.alive & L::F::splat(TRANSMITTANCE_FLOOR as f32).le(light.transmittance);
     }
 
-    /// The colours seen in front of `background`, when all is gathered. Sums of what is white may round to a little more
-    /// than white.
+    /// The colors in front of `background`. Clamped, as sums for white may round to slightly more than 1.
     #[inline(always)]
     pub fn over(&self, background: [f32; 3]) -> [[f32; WIDTH]; 3] {
         let ([r, g, b], t) = (self.seen.color, self.seen.transmittance);
@@ -96,16 +104,16 @@ impl<L: Lanes> Light<L> {
     }
 }
 
-impl<L: Lanes> Seen<L> {
-    /// With what the stretches have of a supersegment behind it.
+impl<L: Lanes> Radiance<L> {
+    /// Composites the overlaps with a supersegment behind.
     #[inline(always)]
-    fn before(self, s: &Supersegment, density: f32, stretches: &Stretches<L>) -> Self {
+    fn before(self, s: &Supersegment, density: f32, stretches: &CrossedIntervals<L>) -> Self {
         let start = L::F::from(L::I::splat(s.start as i32));
         let end = L::F::from(L::I::splat(s.end as i32));
         let overlap = (end.min(stretches.far) - start.max(stretches.near)).max(L::F::splat(0.0));
         let optical_depth = overlap * stretches.per_step * L::F::splat(density);
         let mut alpha = small_opacity::<L>(optical_depth);
-        let large = L::F::splat(SMALL).lt(optical_depth);
+        let large = L::F::splat(SMALL_OPTICAL_DEPTH).lt(optical_depth);
         if large.any() {
             alpha = L::F::select(large, opacity::<L>(optical_depth), alpha);
         }
@@ -120,8 +128,7 @@ impl<L: Lanes> Seen<L> {
     }
 }
 
-/// The first supersegment of `list` that ends beyond `near`, looked for from place `hint` on: neighbours' lists are
-/// alike.
+/// Index of the first supersegment of `list` that ends beyond `near`, searched from `hint` on.
 #[inline(always)]
 fn first_met(list: &[Supersegment], near: i32, hint: usize) -> usize {
     let mut k = hint.min(list.len());
@@ -134,7 +141,7 @@ fn first_met(list: &[Supersegment], near: i32, hint: usize) -> usize {
     k
 }
 
-/// One past the last supersegment of `list` that starts at `far` or before, likewise.
+/// Index after the last supersegment of `list` that starts at `far` or before, searched from `hint` on.
 #[inline(always)]
 fn past_met(list: &[Supersegment], far: i32, hint: usize) -> usize {
     let mut k = hint.min(list.len());

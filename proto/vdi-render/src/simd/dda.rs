@@ -1,51 +1,51 @@
-//! The way of eight lines through the VDI's pixels, together: row by row, and in a row column by column, or the other way
-//! about where lines rather run up or down.
+//! Traversal of the VDI's pixels along eight lines together: row by row, and within a row column by column; transposed for
+//! steep lines.
 //!
-//! The boundary at column k is met at mu = (k - column(0)) / change, and a line is in a pixel between the boundaries
-//! before and behind it. These numbers are the line's own, whoever walks with it and whatever tiles are looked at, and
-//! grow monotonely also as rounded: so a line is in every pixel that it crosses once, in order, and skipping tiles and
-//! choosing neighbours changes no bit. Which pixels are looked at is all that lines share.
+//! A line crosses the boundary of column k at mu = (k - column(0)) / change, and is in a pixel between two boundaries. These
+//! values depend on the line alone, not on the lines traversed with it nor on the tiles visited, and they are monotone even when
+//! rounded: so each line visits every pixel that it crosses once, in order, and neither skipped tiles nor the choice of
+//! neighbors changes a bit. The lines share only the list of pixels visited.
 
-use super::packet::{Heading, Packet};
-use lamina_compute::simd::{Floats, Lanes, Masks};
+use super::packet::{Heading, LinePacket};
+use lamina_compute::simd::{Lanes, SimdF32, SimdMask};
 
 /// A walk over the tiles of 2^`shift` x 2^`shift` pixels inside a tile of a coarser level.
-pub struct Walk<L: Lanes> {
+pub struct TileWalk<L: Lanes> {
     heading: Heading,
     shift: u32,
-    /// Along rows: first and last tile that may be entered.
+    /// First and last tile along rows.
     within: [i32; 2],
-    /// The stretch from the next row on.
+    /// Parts of the lines from the next row on.
     from: L::F,
     to: L::F,
-    /// The row, and how many follow.
+    /// Current row, and number of rows after it.
     row: i32,
     rows_left: i32,
-    /// The stretch in the row, from the tile ahead on.
+    /// Parts of the lines in the current row, from the next tile on.
     row_from: L::F,
     row_to: L::F,
-    /// The tile ahead, and how many there are of them.
+    /// Next tile, and number of tiles from it on.
     ahead: i32,
     ahead_left: i32,
 }
 
-/// A tile with the stretches that lines have in it.
+/// A tile, with the parts of the lines inside it.
 #[derive(Clone, Copy)]
-pub struct Tile<L: Lanes> {
+pub struct CrossedTile<L: Lanes> {
     /// Column and row.
     pub at: [i32; 2],
-    /// Which lines are in it.
+    /// Lines that cross it.
     pub met: L::M,
-    /// Where they enter.
+    /// Position mu at which they enter.
     pub from: L::F,
-    /// Where they leave.
+    /// Position mu at which they leave.
     pub to: L::F,
 }
 
-/// The first tile on the way along one axis, and how many there are, between `lo` and `hi`, for stretches of lines.
+/// The first tile along one axis, and the number of tiles, between `lo` and `hi`, that parts of lines (from, to, lanes) cross.
 #[inline(always)]
 fn range<L: Lanes>(
-    packet: &Packet<L>,
+    packet: &LinePacket<L>,
     heading: Heading,
     axis: usize,
     shift: u32,
@@ -54,15 +54,22 @@ fn range<L: Lanes>(
 ) -> (i32, i32) {
     let (a, b) = (packet.place(axis, stretch.0), packet.place(axis, stretch.1));
     let (low, high) = if heading.forward[axis] { (a, b) } else { (b, a) };
-    let [low, high] = L::F::ends(low - packet.pixel_margin, high + packet.pixel_margin, stretch.2);
+    let [low, high] = L::F::range_where(low - packet.pixel_margin, high + packet.pixel_margin, stretch.2);
     let (low, high) = ((low >> shift).max(lo).min(hi), (high >> shift).max(lo).min(hi));
     (if heading.forward[axis] { low } else { high }, high - low + 1)
 }
 
-impl<L: Lanes> Walk<L> {
-    /// A walk over the tiles between `lo` and `hi` that the stretches in `tile` may meet.
+impl<L: Lanes> TileWalk<L> {
+    /// A walk over the tiles between `lo` and `hi` that the parts of lines in `tile` may cross.
     #[inline(always)]
-    pub fn new(packet: &Packet<L>, heading: Heading, shift: u32, tile: &Tile<L>, lo: [i32; 2], hi: [i32; 2]) -> Self {
+    pub fn new(
+        packet: &LinePacket<L>,
+        heading: Heading,
+        shift: u32,
+        tile: &CrossedTile<L>,
+        lo: [i32; 2],
+        hi: [i32; 2],
+    ) -> Self {
         let (along, across) = (heading.along, 1 - heading.along);
         let stretch = (tile.from, tile.to, tile.met);
         let (row, rows_left) = range(packet, heading, across, shift, stretch, [lo[across], hi[across]]);
@@ -81,9 +88,9 @@ impl<L: Lanes> Walk<L> {
         }
     }
 
-    /// The next tile that a line is in.
+    /// The next tile that any line crosses.
     #[inline(always)]
-    pub fn next(&mut self, packet: &Packet<L>) -> Option<Tile<L>> {
+    pub fn next(&mut self, packet: &LinePacket<L>) -> Option<CrossedTile<L>> {
         let (along, across) = (self.heading.along, 1 - self.heading.along);
         loop {
             while self.ahead_left > 0 {
@@ -96,7 +103,7 @@ impl<L: Lanes> Walk<L> {
                 self.ahead_left -= 1;
                 let met = from.lt(to);
                 if met.any() {
-                    return Some(Tile { at, met, from, to });
+                    return Some(CrossedTile { at, met, from, to });
                 }
             }
             if self.rows_left == 0 {

@@ -1,115 +1,116 @@
-//! Eight rays, clipped to where the VDI may show something, as straight lines in the VDI's image.
+//! Packets of eight rays, clipped to where the VDI may be visible, as straight lines in the VDI's image.
 //!
-//! Between entry and exit, columns and rows are linear in a parameter mu in [0, 1], and so is 1/Z. With Z0 and Z1 the
-//! depths at both ends, the part of the way that lies before mu is mu Z0 / (mu Z0 + (1 - mu) Z1). Lines are made in double
-//! precision and kept in single: depths count from a plane through the middle of what is stored, so that their numbers are
-//! as small as the volume.
+//! Between entry and exit, columns and rows are linear in a parameter mu in [0, 1], and so is 1/Z. With Z0 and Z1 the depths at
+//! both ends, the share of the ray's length in front of mu is mu Z0 / (mu Z0 + (1 - mu) Z1). Lines are computed in double
+//! precision and stored in single: depths count from the middle of the stored depths, so that they stay as small as the volume.
 
-use super::acceleration_grid::Slabs;
-use super::clip::Clip;
-use super::ray_setup::Frame;
-use lamina_compute::simd::{Floats, Ints, Lanes, Masks, WIDTH};
+use super::acceleration_grid::DepthBins;
+use super::clip::ClipPlanes;
+use super::ray_setup::RaySetup;
+use lamina_compute::simd::{Lanes, SimdF32, SimdI32, SimdMask, WIDTH};
 
-/// How much of the ray is left out at both ends, relative: at the tip of the pyramid image positions are not defined.
+/// Relative length left out at both ends of a ray: at the apex of the pyramid image positions are undefined.
 const HAIR: f64 = 1e-9;
 
-/// Stands for one over no change: any boundary but that under the ray is then far beyond its ends.
+/// Reciprocal of no change: puts all boundaries but the one under the ray far beyond its ends.
 const FAR: f32 = 1e30;
 
-/// By how many pixels or slabs single precision may misplace a point, relative to how many there are.
+/// Relative error of positions in single precision, per pixel or bin of the range.
 const ROUNDING: f32 = 1e-6;
 
-/// See the file's head.
-pub struct Packet<L: Lanes> {
-    /// Which lanes have a ray that may meet something.
+/// Eight rays as lines; see the module's documentation.
+pub struct LinePacket<L: Lanes> {
+    /// Lanes with a ray that may meet something.
     pub live: L::M,
-    /// Column and row at mu = 0, and the same split into the pixel and the place in it, which keeps more digits.
+    /// Column and row at mu = 0; also split into the pixel and the position in it, which keeps more digits.
     start: [L::F; 2],
     first: [L::I; 2],
     inside: [L::F; 2],
-    /// Their change from mu = 0 to 1.
+    /// Change of column and row from mu = 0 to 1.
     change: [L::F; 2],
-    /// One over it.
+    /// Reciprocal of `change`.
     per_change: [L::F; 2],
-    /// Depth at mu = 0, and its change.
+    /// Depth at mu = 0, relative to the middle depth.
     depth: L::F,
-    /// Which lanes come nearer to the generation camera.
+    /// Change of depth from mu = 0 to 1; negative for rays that approach the generation camera.
     depth_change: L::F,
     /// Z0 / Z1.
     ratio: L::F,
-    /// Place on the scale of slabs at mu = 0, and its change.
-    slabs: [L::F; 2],
-    /// How many slabs places may be off.
-    slab_margin: L::F,
-    /// How many pixels places may be off.
+    /// Position on the scale of depth bins at mu = 0, and its change.
+    depth_bins: [L::F; 2],
+    /// Rounding error of positions on the scale of depth bins.
+    bin_margin: L::F,
+    /// Rounding error of columns and rows.
     pub pixel_margin: L::F,
-    /// Length of the whole in step lengths.
+    /// Length of the line in step lengths; negative for lanes without a ray.
     steps: L::F,
 }
 
-/// What the rays of a group have in common: the sense in which they run.
+/// The signs of direction that the rays of a group share.
 #[derive(Clone, Copy)]
 pub struct Heading {
-    /// Whether columns and rows grow.
+    /// Whether column and row grow along the rays.
     pub forward: [bool; 2],
-    /// Whether depth grows.
+    /// Whether depth grows along the rays.
     pub receding: bool,
-    /// Whether they run along rows (0) or columns (1), rather than across.
+    /// Axis of the larger change: 0 for columns, 1 for rows.
     pub along: usize,
 }
 
 impl Heading {
-    /// From a pixel to the next one.
+    /// Step to the next pixel.
     #[inline(always)]
     pub fn step(self, axis: usize) -> i32 {
         if self.forward[axis] { 1 } else { -1 }
     }
 
-    /// From a pixel to the boundary behind it.
+    /// Offset from a pixel to the boundary at which rays leave it.
     #[inline(always)]
     pub fn far_side(self, axis: usize) -> i32 {
         i32::from(self.forward[axis])
     }
 }
 
-impl<L: Lanes> Packet<L> {
-    /// The rays through the centres of one to eight `pixels`, of which `clip` is known to hold the planes that matter.
+impl<L: Lanes> LinePacket<L> {
+    /// The rays through the centers of one to eight `pixels`; `clip` must hold all planes that clip them.
     #[inline(always)]
-    pub fn new(frame: &Frame, clip: &Clip, pixels: &[(u32, u32)]) -> Self {
+    pub fn new(setup: &RaySetup, clip: &ClipPlanes, pixels: &[(u32, u32)]) -> Self {
+        // Clip the rays in double precision.
         let (mut x, mut y) = ([0.0; WIDTH], [0.0; WIDTH]);
         for l in 0..WIDTH {
             let (i, j) = pixels[l.min(pixels.len() - 1)];
             (x[l], y[l]) = (f64::from(i) + 0.5, f64::from(j) + 0.5);
         }
         let (enter, leave) = clip.spans(&x, &y);
-        let (origin, image, world) = (frame.image.origin, &frame.image, &frame.world);
-        let [w, h] = frame.index.size.map(f64::from);
-        let slabs = frame.index.slabs;
-        let per_step = 1.0 / frame.vdi.header().step_length;
+        let (origin, image, world) = (setup.image.origin, &setup.image, &setup.world);
+        let [w, h] = setup.grid.size.map(f64::from);
+        let depth_bins = setup.grid.depth_bins;
+        let per_step = 1.0 / setup.vdi.header().step_length;
         let mut lines = [[0.0_f32; WIDTH]; 12];
         let mut first = [[0_i32; WIDTH]; 2];
+        // Transform entry and exit to the VDI's image.
         for l in 0..WIDTH {
             let hair = HAIR * (leave[l] - enter[l]);
             let (from, to) = (enter[l] + hair, leave[l] - hair);
             let direction = image.direction(x[l], y[l]);
             let (a, b) = (origin + from * direction, origin + to * direction);
             let (inverse0, inverse1) = (1.0 / a.z, 1.0 / b.z);
-            // What rounding pushes over the rim is pulled back.
+            // Clamp what rounding pushed over the edge of the rectangle.
             let start = [(a.x * inverse0).max(0.0).min(w), (a.y * inverse0).max(0.0).min(h)];
             let end = [(b.x * inverse1).max(0.0).min(w), (b.y * inverse1).max(0.0).min(h)];
             let length = (to - from) * world.direction(x[l], y[l]).length();
-            // Also refuses what is NaN.
+            // False for NaN too.
             let live = enter[l] < leave[l] && leave[l] < f64::INFINITY && a.z > 0.0 && b.z > 0.0;
             let line = [
                 start[0],
                 start[1],
                 end[0] - start[0],
                 end[1] - start[1],
-                a.z - frame.index.middle,
+                a.z - setup.grid.middle,
                 b.z - a.z,
                 a.z * inverse1,
-                (inverse0 - slabs.far) * slabs.per_inverse_depth,
-                (inverse1 - inverse0) * slabs.per_inverse_depth,
+                (inverse0 - depth_bins.far) * depth_bins.per_inverse_depth,
+                (inverse1 - inverse0) * depth_bins.per_inverse_depth,
                 length * per_step,
                 start[0].fract(),
                 start[1].fract(),
@@ -118,13 +119,14 @@ impl<L: Lanes> Packet<L> {
             for (n, number) in line.into_iter().enumerate() {
                 lines[n][l] = number as f32;
             }
-            // A line of no length says that there is none.
+            // A negative length marks a lane without a ray.
             if !live || l >= pixels.len() {
                 lines[9][l] = -1.0;
             }
         }
+        // Load the lines into lanes.
         let [columns, rows] = [L::F::from_array(lines[2]), L::F::from_array(lines[3])];
-        let (slab_change, steps) = (L::F::from_array(lines[8]), L::F::from_array(lines[9]));
+        let (bin_change, steps) = (L::F::from_array(lines[8]), L::F::from_array(lines[9]));
         let zero = L::F::splat(0.0);
         let live = zero.le(steps);
         Self {
@@ -137,14 +139,14 @@ impl<L: Lanes> Packet<L> {
             depth: L::F::from_array(lines[4]),
             depth_change: L::F::from_array(lines[5]),
             ratio: L::F::from_array(lines[6]),
-            slabs: [L::F::from_array(lines[7]), slab_change],
-            slab_margin: slab_change.abs() * L::F::splat(ROUNDING),
+            depth_bins: [L::F::from_array(lines[7]), bin_change],
+            bin_margin: bin_change.abs() * L::F::splat(ROUNDING),
             pixel_margin: L::F::splat(ROUNDING * w.max(h) as f32),
             steps,
         }
     }
 
-    /// The first ray of `left` and those that run in the same sense.
+    /// The first ray of `left` and all those that share its signs of direction.
     #[inline(always)]
     pub fn group(&self, left: L::M) -> (L::M, Heading) {
         let (zero, first) = (L::F::splat(0.0), left.bits().trailing_zeros());
@@ -165,39 +167,39 @@ impl<L: Lanes> Packet<L> {
         self.start[axis] + self.change[axis] * mu
     }
 
-    /// Where the boundary before pixel `k` is met.
+    /// Position mu at which each line crosses the boundary before pixel `k`.
     #[inline(always)]
     pub fn boundary(&self, axis: usize, k: i32) -> L::F {
         (L::F::from(L::I::splat(k) - self.first[axis]) - self.inside[axis]) * self.per_change[axis]
     }
 
-    /// The slabs, counted from the farthest, that the lines `met` pass between two places.
+    /// Mask of the depth bins that the lines in `met` cross between two positions mu.
     #[inline(always)]
-    pub fn slabs(&self, heading: Heading, from: L::F, to: L::F, met: L::M) -> u64 {
-        let (a, b) = (self.slabs[0] + self.slabs[1] * from, self.slabs[0] + self.slabs[1] * to);
+    pub fn depth_bins(&self, heading: Heading, from: L::F, to: L::F, met: L::M) -> u64 {
+        let (a, b) = (self.depth_bins[0] + self.depth_bins[1] * from, self.depth_bins[0] + self.depth_bins[1] * to);
         let (low, high) = if heading.receding { (b, a) } else { (a, b) };
-        // Beyond the first and the last slab all is theirs.
+        // Bins 0 and 63 extend to infinity.
         let (zero, last) = (L::F::splat(0.0), L::F::splat(63.0));
-        let low = (low - self.slab_margin).min(last).max(zero);
-        let high = (high + self.slab_margin).min(last).max(zero);
-        let [low, high] = L::F::ends(low, high, met);
-        Slabs::bits(low as u32, high as u32)
+        let low = (low - self.bin_margin).min(last).max(zero);
+        let high = (high + self.bin_margin).min(last).max(zero);
+        let [low, high] = L::F::range_where(low, high, met);
+        DepthBins::bits(low as u32, high as u32)
     }
 
-    /// Which part of the way lies before `mu`.
+    /// Share of the line's length in front of `mu`.
     #[inline(always)]
     pub fn way(&self, mu: L::F) -> L::F {
         let part = mu * self.ratio;
         part.div(part + (L::F::splat(1.0) - mu))
     }
 
-    /// Depth from the middle plane, where `way` lies before.
+    /// Depth, relative to the middle depth, behind the share `way` of the line's length.
     #[inline(always)]
     pub fn depth(&self, way: L::F) -> L::F {
         self.depth + way * self.depth_change
     }
 
-    /// Length of a part of the way in step lengths.
+    /// Length, in step lengths, of a share of the line.
     #[inline(always)]
     pub fn steps(&self, part: L::F) -> L::F {
         part * self.steps

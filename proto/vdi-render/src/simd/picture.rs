@@ -1,39 +1,39 @@
-//! A picture as packets of neighbouring rays, and who draws which.
+//! Division of a picture into packets of neighboring rays, drawn on all cores.
 
-use super::ray_setup::Frame;
+use super::ray_setup::RaySetup;
 use super::trace::trace;
-use lamina_compute::simd::{Job, Lanes, Level, WIDTH};
+use lamina_compute::simd::{Lanes, Level, SimdKernel, WIDTH};
 use rayon::prelude::*;
 
-/// Side of the square of picture pixels that one core draws at a time: neighbours meet the same lists.
+/// Side, in pixels, of the square tile that one core draws at a time: neighboring rays meet the same lists.
 const TILE: usize = 16;
 
-/// All pixels of a picture, row by row.
-pub fn picture(level: Level, frame: &Frame, w: usize, h: usize) -> Vec<[f32; 3]> {
-    let mut pixels = vec![frame.vdi.header().background; w * h];
+/// Renders all pixels of a picture, row by row.
+pub fn picture(level: Level, setup: &RaySetup, w: usize, h: usize) -> Vec<[f32; 3]> {
+    let mut pixels = vec![setup.vdi.header().background; w * h];
     pixels.par_chunks_mut(w * TILE).enumerate().for_each(|(band, rows)| {
-        level.run(Band { frame, width: w, top: band * TILE, rows });
+        level.run(PictureBand { setup, width: w, top: band * TILE, rows });
     });
     pixels
 }
 
-/// The colours of some `pixels` (column, row).
-pub fn listed(level: Level, frame: &Frame, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
+/// Renders some `pixels` (column, row); returns their colors in order.
+pub fn listed(level: Level, setup: &RaySetup, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
     let mut colors = vec![[0.0; 3]; pixels.len()];
     let some = (pixels.par_chunks(256), colors.par_chunks_mut(256));
-    some.into_par_iter().for_each(|(pixels, out)| level.run(Scattered { frame, pixels, out }));
+    some.into_par_iter().for_each(|(pixels, out)| level.run(PixelList { setup, pixels, out }));
     colors
 }
 
-/// Rows of a picture.
-struct Band<'a> {
-    frame: &'a Frame<'a>,
+/// Kernel: consecutive rows of a picture.
+struct PictureBand<'a> {
+    setup: &'a RaySetup<'a>,
     width: usize,
     top: usize,
     rows: &'a mut [[f32; 3]],
 }
 
-impl Job for Band<'_> {
+impl SimdKernel for PictureBand<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
@@ -41,10 +41,10 @@ impl Job for Band<'_> {
         let mut packet = [(0, 0); WIDTH];
         for left in (0..w).step_by(TILE) {
             let right = w.min(left + TILE);
-            // A tile that all rays pass by stays background.
+            // A tile whose rays all miss the VDI stays background.
             let (x, y) = ([left as f64, right as f64], [self.top as f64, (self.top + height) as f64]);
-            let Some(clip) = self.frame.clip.of_tile(x, y) else { continue };
-            let [columns, rows] = self.frame.packet(0.5 * (x[0] + x[1]), 0.5 * (y[0] + y[1]));
+            let Some(clip) = self.setup.clip.of_tile(x, y) else { continue };
+            let [columns, rows] = self.setup.packet(0.5 * (x[0] + x[1]), 0.5 * (y[0] + y[1]));
             for first_row in (0..height).step_by(rows) {
                 for first_column in (left..right).step_by(columns) {
                     let mut count = 0;
@@ -54,7 +54,7 @@ impl Job for Band<'_> {
                             count += 1;
                         }
                     }
-                    let colors = trace::<L>(self.frame, &clip, &packet[..count]);
+                    let colors = trace::<L>(self.setup, &clip, &packet[..count]);
                     for (&(i, j), color) in packet[..count].iter().zip(colors) {
                         self.rows[(j as usize - self.top) * w + i as usize] = color;
                     }
@@ -64,19 +64,19 @@ impl Job for Band<'_> {
     }
 }
 
-/// Pixels here and there.
-struct Scattered<'a> {
-    frame: &'a Frame<'a>,
+/// Kernel: a list of pixels.
+struct PixelList<'a> {
+    setup: &'a RaySetup<'a>,
     pixels: &'a [(u32, u32)],
     out: &'a mut [[f32; 3]],
 }
 
-impl Job for Scattered<'_> {
+impl SimdKernel for PixelList<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
         for (pixels, out) in self.pixels.chunks(WIDTH).zip(self.out.chunks_mut(WIDTH)) {
-            let colors = trace::<L>(self.frame, &self.frame.clip, pixels);
+            let colors = trace::<L>(self.setup, &self.setup.clip, pixels);
             out.copy_from_slice(&colors[..out.len()]);
         }
     }

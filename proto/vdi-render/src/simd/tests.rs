@@ -1,6 +1,6 @@
 //! The fast path against the oracle, on VDIs made of random lists.
 
-use super::super::{Backend, Detail, reference as scalar};
+use super::super::{Backend, Detail, reference};
 use super::*;
 use glam::DVec3;
 use lamina_model::{Aabb, GenerationParams, Supersegment, VdiHeader, psnr};
@@ -73,7 +73,7 @@ fn random_vdi(camera: Camera, resolution: u32, share: f64, opaque: u32) -> Arc<V
     Arc::new(Vdi::new(header, offsets, segments).unwrap())
 }
 
-/// Views about, in and behind the volume; sizes whose pixel centres lie on no pixel boundary of the VDI.
+/// Views about, in and behind the volume; sizes whose pixel centers lie on no pixel boundary of the VDI.
 fn views(generation: Camera) -> Vec<(Camera, u32, u32)> {
     let turned = |angle: f64| generation.rotated_about_y(angle).unwrap();
     let at = |p: [f64; 3], t: [f64; 3], fov| Camera::new(p.into(), t.into(), DVec3::new(0.1, 1.0, 0.0), fov).unwrap();
@@ -96,7 +96,7 @@ fn assert_agrees(vdi: &Arc<Vdi>, (camera, width, height): &(Camera, u32, u32)) -
     let mut worst = 0.0_f32;
     for by in [[0.0; 2], [0.375, 0.125], [-0.125, 0.625], [0.125, -1.375]] {
         let image = |pixels| Image::new(*width, *height, pixels).unwrap();
-        let exact = image(scalar::displaced_pixels(vdi, camera, size, &pixels, by));
+        let exact = image(reference::displaced_pixels(vdi, camera, size, &pixels, by));
         let fast = image(prepared.displaced(camera, size, by));
         let differences = exact.pixels().as_flattened().iter().zip(fast.pixels().as_flattened());
         worst = differences.map(|(a, b)| (a - b).abs()).fold(worst, f32::max);
@@ -112,7 +112,7 @@ fn blending_changes_nothing_where_rays_are_the_vdis_own() {
     let vdi = random_vdi(outside(), 33, 0.7, 4);
     let prepared = PreparedVdi::new(vdi.clone());
     let draw = |detail| Backend::default().render_vdi(&prepared, &outside(), 33, 33, detail).unwrap();
-    let [nearest, blended] = [Detail::Nearest, Detail::Blended].map(draw);
+    let [nearest, blended] = [Detail::Nearest, Detail::Cubic].map(draw);
     let worst = nearest.pixels().as_flattened().iter().zip(blended.pixels().as_flattened());
     let worst = worst.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     // The same lists; only how a place in the pixel is rounded differs.
@@ -140,12 +140,12 @@ fn all_levels_of_lanes_draw_the_same_to_the_bit() {
     {
         let vdi = random_vdi(generation, resolution, 0.6, 6);
         for (camera, width, height) in views(generation) {
-            let mut drawn = Level::available().into_iter().map(|level| {
+            let mut reconstruct = Level::available().into_iter().map(|level| {
                 let prepared = PreparedVdi { level, ..PreparedVdi::new(vdi.clone()) };
                 prepared.render(&camera, width, height).unwrap()
             });
-            let plain = drawn.next().unwrap();
-            assert!(drawn.all(|image| image == plain), "r {resolution}, from {}", camera.position());
+            let plain = reconstruct.next().unwrap();
+            assert!(reconstruct.all(|image| image == plain), "r {resolution}, from {}", camera.position());
         }
     }
 }
@@ -177,8 +177,12 @@ fn skipping_tiles_threads_and_single_pixels_change_no_bit() {
     for generation in [outside(), inside()] {
         let vdi = random_vdi(generation, 100, 0.3, 8);
         let prepared = PreparedVdi::new(vdi.clone());
-        let patient =
-            PreparedVdi { vdi: vdi.clone(), index: Index::new(&vdi).without_gaps(), level: Level::detect(), id: 0 };
+        let patient = PreparedVdi {
+            vdi: vdi.clone(),
+            grid: AccelerationGrid::new(&vdi).without_gaps(),
+            level: Level::detect(),
+            id: 0,
+        };
         let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         for (camera, width, height) in views(generation) {
             let image = prepared.render(&camera, width, height).unwrap();

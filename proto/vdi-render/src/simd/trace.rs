@@ -1,52 +1,58 @@
-//! Eight neighbouring rays drawn together.
+//! Tracing of one packet: traversal of tiles and pixels, with empty ones skipped by their masks.
 
 use super::acceleration_grid::SHIFTS;
-use super::clip::Clip;
-use super::composite::Light;
-use super::dda::{Tile, Walk};
-use super::packet::{Heading, Packet};
-use super::ray_setup::Frame;
-use lamina_compute::simd::{Floats, Lanes, Masks, WIDTH};
+use super::clip::ClipPlanes;
+use super::composite::RayAccumulator;
+use super::dda::{CrossedTile, TileWalk};
+use super::packet::{Heading, LinePacket};
+use super::ray_setup::RaySetup;
+use lamina_compute::simd::{Lanes, SimdF32, SimdMask, WIDTH};
 
-/// The colours of one to eight `pixels` (column, row), of which `clip` is known to hold the planes that matter.
+/// The colors of one to eight `pixels` (column, row); `clip` must hold all planes that clip their rays.
 #[inline(always)]
-pub fn trace<L: Lanes>(frame: &Frame, clip: &Clip, pixels: &[(u32, u32)]) -> [[f32; 3]; WIDTH] {
-    let packet = Packet::<L>::new(frame, clip, pixels);
-    let mut light = Light::<L>::new(packet.live);
+pub fn trace<L: Lanes>(setup: &RaySetup, clip: &ClipPlanes, pixels: &[(u32, u32)]) -> [[f32; 3]; WIDTH] {
+    let packet = LinePacket::<L>::new(setup, clip, pixels);
+    let mut light = RayAccumulator::<L>::new(packet.live);
     let mut left = packet.live;
-    // Mostly all run in the same sense.
+    // Trace rays that share their signs of direction together; mostly all do.
     while left.any() {
         let (group, heading) = packet.group(left);
-        through(frame, &packet, heading, group, &mut light);
+        through(setup, &packet, heading, group, &mut light);
         left = left & !group;
     }
-    let [r, g, b] = light.over(frame.vdi.header().background);
+    let [r, g, b] = light.over(setup.vdi.header().background);
     std::array::from_fn(|l| [r[l], g[l], b[l]])
 }
 
-/// Follows a group of rays until they leave or can see no more.
+/// Traces a group of rays until they leave the VDI or become opaque.
 #[inline(always)]
-fn through<L: Lanes>(frame: &Frame, packet: &Packet<L>, heading: Heading, group: L::M, light: &mut Light<L>) {
+fn through<L: Lanes>(
+    setup: &RaySetup,
+    packet: &LinePacket<L>,
+    heading: Heading,
+    group: L::M,
+    light: &mut RayAccumulator<L>,
+) {
     let (zero, one) = (L::F::splat(0.0), L::F::splat(1.0));
     let from = L::F::select(group, zero, one);
-    let whole = Tile::<L> { at: [0; 2], met: group, from, to: L::F::select(group, one, zero) };
-    let size = frame.index.size.map(|n| n as i32);
+    let whole = CrossedTile::<L> { at: [0; 2], met: group, from, to: L::F::select(group, one, zero) };
+    let size = setup.grid.size.map(|n| n as i32);
     let last = size.map(|n| (n - 1) >> SHIFTS[1]);
-    let mut tiles = Walk::new(packet, heading, SHIFTS[1], &whole, [0; 2], last);
+    let mut tiles = TileWalk::new(packet, heading, SHIFTS[1], &whole, [0; 2], last);
     while let Some(tile) = tiles.next(packet) {
         let met = tile.met & light.alive;
-        let mask = frame.index.masks[1][(tile.at[1] * (last[0] + 1) + tile.at[0]) as usize];
-        if mask == 0 || !met.any() || mask & packet.slabs(heading, tile.from, tile.to, met) == 0 {
+        let mask = setup.grid.masks[1][(tile.at[1] * (last[0] + 1) + tile.at[0]) as usize];
+        if mask == 0 || !met.any() || mask & packet.depth_bins(heading, tile.from, tile.to, met) == 0 {
             continue;
         }
         let lo = tile.at.map(|k| k << SHIFTS[1]);
         let hi = [(lo[0] + 7).min(size[0] - 1), (lo[1] + 7).min(size[1] - 1)];
-        let mut pixels = Walk::new(packet, heading, 0, &tile, lo, hi);
+        let mut pixels = TileWalk::new(packet, heading, 0, &tile, lo, hi);
         while let Some(pixel) = pixels.next(packet) {
             let met = pixel.met & light.alive;
-            let mask = frame.index.masks[0][(pixel.at[1] * size[0] + pixel.at[0]) as usize];
-            if mask != 0 && met.any() && mask & packet.slabs(heading, pixel.from, pixel.to, met) != 0 {
-                light.gather(frame, packet, heading, &pixel, met);
+            let mask = setup.grid.masks[0][(pixel.at[1] * size[0] + pixel.at[0]) as usize];
+            if mask != 0 && met.any() && mask & packet.depth_bins(heading, pixel.from, pixel.to, met) != 0 {
+                light.composite_list(setup, packet, heading, &pixel, met);
             }
         }
         if !(group & light.alive).any() {

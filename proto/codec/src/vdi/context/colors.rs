@@ -1,55 +1,57 @@
-//! Colours of supersegments whose shape is known, by what is known of the rays around.
-use super::neighbors::{Beside, Entry, Look, Row, bin, bits};
-use super::symbols::{Symbols, hash};
-use crate::entropy::Error;
+//! Color coder: codes the palette index of each supersegment's color in the context of its own geometry and of the
+//! neighboring rays. Geometry (start, end, opacity) is already known.
+use super::neighbors::{NeighborCursor, PaletteSegment, RayRow, SegmentContext, bits_for, log_bin};
+use super::symbols::{SymbolCoder, hash};
+use crate::entropy::EntropyError;
 use crate::entropy::range_coder::{Coder, Decoder, Encoder};
 
-/// Codes the colours of the `rows` of a band of about so many supersegments, with so many colours.
-pub fn write(rows: &[Row], segments: usize, colours: usize) -> Vec<u8> {
-    let (mut encoder, mut colours, mut above) = (Encoder::default(), Colours::new(segments, colours), Row::new());
+/// Encodes the colors of the `rows` of a band. `segments` is the approximate number of supersegments of the band, `colors`
+/// the size of the palette; both set the sizes of tables.
+pub fn write(rows: &[RayRow], segments: usize, colors: usize) -> Vec<u8> {
+    let (mut encoder, mut colors, mut above) = (Encoder::default(), ColorCoder::new(segments, colors), RayRow::new());
     for row in rows {
         let mut row = row.clone();
-        colours.row(&mut encoder, &mut row, &above);
+        colors.row(&mut encoder, &mut row, &above);
         above = row;
     }
     encoder.finish()
 }
 
-/// Reads the colours of `rows` and hands each row to `done`.
+/// Decodes the colors of `rows` into them and passes each row to `done`.
 ///
 /// # Errors
-/// If `done` fails.
+/// If `done` returns one.
 pub fn read(
     bytes: &[u8],
-    rows: impl IntoIterator<Item = Row>,
+    rows: impl IntoIterator<Item = RayRow>,
     segments: usize,
-    colours: usize,
-    mut done: impl FnMut(&Row) -> Result<(), Error>,
-) -> Result<(), Error> {
-    let (mut decoder, mut colours, mut above) = (Decoder::new(bytes), Colours::new(segments, colours), Row::new());
+    colors: usize,
+    mut done: impl FnMut(&RayRow) -> Result<(), EntropyError>,
+) -> Result<(), EntropyError> {
+    let (mut decoder, mut colors, mut above) = (Decoder::new(bytes), ColorCoder::new(segments, colors), RayRow::new());
     for mut row in rows {
-        colours.row(&mut decoder, &mut row, &above);
+        colors.row(&mut decoder, &mut row, &above);
         done(&row)?;
         above = row;
     }
     Ok(())
 }
 
-/// All that is learnt of a band on the way.
-struct Colours {
-    bits: u32,
-    colours: Symbols,
+/// The adaptive state of one band.
+struct ColorCoder {
+    color_bits: u32,
+    colors: SymbolCoder,
 }
 
-impl Colours {
-    /// Of a band of about so many supersegments, with so many colours.
-    fn new(segments: usize, colours: usize) -> Self {
-        let lines = bits(segments).saturating_sub(3).clamp(5, 15);
-        Self { bits: bits(colours), colours: Symbols::new(lines, 8) }
+impl ColorCoder {
+    /// Untrained models for a band of about `segments` supersegments and a palette of `colors` colors.
+    fn new(segments: usize, colors: usize) -> Self {
+        let lines = bits_for(segments).saturating_sub(3).clamp(5, 15);
+        Self { color_bits: bits_for(colors), colors: SymbolCoder::new(lines, 8) }
     }
 
-    /// Codes the colours of a `row`, or reads them into it; `above` is the one before, of as many rays or none.
-    fn row<C: Coder>(&mut self, coder: &mut C, row: &mut Row, above: &Row) {
+    /// Codes the colors of a `row`, or reads them into it. `above` is the previous row, or an empty one.
+    fn row<C: Coder>(&mut self, coder: &mut C, row: &mut RayRow, above: &RayRow) {
         for x in 0..row.ends.len() - 1 {
             let left = if x > 0 { row.range(x - 1) } else { 0..0 };
             let this = row.range(x);
@@ -58,24 +60,24 @@ impl Colours {
         }
     }
 
-    fn ray<C: Coder>(&mut self, coder: &mut C, ray: &mut [Entry], around: [&[Entry]; 2]) {
-        let mut around = around.map(Beside);
-        let mut previous = Look::default();
+    fn ray<C: Coder>(&mut self, coder: &mut C, ray: &mut [PaletteSegment], around: [&[PaletteSegment]; 2]) {
+        let mut around = around.map(NeighborCursor);
+        let mut previous = SegmentContext::default();
         for entry in ray {
             let length = entry.end - entry.start;
-            around.iter_mut().for_each(|beside| beside.pass(entry.start + length / 2));
-            let [left, up] = around.each_ref().map(Beside::look);
-            let (length, opacity) = (bin(length), entry.opacity + 1);
+            around.iter_mut().for_each(|cursor| cursor.advance_past(entry.start + length / 2));
+            let [left, up] = around.each_ref().map(NeighborCursor::context);
+            let (length, opacity) = (log_bin(length), entry.opacity + 1);
             let contexts = [
-                hash(previous.colour, length, 0),
-                hash(left.colour, opacity, length),
-                hash(up.colour, opacity, 0),
+                hash(previous.color, length, 0),
+                hash(left.color, opacity, length),
+                hash(up.color, opacity, 0),
                 hash(opacity, length, 0),
             ];
-            let same = |look: Look| usize::from(look.opacity == opacity);
-            let mixer = usize::from(left.colour == up.colour) * 4 + same(left) * 2 + same(up);
-            entry.colour = self.colours.tree(coder, &contexts, self.bits, mixer, entry.colour);
-            previous = Look::of(Some(entry));
+            let same = |context: SegmentContext| usize::from(context.opacity == opacity);
+            let mixer = usize::from(left.color == up.color) * 4 + same(left) * 2 + same(up);
+            entry.color = self.colors.code_tree(coder, &contexts, self.color_bits, mixer, entry.color);
+            previous = SegmentContext::of(Some(entry));
         }
     }
 }

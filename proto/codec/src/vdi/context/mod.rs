@@ -1,10 +1,10 @@
-//! The rays of a Volumetric Depth Image without loss: each ray's supersegments in the context of those beside them, on the
-//! ray before, on the one above, and on the one to the upper right.
+//! Context-mixing coder of a VDI's rays, lossless: codes each supersegment in the context of those at the same depth on
+//! three neighboring rays (left, above, upper right).
 //!
-//! Colours come from a curve, the transfer function, so few differ; they and the opacities are coded as places in sorted lists
-//! of all that occur. What bzip2 cannot see, because it looks along the bytes only, is that neighbouring rays meet the same
-//! things: this takes half to two thirds of its bytes. Shapes (start, end and opacity) do not depend on colours, so both are coded
-//! at once.
+//! Colors lie on the curve of the transfer function, so few differ; colors and opacities are coded as indices into sorted
+//! palettes. Neighboring rays meet the same structures, which bzip2 cannot see because it models the byte sequence only: the
+//! result takes half to two thirds of bzip2's bytes. Geometry (start, end, opacity) does not depend on colors, so both are
+//! coded in parallel.
 mod colors;
 mod geometry;
 mod mixer;
@@ -14,18 +14,18 @@ mod symbols;
 #[cfg(test)]
 mod tests;
 
-use crate::entropy::Error;
+use crate::entropy::EntropyError;
 use crate::entropy::range_coder::{Decoder, Encoder};
-use neighbors::Row;
+use neighbors::RayRow;
 use palette::Palette;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::mpsc::channel;
 
-/// A supersegment as it is coded.
+/// A supersegment with its quantized color and opacity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Segment {
+pub struct QuantizedSegment {
     /// First step inside.
     pub start: u32,
     /// First step beyond.
@@ -34,43 +34,43 @@ pub struct Segment {
     pub code: [u8; 4],
 }
 
-/// The deepest end of a supersegment.
+/// The largest `end` of a supersegment, steps.
 pub const MAX_DEPTH: u32 = 1 << 24;
 
-/// Supersegments of a band, about: bands are coded by themselves, on all cores.
+/// Approximate number of supersegments of a band; bands are coded independently, on all cores.
 const BAND: usize = 1 << 17;
 /// Fewest rows of a band.
 const BAND_ROWS: usize = 16;
 
-/// Rows of each band of a square image with so many `segments`.
+/// The rows of each band of a `resolution` x `resolution` image with `segments` supersegments.
 fn bands(resolution: usize, segments: usize) -> Vec<Range<usize>> {
     let count = (segments / BAND).min(resolution / BAND_ROWS).max(1);
     (0..count).map(|k| k * resolution / count..(k + 1) * resolution / count).collect()
 }
 
-/// Codes the rays of a square image of `resolution` rays a side, row by row: ray k has the supersegments from `offsets[k]` up
-/// to `offsets[k + 1]`, in order of depth and without overlap, none empty, none deeper than [`MAX_DEPTH`].
+/// Encodes the rays of a square image of `resolution` rays a side, row by row. Ray k has the supersegments from `offsets[k]`
+/// up to `offsets[k + 1]`, in order of depth, not overlapping, not empty, and none beyond [`MAX_DEPTH`].
 ///
 /// # Panics
-/// If there are not as many offsets as rays and one more, or supersegments are not as said.
-pub fn encode(resolution: usize, offsets: &[u32], segment: impl Fn(usize) -> Segment + Sync) -> Vec<u8> {
+/// If there are not `resolution`^2 + 1 offsets, or a ray violates the above.
+pub fn encode(resolution: usize, offsets: &[u32], segment: impl Fn(usize) -> QuantizedSegment + Sync) -> Vec<u8> {
     assert_eq!(offsets.len(), resolution * resolution + 1, "one offset a ray and one more");
     let segments = offsets[resolution * resolution] as usize;
     let palette = Palette::of((0..segments).map(|k| segment(k).code));
     let bands = bands(resolution, segments);
-    let (per_band, [colours, opacities]) = (segments / bands.len(), palette.counts());
+    let (per_band, [colors, opacities]) = (segments / bands.len(), palette.counts());
     let parts = bands.par_iter().flat_map(|rows| {
         let row = |y: usize| {
-            let mut row = Row::new();
+            let mut row = RayRow::new();
             for ray in offsets[y * resolution..=(y + 1) * resolution].windows(2) {
                 row.push((ray[0]..ray[1]).map(|k| palette.entry(&segment(k as usize))));
             }
             row
         };
-        let rows: Vec<Row> = rows.clone().map(row).collect();
+        let rows: Vec<RayRow> = rows.clone().map(row).collect();
         let write_shapes = || geometry::write(&rows, resolution, per_band, opacities);
-        let write_colours = || colors::write(&rows, per_band, colours);
-        <[Vec<u8>; 2]>::from(rayon::join(write_shapes, write_colours))
+        let write_colors = || colors::write(&rows, per_band, colors);
+        <[Vec<u8>; 2]>::from(rayon::join(write_shapes, write_colors))
     });
     let mut list = Encoder::default();
     palette.code(&mut list);
@@ -79,42 +79,42 @@ pub fn encode(resolution: usize, offsets: &[u32], segment: impl Fn(usize) -> Seg
     lengths.chain(parts.iter().flatten().copied()).collect()
 }
 
-/// The offsets of rays, and what `make` makes of their supersegments, of which there are so many.
+/// Decodes `segments` supersegments. Returns the offsets of rays as [`encode`] takes them, and `make` of each supersegment.
 ///
 /// # Errors
-/// If the bytes are not as many as they claim, or what is in them cannot be, or is not so many supersegments.
+/// If the lengths of parts do not fit the bytes, a value is impossible, or the number of supersegments differs.
 pub fn decode<T: Send>(
     bytes: &[u8],
     resolution: usize,
     segments: usize,
-    make: impl Fn(Segment) -> T + Sync,
-) -> Result<(Vec<u32>, Vec<T>), Error> {
-    let rays = resolution.checked_mul(resolution).ok_or(Error::Sizes)?;
+    make: impl Fn(QuantizedSegment) -> T + Sync,
+) -> Result<(Vec<u32>, Vec<T>), EntropyError> {
+    let rays = resolution.checked_mul(resolution).ok_or(EntropyError::SizeOverflow)?;
     let bands = bands(resolution, segments);
     let count = 2 * bands.len() + 1;
-    let (lengths, mut rest) = bytes.split_at_checked(8 * count).ok_or(Error::Short)?;
+    let (lengths, mut rest) = bytes.split_at_checked(8 * count).ok_or(EntropyError::LengthMismatch)?;
     let mut parts = Vec::with_capacity(count);
     for length in lengths.as_chunks::<8>().0 {
-        let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| Error::Short)?;
-        let (part, after) = rest.split_at_checked(length).ok_or(Error::Short)?;
+        let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| EntropyError::LengthMismatch)?;
+        let (part, after) = rest.split_at_checked(length).ok_or(EntropyError::LengthMismatch)?;
         parts.push(part);
         rest = after;
     }
     if !rest.is_empty() {
-        return Err(Error::Short);
+        return Err(EntropyError::LengthMismatch);
     }
     let palette = Palette::read(&mut Decoder::new(parts[0]), segments)?;
-    let (per_band, [colours, opacities]) = (segments / bands.len(), palette.counts());
-    // Of all bands together, so that none takes memory for more than there may be.
+    let (per_band, [colors, opacities]) = (segments / bands.len(), palette.counts());
+    // Supersegments left for all bands together, so that corrupt bands cannot allocate more than the header states.
     let left = AtomicUsize::new(segments);
     let room = || left.fetch_update(Relaxed, Relaxed, |n| n.checked_sub(1)).is_ok();
     let band = |(rows, parts): (&Range<usize>, &[&[u8]])| {
-        // Colours follow as soon as a row's shapes are known, on another core if there is one.
-        // Without a bound: on a single thread all rows wait until the last is known.
+        // Colors follow as soon as a row's geometry is known, on another core if there is one. The channel is unbounded:
+        // on a single thread all rows wait until the last one's geometry is known.
         let (known, next) = channel();
         let read_shapes = || geometry::read(parts[0], [resolution, rows.len()], per_band, opacities, room, known);
         let (mut ends, mut made) = (vec![0], Vec::new());
-        let done = |row: &Row| {
+        let done = |row: &RayRow| {
             let first = made.len() as u32;
             ends.extend(row.ends[1..].iter().map(|end| first + end));
             for entry in &row.entries {
@@ -122,14 +122,14 @@ pub fn decode<T: Send>(
             }
             Ok(())
         };
-        let read_colours = || colors::read(parts[1], next, per_band, colours, done);
-        let (shapes_read, colours_read) = rayon::join(read_shapes, read_colours);
-        shapes_read.and(colours_read).map(|()| (ends, made))
+        let read_colors = || colors::read(parts[1], next, per_band, colors, done);
+        let (shapes_read, colors_read) = rayon::join(read_shapes, read_colors);
+        shapes_read.and(colors_read).map(|()| (ends, made))
     };
     let decoded: Vec<(Vec<u32>, Vec<T>)> =
-        bands.par_iter().zip(parts[1..].par_chunks(2)).map(band).collect::<Result<_, Error>>()?;
+        bands.par_iter().zip(parts[1..].par_chunks(2)).map(band).collect::<Result<_, EntropyError>>()?;
     if left.into_inner() > 0 {
-        return Err(Error::Value);
+        return Err(EntropyError::InvalidValue);
     }
     let (mut offsets, mut all) = (Vec::with_capacity(rays + 1), Vec::new());
     offsets.push(0);

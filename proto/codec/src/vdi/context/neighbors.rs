@@ -1,36 +1,36 @@
-//! Rays, and what is beside a place on one.
+//! Neighbor context: rays as coded, and cursors that find the supersegment of a neighboring ray at a depth.
 
-/// A supersegment with its colour and opacity as places in the palette.
+/// A supersegment with its color and opacity as palette indices.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Entry {
+pub struct PaletteSegment {
     pub start: u32,
     pub end: u32,
     pub opacity: u32,
-    pub colour: u32,
+    pub color: u32,
 }
 
-/// The rays of a row of the image.
+/// One row of the image's rays.
 #[derive(Debug, Clone)]
-pub struct Row {
-    /// Where each ray ends among the supersegments, after a 0.
+pub struct RayRow {
+    /// Offsets of rays in `entries`: 0, then the end of each ray.
     pub ends: Vec<u32>,
-    /// Supersegments of one ray after the other.
-    pub entries: Vec<Entry>,
+    /// The supersegments of all rays, one ray after the other.
+    pub entries: Vec<PaletteSegment>,
 }
 
-impl Row {
-    /// One that has no rays yet.
+impl RayRow {
+    /// A row without rays.
     pub fn new() -> Self {
         Self { ends: vec![0], entries: Vec::new() }
     }
 
-    /// Adds a ray.
-    pub fn push(&mut self, ray: impl IntoIterator<Item = Entry>) {
+    /// Appends a ray.
+    pub fn push(&mut self, ray: impl IntoIterator<Item = PaletteSegment>) {
         self.entries.extend(ray);
         self.ends.push(self.entries.len() as u32);
     }
 
-    /// Where ray `x` lies; empty if it is not there.
+    /// Range of ray `x` in `entries`; empty if there is no such ray.
     pub fn range(&self, x: usize) -> std::ops::Range<usize> {
         match self.ends.get(x..x + 2) {
             Some(&[start, end]) => start as usize..end as usize,
@@ -38,24 +38,24 @@ impl Row {
         }
     }
 
-    /// Ray `x`; empty if it is not there.
-    pub fn ray(&self, x: usize) -> &[Entry] {
+    /// Supersegments of ray `x`; empty if there is no such ray.
+    pub fn ray(&self, x: usize) -> &[PaletteSegment] {
         &self.entries[self.range(x)]
     }
 }
 
-/// The longest that contexts tell apart of what is left of a supersegment.
-const LONG: u32 = 4000;
-/// No ray around says where.
-pub const NOWHERE: u32 = u32::MAX;
+/// Largest remaining length that contexts distinguish, steps.
+const MAX_REMAINING: u32 = 4000;
+/// Value of a gap where a neighboring ray has no further supersegment.
+pub const NO_NEIGHBOR: u32 = u32::MAX;
 
-/// A ray beside the one that is coded, from the first of its supersegments that is not passed yet.
-pub struct Beside<'a>(pub &'a [Entry]);
+/// The supersegments of a neighboring ray that the cursor has not passed yet.
+pub struct NeighborCursor<'a>(pub &'a [PaletteSegment]);
 
-impl Beside<'_> {
-    /// Passes all that end at `depth` or before.
+impl NeighborCursor<'_> {
+    /// Passes all supersegments that end at `depth` or before.
     #[inline(always)]
-    pub fn pass(&mut self, depth: u32) {
+    pub fn advance_past(&mut self, depth: u32) {
         while let Some((first, rest)) = self.0.split_first()
             && first.end <= depth
         {
@@ -63,50 +63,51 @@ impl Beside<'_> {
         }
     }
 
-    /// How many are left, up to 7.
-    pub fn left(&self) -> u32 {
+    /// Number of supersegments not passed, at most 7.
+    pub fn remaining(&self) -> u32 {
         self.0.len().min(7) as u32
     }
 
-    /// How far it is from `depth` to the next.
+    /// Steps from `depth` to the start of the next supersegment; 0 if it has begun, [`NO_NEIGHBOR`] if there is none.
     pub fn gap(&self, depth: u32) -> u32 {
-        self.0.first().map_or(NOWHERE, |next| next.start.saturating_sub(depth))
+        self.0.first().map_or(NO_NEIGHBOR, |next| next.start.saturating_sub(depth))
     }
 
-    /// What of the one at `depth` is left, if there is one.
-    pub fn rest(&self, depth: u32) -> u32 {
-        self.0.first().map_or(0, |s| if s.start <= depth { (s.end - depth).min(LONG) } else { 0 })
+    /// Steps from `depth` to the end of the supersegment that covers it, at most [`MAX_REMAINING`]; 0 if none covers it.
+    pub fn remaining_steps(&self, depth: u32) -> u32 {
+        self.0.first().map_or(0, |s| if s.start <= depth { (s.end - depth).min(MAX_REMAINING) } else { 0 })
     }
 
-    /// Whether one is entered at `depth` (1), before (0) or behind (2); 3 if there is none.
-    pub fn entered(&self, depth: u32) -> u32 {
+    /// Where the next supersegment starts relative to `depth`: 0 before, 1 at it, 2 behind; 3 if there is none.
+    pub fn start_order(&self, depth: u32) -> u32 {
         self.0.first().map_or(3, |s| 1 + u32::from(s.start > depth) - u32::from(s.start < depth))
     }
 
-    /// The next one's look.
-    pub fn look(&self) -> Look {
-        Look::of(self.0.first())
+    /// Context that the next supersegment gives.
+    pub fn context(&self) -> SegmentContext {
+        SegmentContext::of(self.0.first())
     }
 }
 
-/// How a supersegment looks: numbers from 1 on, 0 if there is none.
+/// Context that one supersegment gives to others: palette indices plus one and the length's bin, all 0 if there is none.
 #[derive(Default, Clone, Copy)]
-pub struct Look {
-    pub colour: u32,
+pub struct SegmentContext {
+    pub color: u32,
     pub opacity: u32,
-    /// The bin of its length.
+    /// Logarithmic bin of the length in steps.
     pub length: u32,
 }
 
-impl Look {
-    pub fn of(entry: Option<&Entry>) -> Self {
-        let look = |s: &Entry| Self { colour: s.colour + 1, opacity: s.opacity + 1, length: bin(s.end - s.start) };
-        entry.map_or(Self::default(), look)
+impl SegmentContext {
+    pub fn of(entry: Option<&PaletteSegment>) -> Self {
+        let context =
+            |s: &PaletteSegment| Self { color: s.color + 1, opacity: s.opacity + 1, length: log_bin(s.end - s.start) };
+        entry.map_or(Self::default(), context)
     }
 }
 
-/// Half octaves: 0 to 7 as they are, 8 to 11 as 8, 12 to 15 as 9, and so on.
-pub fn bin(n: u32) -> u32 {
+/// Logarithmic bins of half an octave: 0 to 7 as they are, 8 to 11 as 8, 12 to 15 as 9, and so on.
+pub fn log_bin(n: u32) -> u32 {
     if n < 8 {
         return n;
     }
@@ -114,7 +115,7 @@ pub fn bin(n: u32) -> u32 {
     2 * octave + (n >> (octave - 1) & 1) + 2
 }
 
-/// Bits of `n` places.
-pub fn bits(n: usize) -> u32 {
+/// Bits that an index below `n` needs.
+pub fn bits_for(n: usize) -> u32 {
     n.max(1).next_power_of_two().ilog2()
 }

@@ -1,5 +1,5 @@
-use super::{BAND, MAX_DEPTH, Segment, bands, decode, encode};
-use crate::entropy::Error;
+use super::{BAND, MAX_DEPTH, QuantizedSegment, bands, decode, encode};
+use crate::entropy::EntropyError;
 
 /// Numbers of a linear congruential generator.
 fn numbers(seed: u64) -> impl FnMut(u64) -> u32 {
@@ -10,8 +10,8 @@ fn numbers(seed: u64) -> impl FnMut(u64) -> u32 {
     }
 }
 
-/// Rays with up to `most` supersegments of random look, the deepest of which may be anywhere.
-fn random(resolution: usize, most: u64, deepest: u64, seed: u64) -> (Vec<u32>, Vec<Segment>) {
+/// Rays with up to `most` supersegments of random context, the deepest of which may be anywhere.
+fn random(resolution: usize, most: u64, deepest: u64, seed: u64) -> (Vec<u32>, Vec<QuantizedSegment>) {
     let mut next = numbers(seed);
     let (mut offsets, mut segments) = (vec![0], Vec::new());
     for _ in 0..resolution * resolution {
@@ -22,7 +22,7 @@ fn random(resolution: usize, most: u64, deepest: u64, seed: u64) -> (Vec<u32>, V
             if end > MAX_DEPTH {
                 break;
             }
-            segments.push(Segment { start, end, code: [next(256), next(3), 7, next(256)].map(|n| n as u8) });
+            segments.push(QuantizedSegment { start, end, code: [next(256), next(3), 7, next(256)].map(|n| n as u8) });
             depth = end;
         }
         offsets.push(segments.len() as u32);
@@ -31,27 +31,31 @@ fn random(resolution: usize, most: u64, deepest: u64, seed: u64) -> (Vec<u32>, V
 }
 
 /// A ball of three shells, seen by parallel rays.
-fn ball(resolution: usize) -> (Vec<u32>, Vec<Segment>) {
+fn ball(resolution: usize) -> (Vec<u32>, Vec<QuantizedSegment>) {
     let (mut offsets, mut segments) = (vec![0], Vec::new());
     let half = resolution as f64 / 2.0;
     for k in 0..resolution * resolution {
         let [x, y] = [k % resolution, k / resolution].map(|i| (i as f64 + 0.5 - half) / half);
         let depths = |radius: f64| {
-            let beside = radius * radius - x * x - y * y;
-            (beside > 0.0).then(|| [-1.0, 1.0].map(|side| (100.0 * (1.0 + side * beside.sqrt())) as u32))
+            let discriminant = radius * radius - x * x - y * y;
+            (discriminant > 0.0).then(|| [-1.0, 1.0].map(|side| (100.0 * (1.0 + side * discriminant.sqrt())) as u32))
         };
         let shells: Vec<[u32; 2]> = [0.9, 0.6, 0.3].into_iter().filter_map(depths).collect();
         let cuts: Vec<u32> = shells.iter().map(|s| s[0]).chain(shells.iter().rev().map(|s| s[1])).collect();
         for (n, cut) in cuts.windows(2).enumerate().filter(|(_, cut)| cut[0] < cut[1]) {
             let shell = n.min(cuts.len() - 2 - n) as u8;
-            segments.push(Segment { start: cut[0], end: cut[1], code: [50 * shell, 200, 255 - shell, 40 + shell] });
+            segments.push(QuantizedSegment {
+                start: cut[0],
+                end: cut[1],
+                code: [50 * shell, 200, 255 - shell, 40 + shell],
+            });
         }
         offsets.push(segments.len() as u32);
     }
     (offsets, segments)
 }
 
-fn comes_back(resolution: usize, (offsets, segments): &(Vec<u32>, Vec<Segment>)) -> usize {
+fn comes_back(resolution: usize, (offsets, segments): &(Vec<u32>, Vec<QuantizedSegment>)) -> usize {
     let bytes = encode(resolution, offsets, |k| segments[k]);
     assert_eq!(encode(resolution, offsets, |k| segments[k]), bytes);
     let back = decode(&bytes, resolution, segments.len(), |segment| segment).unwrap();
@@ -69,8 +73,8 @@ fn all_rays_come_back() {
     }
     // The last step there may be, and one supersegment as long as all.
     let ends = vec![
-        Segment { start: MAX_DEPTH - 1, end: MAX_DEPTH, code: [255; 4] },
-        Segment { start: 0, end: MAX_DEPTH, code: [0; 4] },
+        QuantizedSegment { start: MAX_DEPTH - 1, end: MAX_DEPTH, code: [255; 4] },
+        QuantizedSegment { start: 0, end: MAX_DEPTH, code: [0; 4] },
     ];
     comes_back(2, &(vec![0, 1, 1, 2, 2], ends));
 }
@@ -86,7 +90,7 @@ fn many_rays_go_in_bands() {
 }
 
 #[test]
-fn what_neighbouring_rays_share_costs_little() {
+fn what_neighboring_rays_share_costs_little() {
     let rays = ball(200);
     let segments = rays.1.len();
     assert!(segments > 50_000);
@@ -111,7 +115,7 @@ fn bands_that_hold_too_much_together_are_refused() {
     let held = rays.0[rows * 402] as usize * 3;
     assert_eq!(bands(402, held).len(), 3);
     assert!(decode(&bytes, 402, held, |s| s).is_ok_and(|(_, all)| all.len() == held));
-    assert_eq!(decode(&bytes, 402, held - 1, |s| s), Err(Error::Value));
+    assert_eq!(decode(&bytes, 402, held - 1, |s| s), Err(EntropyError::InvalidValue));
 }
 
 #[test]
@@ -119,9 +123,9 @@ fn bytes_that_were_changed_are_refused_or_give_rays_in_order() {
     let (offsets, segments) = random(24, 5, 60, 11);
     let bytes = encode(24, &offsets, |k| segments[k]);
     for n in 0..24 {
-        assert_eq!(decode(&bytes[..n], 24, segments.len(), |s| s), Err(Error::Short), "{n} bytes");
+        assert_eq!(decode(&bytes[..n], 24, segments.len(), |s| s), Err(EntropyError::LengthMismatch), "{n} bytes");
     }
-    assert_eq!(decode(&[&bytes[..], &[0]].concat(), 24, segments.len(), |s| s), Err(Error::Short));
+    assert_eq!(decode(&[&bytes[..], &[0]].concat(), 24, segments.len(), |s| s), Err(EntropyError::LengthMismatch));
     for count in [0, 1, segments.len() - 1, segments.len() + 1] {
         assert!(decode(&bytes, 24, count, |s| s).is_err(), "{count} supersegments");
     }
@@ -148,15 +152,15 @@ fn reading_ends_whatever_fails_and_on_however_many_threads() {
     let rays = random(402, 6, 40, 3);
     let count = rays.1.len();
     let good = encode(402, &rays.0, |k| rays.1[k]);
-    // The colours of the second band, which are the fifth part, become others: some not in the palette.
+    // The colors of the second band, which are the fifth part, become others: some not in the palette.
     let length = |k: usize| u64::from_le_bytes(good[8 * k..8 * (k + 1)].try_into().unwrap()) as usize;
     let mut bad = good.clone();
-    let colours = 7 * 8 + (0..4).map(length).sum::<usize>();
-    bad[colours..colours + length(4)].fill(0);
+    let colors = 7 * 8 + (0..4).map(length).sum::<usize>();
+    bad[colors..colors + length(4)].fill(0);
     for threads in [1, 2, 9] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         assert!(pool.install(|| decode(&good, 402, count, |s| s)).is_ok_and(|(_, all)| all == rays.1));
-        assert_eq!(pool.install(|| decode(&bad, 402, count, |s| s)), Err(Error::Value));
+        assert_eq!(pool.install(|| decode(&bad, 402, count, |s| s)), Err(EntropyError::InvalidValue));
         let fails = || pool.install(|| decode(&good, 402, count, |s| assert!(s.start < 30)));
         assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(fails)).is_err());
     }

@@ -1,17 +1,17 @@
-//! What the kernel looks up: the ray caster's text with counters put in, which it writes instead of colours.
+//! What the kernel looks up: the ray caster's text with counters put in, which it writes instead of colors.
 
 use crate::Field;
 use crate::count::cases;
 use crate::gpu::GpuKernels;
-use crate::gpu::effects::Set;
+use crate::gpu::effects::EffectSet;
 use crate::gpu::pipelines::RAYCAST;
-use crate::gpu::resident::Kind;
+use crate::gpu::resident::VoxelKind;
 use lamina_compute::gpu::{DeviceError, testing};
 use lamina_model::Effects;
 
 /// Where each count is raised, and the three sums that are told: exact in single precision for counts below 4096.
 const COUNTERS: [(&str, &str); 8] = [
-    ("(*walk).next = step + 1u;", "counts.samples += 1.0;"),
+    ("(*state).next = step + 1u;", "counts.samples += 1.0;"),
     ("fn value_at(index: vec3f, u: ptr<function, f32>) -> bool {", "counts.fetches += 1.0;"),
     ("fn gradient_at(index: vec3f, gradient: ptr<function, vec3f>) -> bool {", "counts.gradients += 1.0;"),
     (
@@ -36,14 +36,14 @@ fn counting() -> String {
 
 /// The ray caster's text without all that is for effects.
 fn without_effects() -> String {
-    let start = RAYCAST.find("    if EFFECTS {\n        let course").unwrap();
+    let start = RAYCAST.find("    if EFFECTS {\n        let clipped").unwrap();
     let length = RAYCAST[start..].find("\n    }\n").unwrap() + "\n    }\n".len();
     let bare = format!("{}{}", &RAYCAST[..start], &RAYCAST[start + length..]);
     let effects = include_str!("../effects.wgsl");
     // What the pipeline sets has to be there.
     let switches: Vec<&str> = effects.lines().filter(|line| line.starts_with("override")).collect();
     let bare = bare.replace(effects, &switches.join("\n")).replace("EFFECTS ||", "");
-    assert!(!bare.contains("look(") && !bare.contains("if EFFECTS"));
+    assert!(!bare.contains("shade_sample(") && !bare.contains("if EFFECTS"));
     bare
 }
 
@@ -66,7 +66,8 @@ fn pixels() -> Vec<(u32, u32)> {
 /// Makes `source` the kernel for `field`.
 fn put(kernels: &GpuKernels, field: &Field, source: &str) {
     let gpu = &kernels.gpu;
-    let kernel = || Ok::<_, DeviceError>(kernels.pipelines.march_of(gpu, Kind::Single, Set::of(field), source));
+    let kernel =
+        || Ok::<_, DeviceError>(kernels.pipelines.march_of(gpu, VoxelKind::Single, EffectSet::of(field), source));
     let march = gpu.run("compiling", kernel).unwrap();
     kernels.state.lock().unwrap().marches.push(march);
 }

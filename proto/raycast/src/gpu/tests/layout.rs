@@ -1,6 +1,8 @@
 //! WGSL's structs and their Rust twins lie in memory alike.
 
-use crate::gpu::layout::{Clustering, Effects, Picture, Scan, Segment, View, Volume};
+use crate::gpu::layout::{
+    ClusteringUniforms, EffectUniforms, GpuSegment, PictureUniforms, ScanUniforms, ViewUniforms, VolumeUniforms,
+};
 use crate::gpu::pipelines::{GENERATE, RAYCAST, SCAN};
 use lamina_compute::gpu::layout::{parse, struct_layout};
 use lamina_compute::layout_of;
@@ -9,8 +11,8 @@ use lamina_compute::layout_of;
 fn structs_equal_their_twins() {
     let module = parse(include_str!("../layout.wgsl")).unwrap();
     let twins = [
-        layout_of!(Volume { last, pad0, bricks, pad1, low, scale, high, offset }),
-        layout_of!(View {
+        layout_of!(VolumeUniforms { last, pad0, bricks, pad1, low, scale, high, offset }),
+        layout_of!(ViewUniforms {
             base,
             width,
             base_right,
@@ -27,7 +29,7 @@ fn structs_equal_their_twins() {
             near,
             pad0,
         }),
-        layout_of!(Effects {
+        layout_of!(EffectUniforms {
             light,
             shadows,
             spacing,
@@ -53,10 +55,10 @@ fn structs_equal_their_twins() {
             half_spaces,
             color_map,
         }),
-        layout_of!(Picture { background, floor, first, count, pad0 }),
-        layout_of!(Clustering { gamma, cutoff, first_row, rows, first_ray, end_ray, first_segment, writing }),
-        layout_of!(Segment { start, end, red, green, blue, optical_depth }),
-        layout_of!(Scan { count, blocks, pad0 }),
+        layout_of!(PictureUniforms { background, floor, first, count, pad0 }),
+        layout_of!(ClusteringUniforms { gamma, cutoff, first_row, rows, first_ray, end_ray, first_segment, writing }),
+        layout_of!(GpuSegment { start, end, red, green, blue, optical_depth }),
+        layout_of!(ScanUniforms { count, blocks, pad0 }),
     ];
     let structs = module.types.iter().filter(|(_, ty)| ty.name.is_some()).count();
     assert_eq!(structs, twins.len(), "every struct of layout.wgsl has a twin");

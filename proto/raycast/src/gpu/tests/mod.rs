@@ -1,4 +1,4 @@
-//! The parts of the GPU level, each against Rust; whole pictures and VDIs are compared in generator-node/tests/levels.
+//! The parts of the GPU level, each against Rust; whole pictures and VDIs are compared in tests/levels.
 
 mod count;
 mod layout;

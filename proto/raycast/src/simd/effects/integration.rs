@@ -1,12 +1,12 @@
-//! Pre-integration: colour and optical depth of a step from sums of the transfer function at its ends.
+//! Pre-integration: color and optical depth of a step from the transfer function's integral between the scalars at its ends.
 
-use super::{Sums, WithEffects};
+use super::{EffectsSource, LanePreintegration};
 use crate::volume::effects::FEWEST_ROWS;
-use crate::volume::transfer_lut::Integral;
-use lamina_compute::simd::{Floats, Lanes, Masks, Pair, WIDTH};
+use crate::volume::transfer_lut::PreintegrationTable;
+use lamina_compute::simd::{Lanes, Pair, SimdF32, SimdMask, WIDTH};
 
-impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
-    /// Where the ends of a step are apart, what the transfer function comes to between them.
+impl<L: Lanes, V: Pair> EffectsSource<'_, L, V> {
+    /// Replaces color and depth by the integral's, where the ends of a step are at least [`FEWEST_ROWS`] table rows apart.
     #[inline(always)]
     pub(super) fn integrate(
         &self,
@@ -17,12 +17,13 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
         depth: &mut L::F,
     ) {
         let s = L::F::splat;
-        let Some(Sums { rows: sums, ends: outside, exact }) = &self.prepared.integral else { return };
+        let Some(LanePreintegration { rows: sums, ends: outside, exact }) = &self.effects.integral else { return };
         let apart = live & s(FEWEST_ROWS as f32).le((v - u).abs());
         if !apart.any() {
             return;
         }
-        let (u, v) = (u - s(self.view.table.below as f32), v - s(self.view.table.below as f32));
+        let (u, v) = (u - s(self.sampler.table.below as f32), v - s(self.sampler.table.below as f32));
+        // Look the prefix sums up at both ends, extrapolating outside the range.
         let last = s((sums.len() - 1) as f32);
         let (mut low, mut high) = (L::rows4(sums, u), L::rows4(sums, v));
         for (row, x) in [(&mut low, u), (&mut high, v)] {
@@ -31,6 +32,7 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
                 row[c] = row[c] + before * s(outside[0][c]) + beyond * s(outside[1][c]);
             }
         }
+        // Divide the differences of the sums.
         let whole = (high[3] - low[3]).div(v - u);
         let straight = s(1.0).div((high[3] - low[3]).abs().max(s(f32::MIN_POSITIVE)));
         let sign = L::F::select(u.lt(v), straight, s(0.0) - straight);
@@ -39,10 +41,10 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
             color[c] = L::F::select(apart, mean, color[c]);
         }
         *depth = L::F::select(apart, (whole * length).max(s(0.0)), *depth);
-        // Behind an opaque part of the range single precision has no digits left for a faint one; beyond all that shows
-        // there is nothing to look for.
+        // Behind an opaque part of the range single precision loses the digits of a faint part: recompute those lanes in
+        // double precision, unless they lie beyond everything visible.
         let lost = apart & (high[3] - low[3]).abs().lt(high[3].max(low[3]) * s(1e-4));
-        let lost = lost & u.min(v).le(s(self.view.table.visible[1]));
+        let lost = lost & u.min(v).le(s(self.sampler.table.visible[1]));
         if lost.any() {
             let mut arrays = (color.map(|c| c.to_array()), depth.to_array());
             exactly(exact, [u.to_array(), v.to_array()], length.to_array(), lost.bits(), &mut arrays);
@@ -51,9 +53,9 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
     }
 }
 
-/// Colours and depths of steps between rows `u` and `v`, in double precision, for the lanes whose bits are set.
+/// Colors and depths of steps between rows `u` and `v`, in double precision, for the lanes whose bits are set.
 fn exactly(
-    exact: &Integral,
+    exact: &PreintegrationTable,
     [u, v]: [[f32; WIDTH]; 2],
     length: [f32; WIDTH],
     lanes: u32,

@@ -1,21 +1,22 @@
-//! Light at a point: shadows and ambient occlusion from the light volume, shading by the gradient, depth cueing.
+//! Lighting: shadows and ambient occlusion from the light volume, shading by the gradient, depth cueing.
 
-use super::WithEffects;
+use super::EffectsSource;
 use crate::count;
-use crate::simd::march::Packet;
+use crate::simd::march::RayPacket;
 use crate::volume::effects::WEAK_GRADIENT;
-use lamina_compute::simd::{Floats, Ints, Lanes, Pair};
+use lamina_compute::simd::{Lanes, Pair, SimdF32, SimdI32};
 
-impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
-    /// Straight colours as light and distance let them be seen `t` steps from the entry.
+impl<L: Lanes, V: Pair> EffectsSource<'_, L, V> {
+    /// Applies shadow, occlusion, shading and depth cue to straight colors at `t` steps from the entry.
     #[inline(always)]
-    pub(super) fn light(&self, packet: &Packet<L>, t: L::F, color: &mut [L::F; 3]) {
+    pub(super) fn light(&self, packet: &RayPacket<L>, t: L::F, color: &mut [L::F; 3]) {
         let s = L::F::splat;
-        let (effects, prepared) = (self.prepared.effects, self.prepared);
+        let (effects, lane_effects) = (self.effects.effects, self.effects);
         let p = packet.at(t);
+        // Look the light volume up.
         let (mut shadow, mut open) = (s(1.0), s(1.0));
         if let Some(volume) = &effects.volume {
-            // Every axis has a cell here: nothing is offset.
+            // The offset is 0: every axis has a cell here.
             let scale = volume.scale.map(|x| x as f32);
             let q = [p[0] * s(scale[0]), p[1] * s(scale[1]), p[2] * s(scale[2])];
             if let Some(transmittance) = &volume.transmittance {
@@ -28,15 +29,16 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
                 open = s(1.0) - s(effects.ambient_occlusion as f32) * (s(1.0) - coarse::<L>(volume.dims, openness, q));
             }
         }
+        // Shade by the gradient (Blinn-Phong).
         let (mut scale, mut highlight) = (open * shadow, s(0.0));
         if let Some(shading) = &effects.shading {
             count::gradient();
             let g = self.gradient(p);
             let size = (g[0] * g[0] + g[1] * g[1] + g[2] * g[2]).sqrt();
             let sloped = s(0.0).lt(size);
-            let share = size.div(size + s(WEAK_GRADIENT as f32)).only(sloped);
+            let share = size.div(size + s(WEAK_GRADIENT as f32)).zero_unless(sloped);
             let along = s(1.0).div(size.max(s(f32::MIN_POSITIVE)));
-            let light = prepared.light;
+            let light = lane_effects.light;
             let toward = (g[0] * s(light[0]) + g[1] * s(light[1]) + g[2] * s(light[2])) * along;
             let mut gloss = ((g[0] * self.half[0] + g[1] * self.half[1] + g[2] * self.half[2]) * along).abs();
             for _ in 0..shading.shininess.trailing_zeros() {
@@ -45,14 +47,15 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
             let lit = s(shading.ambient as f32) * open + s(shading.diffuse as f32) * toward.abs() * shadow;
             let mixed = (s(1.0) - share) * scale + share * lit;
             scale = L::F::select(sloped, mixed, scale);
-            highlight = (share * s(shading.specular as f32) * gloss * shadow).only(sloped);
+            highlight = (share * s(shading.specular as f32) * gloss * shadow).zero_unless(sloped);
         }
+        // Apply light, then the depth cue.
         if effects.volume.is_some() || effects.shading.is_some() {
             for c in color.iter_mut() {
                 *c = (*c * scale + highlight).max(s(0.0)).min(s(1.0));
             }
         }
-        if let (Some((_, per_step)), Some(cue)) = (prepared.cue, &effects.cue) {
+        if let (Some((_, per_step)), Some(cue)) = (lane_effects.cue, &effects.cue) {
             let w = ((self.entry + t) * s(per_step)).max(s(0.0)).min(s(cue.strength as f32));
             for (c, far) in color.iter_mut().zip(cue.color) {
                 *c = *c + w * (s(far as f32) - *c);
@@ -60,7 +63,7 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
         }
     }
 
-    /// Central differences over a voxel to either side, shares of the range per voxel length.
+    /// Gradient by central differences over one voxel to either side, in shares of the range per voxel length.
     #[inline(always)]
     fn gradient(&self, p: [L::F; 3]) -> [L::F; 3] {
         let mut gradient = [L::F::splat(0.0); 3];
@@ -68,15 +71,15 @@ impl<L: Lanes, V: Pair> WithEffects<'_, L, V> {
             for a in 0..3 {
                 let mut q = p;
                 q[a] = q[a] + L::F::splat(side);
-                let scale = L::F::splat(side * self.prepared.gradient[a]);
-                gradient[a] = gradient[a] + scale * self.view.sample::<L>(q);
+                let scale = L::F::splat(side * self.effects.gradient[a]);
+                gradient[a] = gradient[a] + scale * self.sampler.sample::<L>(q);
             }
         }
         gradient
     }
 }
 
-/// A field on the coarse grid, interpolated trilinearly at `q`, in its own units; clamped into it.
+/// Trilinear interpolation of a coarse grid at `q`, in that grid's units; clamped into it.
 #[inline(always)]
 fn coarse<L: Lanes>(dims: [usize; 3], field: &[f32], q: [L::F; 3]) -> L::F {
     let s = L::F::splat;
@@ -88,8 +91,7 @@ fn coarse<L: Lanes>(dims: [usize; 3], field: &[f32], q: [L::F; 3]) -> L::F {
     let index = ((cell[2] * L::I::splat(dims[1] as i32) + cell[1]) * L::I::splat(row as i32) + cell[0]).to_indices();
     let mut corners = [s(0.0); 4];
     for (corner, offset) in corners.iter_mut().zip([0, row, slice, slice + row]) {
-        // SAFETY: cells are at most dims - 2 on every axis, so with a row, a slice, or both added, and one more, an
-        // index lies inside.
+        // SAFETY: cells are at most dims - 2 on every axis, so an index plus a row, a slice, or both, plus one, lies inside.
         #[expect(unsafe_code, reason = "indices were clamped at once")]
         let (a, b) = unsafe { L::pairs(&field[offset..], &index) };
         *corner = a + w[0] * (b - a);

@@ -1,8 +1,8 @@
 //! WGSL's structs and their Rust twins lie in memory alike.
 
-use crate::gpu::layout::{Form, Picture, Stored, View};
+use crate::gpu::layout::{LinearForm, PictureUniforms, StoredVdi, ViewUniforms};
 use crate::gpu::pipelines::RENDER;
-use crate::simd::Span;
+use crate::simd::DepthSteps;
 use lamina_compute::gpu::layout::{parse, struct_layout};
 use lamina_compute::layout_of;
 
@@ -10,9 +10,9 @@ use lamina_compute::layout_of;
 fn structs_equal_their_twins() {
     let module = parse(include_str!("../layout.wgsl")).unwrap();
     let twins = [
-        layout_of!(Stored { size, first_masks, depth, far, slabs, margin }),
-        layout_of!(Form { start, pad0, change, pad1 }),
-        layout_of!(View {
+        layout_of!(StoredVdi { size, first_masks, depth, far, depth_bins, margin }),
+        layout_of!(LinearForm { start, pad0, change, pad1 }),
+        layout_of!(ViewUniforms {
             column,
             row,
             depth,
@@ -27,8 +27,8 @@ fn structs_equal_their_twins() {
             pad0,
             pad1,
         }),
-        layout_of!(Picture { first, count, pad0 }),
-        layout_of!(Span { scale, offset, last, first }),
+        layout_of!(PictureUniforms { first, count, pad0 }),
+        layout_of!(DepthSteps { scale, offset, last, first }),
     ];
     let structs = module.types.iter().filter(|(_, ty)| ty.name.is_some()).count();
     assert_eq!(structs, twins.len(), "every struct of layout.wgsl has a twin");

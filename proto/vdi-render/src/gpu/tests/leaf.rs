@@ -1,6 +1,6 @@
 //! Each leaf of leaf.wgsl, evaluated on the device at the edges of what it takes, against Rust.
 
-use crate::simd::Slabs;
+use crate::simd::DepthBins;
 use lamina_compute::gpu::wgpu::{BufferUsages, ComputePass};
 use lamina_compute::gpu::{DeviceError, testing};
 use lamina_model::composite::opacity_from_optical_depth;
@@ -14,7 +14,7 @@ enum Leaf {
     Cut,
     Bits,
     Way,
-    Axis,
+    AxisWalk,
     Share,
     PerChange,
 }
@@ -91,7 +91,7 @@ fn bits_are_the_masks_own() {
     let Some(outcomes) = probe(Leaf::Bits, &cases) else { return };
     for ([a, b], parts) in pairs.into_iter().zip(outcomes) {
         let [p, q, r, s] = parts.map(|part| part as u64);
-        let expected = Slabs::bits(Slabs::slab(a), Slabs::slab(b));
+        let expected = DepthBins::bits(DepthBins::bin(a), DepthBins::bin(b));
         assert_eq!(p | q << 32 | r << 16 | s << 48, expected, "{a} {b}");
     }
 }
@@ -128,7 +128,7 @@ fn an_axis_starts_between_the_boundaries_around_mu() {
         }
     }
     let probed: Vec<_> = cases.iter().map(|&c| case(c)).collect();
-    let Some(outcomes) = probe(Leaf::Axis, &probed) else { return };
+    let Some(outcomes) = probe(Leaf::AxisWalk, &probed) else { return };
     for (c, [cell, boundary, next, last]) in cases.into_iter().zip(outcomes) {
         let [start, change, per_change, shift, mu, lo, hi, _] = c;
         let width = (1 << shift as u32) as f32;

@@ -1,4 +1,4 @@
-//! The parts of the GPU level, each against Rust; whole pictures are compared in proto/vdi-render/tests/gpu.rs.
+//! The parts of the GPU level, each against Rust; whole pictures are compared in tests/gpu.rs.
 
 mod layout;
 mod leaf;

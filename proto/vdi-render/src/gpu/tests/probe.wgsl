@@ -25,7 +25,7 @@ fn probe(@builtin(global_invocation_id) id: vec3u) {
             out = vec4f(cut(p.a.xy, p.a.z, p.a.w), 0.0, 0.0);
         }
         case 2u: {
-            let word = bits(slab(p.a.x), slab(p.a.y));
+            let word = bits(bin(p.a.x), bin(p.a.y));
             out = vec4f(vec2f(word & vec2u(0xffffu)), vec2f(word >> vec2u(16u)));
         }
         case 3u: {

@@ -1,5 +1,4 @@
-"""A range coder's numbers, chances and bits by a single chance, from the section "Range coder" of proto/formats/volume.md: what both
-readers share."""
+"""The range decoder and its adaptive bit models, from the section "Range coder" of proto/formats/volume.md; both readers use it."""
 from bisect import bisect_left
 
 RATE = [16384 // (2 * n + 3) for n in range(128)]
@@ -26,7 +25,7 @@ class Coder:
         self.data, self.at, self.range = data + bytes(16), 8, 2**64 - 1
         self.code = int.from_bytes(self.data[:8], "big")
 
-    def took(self):
+    def renormalize(self):
         if self.range < 2**32:
             self.range <<= 32
             self.code = self.code << 32 | int.from_bytes(self.data[self.at:self.at + 4].ljust(4, b"\0"), "big")
@@ -40,28 +39,28 @@ class Coder:
         else:
             self.code -= split
             self.range -= split
-        self.took()
+        self.renormalize()
         return found
 
-    def even(self, n):
+    def uniform(self, n):
         if n > 16:
-            high = self.even(n - 16)
-            return high << 16 | self.even(16)
+            high = self.uniform(n - 16)
+            return high << 16 | self.uniform(16)
         part = self.range >> n
         found = min(self.code // part, 2**n - 1)
         self.code -= found * part
         self.range = part
-        self.took()
+        self.renormalize()
         return found
 
-    def single(self, chances, index):
-        chance = chances.setdefault(index, [1 << 21, 0])
-        found = self.bit(clamp(chance[0] >> 6, 32, 65504))
-        learn(chance, found, 24)
+    def modeled_bit(self, models, index):
+        model = models.setdefault(index, [1 << 21, 0])
+        found = self.bit(clamp(model[0] >> 6, 32, 65504))
+        update(model, found, 24)
         return found
 
 
-def learn(chance, bit, limit):
-    p, count = chance
-    chance[0] = (p << 10) + count + ((2**22 - 1 if bit else 0) - p >> 3) * RATE[count] >> 10
-    chance[1] = min(count + 1, limit)
+def update(model, bit, limit):
+    p, count = model
+    model[0] = (p << 10) + count + ((2**22 - 1 if bit else 0) - p >> 3) * RATE[count] >> 10
+    model[1] = min(count + 1, limit)

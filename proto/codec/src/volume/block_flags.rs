@@ -1,38 +1,38 @@
-//! Which blocks of a level have residuals at all, one flag a block.
-use super::grid::{BLOCK, Grid};
-use super::symbols::Models;
+//! Block flags: one bit per block of points of a level, whether any of its residuals is not zero.
+use super::grid::{BLOCK, Lattice};
+use super::symbols::VolumeModels;
 use crate::entropy::range_coder::Coder;
 
-/// Flags of one level.
+/// The flags of one level.
 #[derive(Debug)]
-pub struct Flags {
-    /// Blocks along the axes.
-    pub grid: Grid,
-    /// Whether each has residuals.
+pub struct BlockFlags {
+    /// Number of blocks along x, y, z.
+    pub grid: Lattice,
+    /// Whether each block has nonzero residuals.
     pub active: Vec<bool>,
 }
 
-impl Flags {
-    /// None of the blocks of a lattice.
-    pub fn none(lattice: Grid) -> Self {
+impl BlockFlags {
+    /// Cleared flags for all blocks of a lattice.
+    pub fn none(lattice: Lattice) -> Self {
         let grid = lattice.blocks();
         Self { grid, active: vec![false; grid.count()] }
     }
 
-    /// Flags of the blocks with the row of points at `y`, `z`.
+    /// Flags of the blocks along the row of points at `y`, `z` of a class.
     #[inline]
     pub fn row(&self, y: usize, z: usize) -> &[bool] {
         &self.active[self.grid.row(y / BLOCK, z / BLOCK)..][..self.grid.dims[0]]
     }
 
-    /// Likewise, to change them.
+    /// The same flags, mutable.
     #[inline]
     pub fn row_mut(&mut self, y: usize, z: usize) -> &mut [bool] {
         &mut self.active[self.grid.row(y / BLOCK, z / BLOCK)..][..self.grid.dims[0]]
     }
 
-    /// Codes the flags or reads them; `above` are those of the coarser level, whose blocks are twice as wide.
-    pub fn code(&mut self, models: &mut Models, coder: &mut impl Coder, above: Option<&Self>, level: usize) {
+    /// Codes the flags, or reads them. `above` are those of the next coarser level, whose blocks are twice as wide.
+    pub fn code(&mut self, models: &mut VolumeModels, coder: &mut impl Coder, above: Option<&Self>, level: usize) {
         let nx = self.grid.dims[0];
         for (y, z) in self.grid.rows() {
             for x in 0..nx {
@@ -43,7 +43,7 @@ impl Flags {
         }
     }
 
-    /// Flags of the three neighbours before, of two beside them, and of the block above.
+    /// Context of a flag: those of five neighboring blocks already coded, and of the coarser block that contains it.
     fn context(&self, [x, y, z]: [usize; 3], above: Option<&Self>) -> usize {
         let here = |x, y, z| usize::from(self.active[x + self.grid.row(y, z)]);
         let before = [

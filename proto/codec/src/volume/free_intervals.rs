@@ -1,34 +1,34 @@
-//! What of a reduced volume can never be seen: there any value will do that cannot be seen either.
+//! Free intervals: values that a voxel may take without being seen, from the transparent parts of the transfer function.
 //!
 //! A sample is interpolated between the eight points of a cell. If all points of all cells around a point lie in one part of
-//! the scale that the transfer function leaves transparent, every sample in those cells does too, whatever the point's
-//! value in that part. Effects that look beside a sample see farther.
+//! the range that the transfer function leaves transparent, every sample in those cells does too, whatever value of that
+//! part the point takes. Gradients and pre-integration depend on points farther away.
 //!
-//! As any other point, one that is hidden may also come back with an error up to the bound. Without that room those near the
+//! An invisible point may also decode with an error up to the bound, like any other. Without that allowance points near the
 //! end of a part cost half as many bytes again (a smooth field of 256^3 at a bound of 0.05: 70 kB, with it 46).
 
 use lamina_model::{ReducedVolume, Scene};
 use rayon::prelude::*;
 
-/// The transparent part of the scale that a point and all that surrounds it lie in; by sample point.
-pub struct Hidden<'a> {
+/// For each sample point, the transparent part of the range in which it and its surroundings lie.
+pub struct FreeIntervals<'a> {
     units: &'a [f32],
     bound: f32,
     parts: Vec<[f32; 2]>,
-    /// Index of the part, or [`SEEN`].
+    /// Index of the part, or [`VISIBLE`].
     part: Vec<u8>,
 }
 
-/// Some of the cells around may be seen.
-const SEEN: u8 = u8::MAX;
+/// Marks a point whose surroundings may be seen.
+const VISIBLE: u8 = u8::MAX;
 
-impl<'a> Hidden<'a> {
-    /// Of `volume`, whose points may be off by `bound` in any case.
-    pub fn of(volume: &'a ReducedVolume, bound: f32) -> Self {
+impl<'a> FreeIntervals<'a> {
+    /// The free intervals of `volume`, whose values may be off by `bound` in any case.
+    pub fn new(volume: &'a ReducedVolume, bound: f32) -> Self {
         let (scene, dims) = (volume.scene(), volume.grid().dims());
         let mut parts = scene.transfer.transparent_parts();
         for surface in &scene.effects.isosurfaces {
-            // A surface shows in the middle of nothing: what surrounds it is two parts.
+            // A visible isosurface inside a transparent part splits it in two.
             let at = scene.transfer.range().unit_from_value(surface.value);
             let split = |[lo, hi]: [f32; 2]| match lo <= at && at <= hi {
                 true => vec![[lo, at.next_down()], [at.next_up(), hi]],
@@ -36,41 +36,41 @@ impl<'a> Hidden<'a> {
             };
             parts = parts.into_iter().flat_map(split).filter(|[lo, hi]| lo <= hi).collect();
         }
-        parts.truncate(usize::from(SEEN));
+        parts.truncate(usize::from(VISIBLE));
         let index = |u: &f32| {
             let found = parts.iter().position(|[lo, hi]| (lo..=hi).contains(&u));
-            found.map_or(SEEN, |n| n as u8)
+            found.map_or(VISIBLE, |n| n as u8)
         };
         let mut part: Vec<u8> = volume.units().par_iter().map(index).collect();
         for _ in 0..reach(scene) {
-            (0..3).for_each(|axis| part = agreed(&part, dims, axis));
+            (0..3).for_each(|axis| part = common_with_neighbors(&part, dims, axis));
         }
         Self { units: volume.units(), bound, parts, part }
     }
 
-    /// The values that point `n` may take: all that nobody sees, and those within the bound, as at any other point.
-    pub fn part(&self, n: usize) -> Option<(f32, f32)> {
+    /// The interval of values that point `n` may take; `None` if only the bound applies.
+    pub fn at(&self, n: usize) -> Option<(f32, f32)> {
         let [lo, hi] = *self.parts.get(usize::from(self.part[n]))?;
         let unit = self.units[n];
         Some((lo.min(unit - self.bound), hi.max(unit + self.bound)))
     }
 }
 
-/// How far from a point, along each axis, a sample may lie that depends on it.
+/// Distance along each axis, in points, within which samples depend on a point.
 fn reach(scene: &Scene) -> u32 {
     let effects = &scene.effects;
-    // A gradient is made of samples one point to either side; steps are seen from end to end.
+    // A gradient is made of samples one point to either side; pre-integration looks at the ends of a step.
     let gradient = u32::from(effects.shading.is_some());
     let ends =
         if effects.pre_integrated || !effects.isosurfaces.is_empty() { scene.step_voxels.ceil() as u32 } else { 0 };
     1 + gradient.max(ends)
 }
 
-/// What each point and its two neighbours along `axis` agree on.
-fn agreed(part: &[u8], dims: [usize; 3], axis: usize) -> Vec<u8> {
+/// The part of each point, or [`VISIBLE`] where a neighbor along `axis` lies in another part.
+fn common_with_neighbors(part: &[u8], dims: [usize; 3], axis: usize) -> Vec<u8> {
     let (row, lines) = (dims[0], [0, 1, dims[1]][axis]);
     let differ = |out: &mut [u8], beside: &[u8]| {
-        out.iter_mut().zip(beside).for_each(|(o, b)| *o = if o == b { *o } else { SEEN });
+        out.iter_mut().zip(beside).for_each(|(o, b)| *o = if o == b { *o } else { VISIBLE });
     };
     let mut out = part.to_vec();
     out.par_chunks_exact_mut(row).enumerate().for_each(|(n, out)| {
