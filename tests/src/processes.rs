@@ -130,3 +130,35 @@ pub fn wait_for(patience: Duration, mut condition: impl FnMut() -> bool) -> bool
 pub fn recorded_series() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("data/blast.pvd")
 }
+
+/// What `program` prints, which succeeds.
+///
+/// # Panics
+/// If it fails.
+pub fn stdout_of(program: &str, arguments: &[&str]) -> String {
+    let output = run(program, arguments);
+    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{program} {arguments:?}: {out}{err}");
+    out.into_owned()
+}
+
+/// Holds `program` to refusing `arguments` with an error that has all of `words`.
+///
+/// # Panics
+/// If it succeeds, panics, or says something else.
+pub fn is_refused(program: &str, arguments: &[&str], words: &[&str]) {
+    let output = run(program, arguments);
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success(), "{program} {arguments:?} went through");
+    assert!(words.iter().all(|w| text.contains(w)), "{program} {arguments:?} said: {text}");
+    assert!(!text.contains("panicked"), "{text}");
+}
+
+/// The number behind `name` in `output`.
+///
+/// # Panics
+/// If there is none.
+pub fn figure(output: &str, name: &str) -> f64 {
+    let line = output.lines().find_map(|l| l.strip_prefix(name)).unwrap_or_else(|| panic!("no {name} in {output}"));
+    line.trim().parse().expect("a number")
+}

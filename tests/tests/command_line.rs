@@ -4,35 +4,22 @@
 
 use glam::DVec3;
 use lamina_model::{Grid, Representation, Volume, Voxels};
-use lamina_tests::processes::{binary, recorded_series, run};
+use lamina_tests::processes::{binary, figure, is_refused, recorded_series, run, stdout_of};
 use lamina_viz_node::store::StepRow;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 fn lamina(arguments: &[&str]) -> String {
-    let output = run("lamina", arguments);
-    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert!(output.status.success(), "lamina {arguments:?}: {out}{err}");
-    out.into_owned()
+    stdout_of("lamina", arguments)
 }
 
 fn refused(arguments: &[&str], words: &[&str]) {
-    let output = run("lamina", arguments);
-    let text = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(!output.status.success(), "lamina {arguments:?} went through");
-    assert!(words.iter().all(|w| text.contains(w)), "lamina {arguments:?} said: {text}");
-    assert!(!text.contains("panicked"), "{text}");
+    is_refused("lamina", arguments, words);
 }
 
 fn text(path: &Path) -> String {
     path.display().to_string()
-}
-
-/// The number behind `name` in `output`.
-fn figure(output: &str, name: &str) -> f64 {
-    let line = output.lines().find_map(|l| l.strip_prefix(name)).unwrap_or_else(|| panic!("no {name} in {output}"));
-    line.trim().parse().unwrap()
 }
 
 #[test]

@@ -234,7 +234,8 @@ proptest! {
     }
 
     #[test]
-    fn transmittance_is_the_product_of_a_segments_parts(depth in prop_oneof![0.0..40.0_f64, 0.0..1e-6_f64], cut in 0.0..1.0_f64) {
+    fn transmittance_is_the_product_of_a_segments_parts(depth in prop_oneof![0.0..40.0_f64, 0.0..1e-6_f64],
+        cut in 0.0..1.0_f64) {
         let light = |depths: &[f64]| {
             let mut light = Accumulator::default();
             depths.iter().for_each(|&d| light.add([0.3, 0.6, 0.9], d));
@@ -262,13 +263,16 @@ proptest! {
     }
 
     #[test]
-    fn neither_order_nor_neighbours_nor_threads_nor_level_change_a_bit(world in prop_oneof![world(), lit_world()], chunk in 1_usize..40, turn in 1_usize..273) {
+    fn neither_order_nor_neighbours_nor_threads_nor_level_change_a_bit(world in prop_oneof![world(),
+        lit_world()], chunk in 1_usize..40, turn in 1_usize..273) {
         let (field, pixels, [w, h]) = (world.field(), all_pixels(), SIZE);
         // A prime beside 273 = 21 x 13 and any start visit every pixel once.
         let order: Vec<usize> = (0..pixels.len()).map(|n| (turn + 101 * n) % pixels.len()).collect();
-        let vdi = with_threads(1, || simd::generate(Level::Portable, &field, &world.params, Segmentation::Greedy).unwrap());
+        let vdi = with_threads(1, || simd::generate(Level::Portable, &field, &world.params,
+            Segmentation::Greedy).unwrap());
         let cast = with_threads(1, || simd::raycast(Level::Portable, &field, &world.shot()));
-        let novel = with_threads(1, || PreparedVdi::new(&vdi).at_level(Level::Portable).render(&world.novel, w, h).unwrap());
+        let novel = with_threads(1, || PreparedVdi::new(&vdi).at_level(Level::Portable).render(&world.novel, w,
+            h).unwrap());
         for level in Level::available() {
             let prepared = PreparedVdi::new(&vdi).at_level(level);
             let other = with_threads(3, || simd::generate(level, &field, &world.params, Segmentation::Greedy).unwrap());
@@ -333,12 +337,14 @@ proptest! {
     }
 
     #[test]
-    fn a_greater_world_with_a_greater_unit_length_looks_the_same(world in prop_oneof![world(), lit_world()], power in -30..30_i32) {
+    fn a_greater_world_with_a_greater_unit_length_looks_the_same(world in prop_oneof![world(), lit_world()],
+        power in -30..30_i32) {
         // Powers of two: no rounding differs, so nothing may.
         let (other, [w, h]) = (scaled(&world, 2.0_f64.powi(power)), SIZE);
         let lists = |world: &World| (world.vdi().offsets().to_vec(), world.vdi().segments().to_vec());
         prop_assert!(lists(&world) == lists(&other));
-        let slow = |world: &World| reference::generate(&world.field(), &world.params, Segmentation::Greedy).unwrap().segments().to_vec();
+        let slow = |world: &World| reference::generate(&world.field(), &world.params,
+            Segmentation::Greedy).unwrap().segments().to_vec();
         prop_assert!(slow(&world) == slow(&other));
         let cast = |world: &World| Backend::cpu().raycast(&world.field(), &world.scene.camera, w, h).unwrap();
         prop_assert!(cast(&world) == cast(&other));
@@ -359,7 +365,8 @@ proptest! {
         let camera = Camera::new(4.0 * eye.normalize(), DVec3::ZERO, DVec3::new(0.1, 1.0, 0.2), 40.0).unwrap();
         let scene = Scene { camera, ..front_scene(clumps_transfer()) };
         let field = Field::new(sampled_cube(24, clumps), &scene);
-        let vdi = |r, gamma| Backend::cpu().generate(&field, &GenerationParams::new(r, gamma).unwrap(), Segmentation::Greedy).unwrap().0;
+        let vdi = |r, gamma| Backend::cpu().generate(&field, &GenerationParams::new(r, gamma).unwrap(),
+            Segmentation::Greedy).unwrap().0;
         let drawn = |r, gamma, camera: &Camera| PreparedVdi::new(&vdi(r, gamma)).render(camera, SIDE, SIDE).unwrap();
         let cast = Backend::cpu().raycast(&field, &camera, SIDE, SIDE).unwrap();
 
@@ -382,7 +389,8 @@ proptest! {
 
         let novel = camera.rotated_about_y(angle_deg).unwrap();
         let limit = drawn(4 * SIDE, 0.0, &novel);
-        let by_gamma = [0.1, 0.01, 0.001, 0.0001].map(|gamma| root_mean_square(&drawn(4 * SIDE, gamma, &novel), &limit));
+        let by_gamma = [0.1, 0.01, 0.001, 0.0001].map(|gamma| root_mean_square(&drawn(4 * SIDE, gamma, &novel),
+            &limit));
         prop_assert!(by_gamma.is_sorted_by(|a, b| a >= b) && by_gamma[3] < 1e-4, "{by_gamma:?}");
         let truth = Backend::cpu().raycast(&field, &novel, SIDE, SIDE).unwrap();
         let by_r = [SIDE, 4 * SIDE].map(|r| root_mean_square(&drawn(r, 0.0, &novel), &truth));

@@ -2,22 +2,15 @@
 
 #![allow(clippy::unwrap_used)]
 
-use lamina_tests::processes::{recorded_series, run};
+use lamina_tests::processes::{is_refused, recorded_series, run, stdout_of};
 use std::path::Path;
 
 fn lab(arguments: &[&str]) -> String {
-    let output = run("lamina-lab", arguments);
-    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert!(output.status.success(), "lamina-lab {arguments:?}: {out}{err}");
-    out.into_owned()
+    stdout_of("lamina-lab", arguments)
 }
 
 fn refused(arguments: &[&str], words: &[&str]) {
-    let output = run("lamina-lab", arguments);
-    let text = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(!output.status.success(), "lamina-lab {arguments:?} went through");
-    assert!(words.iter().all(|w| text.contains(w)), "lamina-lab {arguments:?} said: {text}");
-    assert!(!text.contains("panicked"), "{text}");
+    is_refused("lamina-lab", arguments, words);
 }
 
 fn text(path: &Path) -> String {

@@ -225,7 +225,8 @@ b.shape, b.strides = ctypes.cast(shape, type(b.shape)), ctypes.cast(strides, typ
 broadcast = ctypes.pythonapi.PyMemoryView_FromBuffer
 broadcast.restype = ctypes.py_object
 raises(ValueError, 'strides', lambda: run.push(1, 0.0, broadcast(ctypes.byref(b))))
-raises(ValueError, 'laid out', lambda: run.push(1, 0.0, values.cast('f', (4, 3, 2)), colors=values.cast('f', (2, 3, 4))))
+raises(ValueError, 'laid out', lambda: run.push(1, 0.0, values.cast('f', (4, 3, 2)), colors=values.cast('f',
+    (2, 3, 4))))
 if hasattr(os, 'fork'):
     child = os.fork()
     if child == 0:

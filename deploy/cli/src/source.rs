@@ -20,7 +20,7 @@ pub trait Source {
     /// What the scalar is.
     fn field(&self) -> &str;
     /// Number of steps, if it ends by itself.
-    fn len(&self) -> Option<u64>;
+    fn step_count(&self) -> Option<u64>;
     /// How to show it.
     fn scene(&self) -> &Scene;
     /// The next step's simulation time and volume; `None` at the end. Takes as long as computing or reading it does.
@@ -118,7 +118,7 @@ impl Source for Example {
     fn field(&self) -> &str {
         "density"
     }
-    fn len(&self) -> Option<u64> {
+    fn step_count(&self) -> Option<u64> {
         None
     }
     fn scene(&self) -> &Scene {
@@ -191,7 +191,7 @@ impl Source for Recorded {
     fn field(&self) -> &str {
         self.series.field()
     }
-    fn len(&self) -> Option<u64> {
+    fn step_count(&self) -> Option<u64> {
         Some(self.series.len() as u64)
     }
     fn scene(&self) -> &Scene {

@@ -50,7 +50,7 @@ fn run(source: &mut dyn Source, options: &cli::Watch, policy: FullPolicy, pace: 
         !waits || overhead.is_none(),
         "contract: overhead: a series that waits for the nodes has no pace to lose; leave it out, or give --pace"
     );
-    let steps = [options.steps, source.len()].into_iter().flatten().min();
+    let steps = [options.steps, source.step_count()].into_iter().flatten().min();
     let first = source.next()?.context("the series is empty")?;
     match &options.generator {
         Some(generator) => push_only(source, first, steps, generator.clone(), policy, pace),

@@ -1,3 +1,5 @@
+//! Values come back within the bound, and hostile bytes are refused.
+
 use super::{HEADER, decode::decode, encode::encode};
 use crate::entropy::EntropyError;
 

@@ -33,7 +33,8 @@ pub fn raycast(level: Level, field: &Field, shot: &Shot) -> Vec<[f32; 3]> {
     let cast = CastParams { setup: &setup, effects: None, floor: shot.floor, background: field.scene().background };
     for_stored!(field.stored(), v => {
         let sampler = VolumeSampler::new(field, v, &table);
-        let band = |(band, out)| level.run(PictureBand { sampler: &sampler, cast: &cast, width, first_row: 2 * band as u32, out });
+        let band = |(band, out)| level.run(PictureBand { sampler: &sampler, cast: &cast, width,
+            first_row: 2 * band as u32, out });
         image.par_chunks_mut(2 * width as usize).enumerate().for_each(band);
     });
     image
@@ -62,7 +63,8 @@ pub fn raycast_pixels(level: Level, field: &Field, shot: &Shot, pixels: &[(u32, 
     let cast = CastParams { setup: &setup, effects, floor: shot.floor, background };
     for_stored!(field.stored(), v => {
         let sampler = VolumeSampler::new(field, v, &table);
-        let list = |(pixels, out): (&[_], &mut [_])| level.run(PixelList { sampler: &sampler, cast: &cast, pixels, out });
+        let list = |(pixels, out): (&[_], &mut [_])| level.run(PixelList { sampler: &sampler, cast: &cast,
+            pixels, out });
         pixels.par_chunks(256).zip(colors.par_chunks_mut(256)).for_each(list);
     });
     colors

@@ -1,3 +1,5 @@
+//! Lists of supersegments come back as they were, and hostile bytes are refused.
+
 use super::{BAND, MAX_DEPTH, QuantizedSegment, bands, decode, encode};
 use crate::entropy::EntropyError;
 
