@@ -15,7 +15,7 @@ pub struct Config {
     pub listen: SocketAddr,
     /// The generator-node to subscribe to.
     pub generator: String,
-    /// Where the tuner reaches this node, `http://HOST:PORT`; a host of 0.0.0.0 or [::] is replaced by the address that the
+    /// Where the tuner reaches this node, `http://HOST:PORT`; a host of `0.0.0.0` or `[::]` is replaced by the address that the
     /// generator-node sees. Without it, `listen`; empty: no trials are measured here.
     pub quality_address: Option<String>,
     /// Folder in which every step is recorded; without one the newest are held in memory.

@@ -19,7 +19,7 @@ const GRACE: Duration = Duration::from_secs(1);
 /// What a node stops on. A boxed future, so that a node's machinery is compiled once, in its own crate.
 pub type Shutdown = Pin<Box<dyn Future<Output = ()> + Send>>;
 
-/// Serves `router` on `listener` until `shutdown` completes, then for at most [`GRACE`] more.
+/// Serves `router` on `listener` until `shutdown` completes, then for at most a second more.
 ///
 /// # Errors
 /// If the transport fails.
