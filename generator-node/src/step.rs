@@ -2,7 +2,7 @@
 
 use crate::publish::Delivery;
 use crate::schedule::Setting;
-use lamina_codec::{self, EncodeOptions};
+use lamina_codec::{EncodeOptions, encode_timed};
 use lamina_compute::{Activity, Laps};
 use lamina_model::{Cost, GenerationParams, Intermediate, Invalid, ReferenceSamples, SamplePlan, Segmentation};
 use lamina_raycast::{Backend, Field, most_points};
@@ -46,9 +46,9 @@ impl Step {
     ) -> Result<(Vec<u8>, Cost), Invalid> {
         let (intermediate, generation_time) = self.backend.represent(&self.field, params, self.segmentation)?;
         laps.lap(Activity::Generate);
-        let encoded = encode(&intermediate, generation_time, options);
+        let encoded = encode_timed(&intermediate, generation_time, options);
         laps.lap(Activity::Encode);
-        encoded
+        Ok(encoded?)
     }
 
     /// The same as a trial, whose time decides what many steps are generated with: a quick generation is timed three times,
@@ -65,9 +65,9 @@ impl Step {
             None => self.timed(params)?,
         };
         laps.lap(Activity::Generate);
-        let encoded = encode(&intermediate, generation_time, options);
+        let encoded = encode_timed(&intermediate, generation_time, options);
         laps.lap(Activity::Encode);
-        encoded
+        Ok(encoded?)
     }
 
     /// What generation alone takes as a trial.
@@ -159,22 +159,6 @@ fn median_of_three(first: Duration, mut again: impl FnMut() -> Result<Duration, 
     let mut times = [first, again()?, again()?];
     times.sort();
     Ok(times[1])
-}
-
-/// The bytes of a generated step, and what they cost.
-pub fn encode(
-    intermediate: &Intermediate,
-    generation_time: Duration,
-    options: &EncodeOptions,
-) -> Result<(Vec<u8>, Cost), Invalid> {
-    let (bytes, [generation_time, encode_time]) = lamina_codec::encode_timed(intermediate, generation_time, options)?;
-    let cost = Cost {
-        size_bytes: bytes.len() as u64,
-        generation: generation_time,
-        encode: encode_time,
-        elements: intermediate.elements(),
-    };
-    Ok((bytes, cost))
 }
 
 /// The use of a frame.

@@ -1,7 +1,8 @@
 //! One stream of trials: candidate after candidate measured on one step, each VDI to the viewer that is to look at it.
 
 use crate::node_state::NodeState;
-use crate::step::{Purpose, Step, encode};
+use crate::step::{Purpose, Step};
+use lamina_codec::encode_timed;
 use lamina_compute::{Activity, Laps, Permit, Priority};
 use lamina_model::{Cost, GenerationParams, Invalid};
 use lamina_rpc::daemon::with_heartbeat;
@@ -165,7 +166,7 @@ impl TrialSession {
                 let (mut some, begun) = (Vec::new(), Instant::now());
                 while begun.elapsed() < TURN {
                     let Some(intermediate) = all.next() else { break };
-                    some.push(encode(&intermediate, march_time, &options)?.1);
+                    some.push(encode_timed(&intermediate, march_time, &options)?.1);
                 }
                 laps.lap(Activity::Encode);
                 Ok((some, all))

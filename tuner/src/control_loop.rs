@@ -157,15 +157,13 @@ impl Daemon {
         }
         self.run.timed(report, &self.config.contract);
         let kept = self.config.contract.excess(&report.cost, f64::NAN) <= 0.0;
-        // Parameters other than those pushed mean that the generator-node had to fall back to keep the size limit.
-        let fell_back = report.fell_back;
         match self.run.nearest_studied(report) {
             Some(step) if step.cut && matches!(study, Call::Study) => study,
             Some(step) => match setting(&step.study, step.chosen, &self.config.contract, TuningState::Done) {
                 known if self.setting.as_ref().is_none_or(|s| s.params != known.params) => {
                     Call::Switch(known, step.study.rows[step.chosen].measured.quality.psnr_db())
                 }
-                _ if kept && !fell_back => Call::Nothing,
+                _ if kept && !report.fell_back => Call::Nothing,
                 // Where nothing keeps the contract, every step breaks it; asking again each time would find the same. What was
                 // cut short is asked again above, as soon as there is time.
                 _ if step.study.best.is_none() => Call::Nothing,
@@ -206,7 +204,7 @@ impl Daemon {
     /// The parameters that the step was made with: those pushed, or what the generator-node fell back to; those that it has of
     /// itself, if they lie among `candidates`.
     fn in_use(&self, report: &StepReport, candidates: &CandidateSet) -> Option<GenerationParams> {
-        Some(report.params).filter(|own| self.setting.is_some() || candidates.spans(own))
+        (self.setting.is_some() || candidates.spans(&report.params)).then_some(report.params)
     }
 
     async fn measure(&mut self, control: &ControlClient<Channel>, report: &StepReport) -> Result<StudyEnd, TrialError> {
@@ -298,8 +296,7 @@ impl Daemon {
         self.holds_from = from;
         // What was chosen on steps like this one did not serve.
         if let (Some(_), Some(before)) = (study.best, before) {
-            let params = report.params;
-            self.run.characteristic.forget(&params, report.cost.size_bytes, &before);
+            self.run.characteristic.forget(&report.params, report.cost.size_bytes, &before);
         }
         self.status.measured(study.step, &study.rows, Some(chosen));
         self.run.characteristic.keep(study, chosen, cut);

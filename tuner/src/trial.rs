@@ -1,7 +1,6 @@
 //! One measurement of one set of parameters, whoever takes it.
 
-pub use lamina_model::Cost;
-use lamina_model::{GenerationParams, Indicators, Invalid, Quality};
+use lamina_model::{Cost, GenerationParams, Indicators, Invalid, Quality};
 use std::future::Future;
 use std::time::Duration;
 

@@ -3,7 +3,7 @@
 
 use crate::store::{Run, StepRow, Store};
 use crate::trials::{ArrivedTrial, TrialStore};
-use lamina_codec::{self, DecodeLimits};
+use lamina_codec::DecodeLimits;
 use lamina_compute::{Activity, CpuShare, Priority};
 use lamina_model::ReferenceSamples;
 use lamina_rpc::reference;

@@ -1,7 +1,7 @@
 //! TrialStore that arrived, kept for as long as there is room, and what those measured came to.
 
 use crate::store::StepRow;
-use lamina_codec::{self, CodecError, DecodeLimits};
+use lamina_codec::{CodecError, DecodeLimits};
 use lamina_model::{Quality, ReferenceSamples};
 use lamina_rpc::v1;
 use lamina_vdi_render::Drawable;

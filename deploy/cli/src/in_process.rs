@@ -2,13 +2,14 @@
 
 use crate::offline::prepare;
 use crate::process;
-use lamina_codec::{self, DecodeLimits, EncodeOptions};
+use lamina_codec::{DecodeLimits, EncodeOptions};
+use lamina_model::Cost;
 use lamina_model::{
     GenerationParams, Intermediate, Invalid, ParamsKey, Quality, ReferenceSamples, SamplePlan, Scene, Segmentation,
     Volume,
 };
 use lamina_raycast::{Backend, Field, most_points};
-use lamina_tuner::trial::{Cost, Measured, Trial, TrialError};
+use lamina_tuner::trial::{Measured, Trial, TrialError};
 use lamina_vdi_render::{self as viz, Detail, Drawable};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -169,11 +170,7 @@ impl InProcessEvaluator {
 
     /// The encoded bytes, and their cost.
     fn encode(&self, intermediate: &Intermediate, generation_time: Duration) -> Result<(Vec<u8>, Cost), Invalid> {
-        let options = encode_options(self.segmentation);
-        let (bytes, [generation_time, encode_time]) =
-            lamina_codec::encode_timed(intermediate, generation_time, &options)?;
-        let (size_bytes, elements) = (bytes.len() as u64, intermediate.elements());
-        Ok((bytes, Cost { size_bytes, generation: generation_time, encode: encode_time, elements }))
+        Ok(lamina_codec::encode_timed(intermediate, generation_time, &encode_options(self.segmentation))?)
     }
 
     fn represent(&self, params: &GenerationParams) -> Result<(Intermediate, Duration), Invalid> {

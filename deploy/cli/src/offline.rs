@@ -5,7 +5,7 @@ use crate::picture_file;
 use crate::scene_file::scene_for;
 use crate::source::{read_options, with_colors};
 use anyhow::{Context, ensure};
-use lamina_codec::{self, Codec, CodecError, DecodeLimits, EncodeOptions, Layout};
+use lamina_codec::{Codec, CodecError, DecodeLimits, EncodeOptions, Layout};
 use lamina_model::{GenerationParams, Representation, Scene, Segmentation, Volume, psnr};
 use lamina_raycast::{Backend, Field};
 use lamina_vdi_render::{Detail, Drawable};
@@ -81,16 +81,16 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
     let field = prepare(volume, &scene);
     let (intermediate, generation_time) =
         Backend::open(arguments.input.backend)?.represent(&field, &params, arguments.segmentation)?;
-    let (bytes, times) = lamina_codec::encode_timed(&intermediate, generation_time, &options)?;
-    let [generation_ms, encode_ms] = times.map(|t| t.as_secs_f64() * 1e3);
+    let (bytes, cost) = lamina_codec::encode_timed(&intermediate, generation_time, &options)?;
+    let [generation_ms, encode_ms] = [cost.generation, cost.encode].map(|t| t.as_secs_f64() * 1e3);
     let elements = match params.representation() {
         Representation::Vdi => "supersegments",
         Representation::Volume => "sample_points",
     };
-    say!("{elements} {}", intermediate.elements());
+    say!("{elements} {}", cost.elements);
     say!("generation_ms {generation_ms:.1}");
     say!("encode_ms {encode_ms:.1}");
-    say!("size_bytes {}", bytes.len());
+    say!("size_bytes {}", cost.size_bytes);
     std::fs::write(&arguments.out, bytes).with_context(|| format!("{}: cannot be written", arguments.out.display()))
 }
 

@@ -3,7 +3,7 @@
 use crate::error::CodecError;
 use crate::vdi::{self, EncodeOptions};
 use crate::{DecodeLimits, volume};
-use lamina_model::Intermediate;
+use lamina_model::{Cost, Intermediate};
 use std::time::{Duration, Instant};
 
 /// Encodes either representation. `options` concern VDIs only.
@@ -17,8 +17,8 @@ pub fn encode_any(intermediate: &Intermediate, options: &EncodeOptions) -> Resul
     }
 }
 
-/// Encodes as [`encode_any`] and also returns `[generation, encoding]`, the durations to report. `made` is the time that
-/// generation took; the encoding time of a reduced volume counts as generation, because its codec does the lossy part.
+/// Encodes as [`encode_any`] and also returns the cost. `made` is the time that generation took; the encoding time of a reduced
+/// volume counts as generation, because its codec does the lossy part.
 ///
 /// # Errors
 /// As [`encode_any`].
@@ -26,11 +26,12 @@ pub fn encode_timed(
     intermediate: &Intermediate,
     made: Duration,
     options: &EncodeOptions,
-) -> Result<(Vec<u8>, [Duration; 2]), CodecError> {
+) -> Result<(Vec<u8>, Cost), CodecError> {
     let start = Instant::now();
     let bytes = encode_any(intermediate, options)?;
-    let (generation, encoding) = intermediate.representation().times(made, start.elapsed());
-    Ok((bytes, [generation, encoding]))
+    let (generation, encode) = intermediate.representation().times(made, start.elapsed());
+    let cost = Cost { size_bytes: bytes.len() as u64, generation, encode, elements: intermediate.elements() };
+    Ok((bytes, cost))
 }
 
 /// Verifies checksum, version, header and decoded size without decoding the content.

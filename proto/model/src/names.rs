@@ -1,6 +1,7 @@
 //! Names of plain enums in files, on the page and on the command line.
 
-/// Names of the values of a plain enum: as shown, and as read.
+/// Gives a plain enum `ALL`, `name`, `Display` and `FromStr`: `named!(Type, "thing", "neither a nor b", A "a", B "b")`.
+#[macro_export]
 macro_rules! named {
     ($type:ident, $thing:literal, $none:literal, $($value:ident $name:literal),+) => {
         impl $type {
@@ -14,9 +15,9 @@ macro_rules! named {
         }
 
         impl std::str::FromStr for $type {
-            type Err = crate::Invalid;
-            fn from_str(s: &str) -> Result<Self, crate::Invalid> {
-                let unknown = || crate::Invalid::new($thing, format!("\"{s}\" is {}", $none));
+            type Err = $crate::Invalid;
+            fn from_str(s: &str) -> Result<Self, $crate::Invalid> {
+                let unknown = || $crate::Invalid::new($thing, format!("\"{s}\" is {}", $none));
                 Self::ALL.into_iter().find(|value| value.name() == s).ok_or_else(unknown)
             }
         }
@@ -28,5 +29,3 @@ macro_rules! named {
         }
     };
 }
-
-pub(crate) use named;

@@ -1,7 +1,7 @@
 //! What steers generation: the paper's P_M.
 
 use crate::Invalid;
-use crate::names::named;
+use crate::named;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 

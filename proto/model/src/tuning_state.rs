@@ -1,6 +1,6 @@
 //! Where a step's parameters come from.
 
-use crate::names::named;
+use crate::named;
 use serde::{Deserialize, Serialize};
 
 /// How far the study has come that parameters are from.

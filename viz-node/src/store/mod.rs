@@ -5,11 +5,10 @@
 mod folder;
 mod row;
 
-pub use lamina_model::TuningState;
 pub use row::{Measured, Number, StepRow, ViewPsnr};
 
 use folder::Folder;
-use lamina_codec::{self, DecodeLimits};
+use lamina_codec::DecodeLimits;
 use lamina_rpc::v1;
 use lamina_vdi_render::{Drawable, QualityEstimate};
 use serde::{Deserialize, Serialize};

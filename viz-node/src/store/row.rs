@@ -48,40 +48,21 @@ pub struct ViewPsnr {
     pub psnr_db: Number,
 }
 
-/// Names of an enum's values on the page and in `steps.csv`.
-macro_rules! named {
-    ($(#[$doc:meta])* $type:ident { $($(#[$value_doc:meta])* $value:ident = $name:literal),+ }) => {
-        $(#[$doc])*
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-        #[serde(rename_all = "lowercase")]
-        pub enum $type { $($(#[$value_doc])* $value),+ }
-
-        impl $type {
-            /// Its name.
-            pub fn name(self) -> &'static str {
-                match self { $(Self::$value => $name),+ }
-            }
-
-            fn parse(name: &str) -> Option<Self> {
-                match name { $($name => Some(Self::$value),)+ _ => None }
-            }
-        }
-    };
+/// Whether a step's quality was measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Measured {
+    /// It came without reference samples.
+    No,
+    /// It waits for processor time.
+    Pending,
+    /// There was no processor time before a newer step came.
+    Skipped,
+    /// At a slice of the sampled pixels, or at all of them.
+    Yes,
 }
 
-named! {
-    /// Whether a step's quality was measured.
-    Measured {
-        /// It came without reference samples.
-        No = "no",
-        /// It waits for processor time.
-        Pending = "pending",
-        /// There was no processor time before a newer step came.
-        Skipped = "skipped",
-        /// At a slice of the sampled pixels, or at all of them.
-        Yes = "yes"
-    }
-}
+lamina_model::named!(Measured, "measured", "neither no, pending, skipped nor yes", No "no", Pending "pending", Skipped "skipped", Yes "yes");
 
 /// One recorded step.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -288,7 +269,7 @@ impl StepRow {
             representation: kind.parse().ok()?,
             psnr_limit_db: None,
             half_width_db: optional(half_width)?,
-            measured: Measured::parse(measured)?,
+            measured: measured.parse().ok()?,
             tuning: tuning.parse().ok()?,
             overhead: optional(overhead)?,
             throttle: throttle.parse().ok()?,

@@ -4,7 +4,7 @@ use super::curve::Point;
 use super::error::Error;
 use super::requantize;
 use super::views::Views;
-use lamina_codec::{self, DecodeLimits, EncodeOptions};
+use lamina_codec::{DecodeLimits, EncodeOptions};
 use lamina_model::{Camera, GenerationParams, ParamsKey, Scene, Segmentation, Vdi, Volume};
 use lamina_raycast::{Backend, Field};
 use lamina_vdi_render::{self as viz, Detail, PreparedVdi};

@@ -11,7 +11,7 @@ use glam::DVec3;
 use lamina::offline::{open, prepare};
 use lamina::process::{self, Used};
 use lamina::say;
-use lamina_codec::{self, DecodeLimits, EncodeOptions};
+use lamina_codec::{DecodeLimits, EncodeOptions};
 use lamina_model::{GenerationParams, Grid, Image, Scene, Segmentation, Supersegment, Vdi, Volume, Voxels, suggest};
 use lamina_raycast::simd::{self, Shot};
 use lamina_raycast::{Backend, Field};

@@ -12,7 +12,7 @@ use curve::{Curve, Sample, difference};
 use indicatif::{ProgressBar, ProgressStyle};
 use lamina::offline::{open, prepare};
 use lamina::say;
-use lamina_codec::{self, Codec, DecodeLimits, EncodeOptions, Layout};
+use lamina_codec::{Codec, DecodeLimits, EncodeOptions, Layout};
 use lamina_model::{GenerationParams, Intermediate, ReferenceSamples, Representation, SamplePlan, Segmentation};
 use lamina_raycast::{Backend, Field, most_points};
 use lamina_report::numbers::significant;

@@ -5,8 +5,8 @@
 
 use anyhow::Context;
 use lamina::in_process::{RecordedTrial, SpentTime, TrialStore};
+use lamina_model::Cost;
 use lamina_model::{GenerationParams, ParamsKey, Quality, SamplePlan, Scene, ViewError, Volume};
-use lamina_tuner::trial::Cost;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::HashMap;

@@ -93,9 +93,10 @@ pub fn row(rows: &[Row], limits: &Limits) -> [String; 6] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lamina_model::Cost;
     use lamina_model::{GenerationParams, Quality, ViewError};
     use lamina_tuner::Contract;
-    use lamina_tuner::trial::{Cost, Measured};
+    use lamina_tuner::trial::Measured;
     use std::time::Duration;
 
     #[test]

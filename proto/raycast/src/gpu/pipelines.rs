@@ -11,18 +11,18 @@ use lamina_compute::gpu::wgpu::{
 
 /// The source of a kernel that marches.
 macro_rules! march {
-    ($kernel:literal) => {
+    ($($kernel:literal),+) => {
         concat!(
             include_str!("layout.wgsl"),
             include_str!("leaf.wgsl"),
             include_str!("march.wgsl"),
             include_str!("effects.wgsl"),
-            include_str!($kernel)
+            $(include_str!($kernel)),+
         )
     };
 }
 
-pub const RAYCAST: &str = march!("raycast.wgsl");
+pub const RAYCAST: &str = march!("raycast.wgsl", "../../../compute/src/gpu/color_pass.wgsl");
 pub const GENERATE: &str = march!("generate.wgsl");
 pub const SCAN: &str = concat!(include_str!("layout.wgsl"), include_str!("scan.wgsl"));
 
@@ -85,8 +85,8 @@ impl Pipelines {
         MarchPipelines {
             kind,
             set,
-            raycast_rows: raycaster("raycast_rows"),
-            raycast_pixels: raycaster("raycast_pixels"),
+            raycast_rows: raycaster("color_rows"),
+            raycast_pixels: raycaster("color_pixels"),
             generate: gpu.pipeline(&generate, "generate", &[&self.field, &self.generate, &self.effects], &constants),
         }
     }

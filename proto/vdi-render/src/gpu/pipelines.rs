@@ -11,7 +11,8 @@ pub const RENDER: &str = concat!(
     include_str!("line.wgsl"),
     include_str!("composite.wgsl"),
     include_str!("dda.wgsl"),
-    include_str!("render.wgsl")
+    include_str!("render.wgsl"),
+    include_str!("../../../compute/src/gpu/color_pass.wgsl")
 );
 
 /// The compiled pipelines, and the layouts of their bind groups.
@@ -32,7 +33,7 @@ impl Pipelines {
         let picture = gpu.layout("picture", &[UNIFORM, READ, WRITE]);
         let module = gpu.module("render", RENDER);
         let pipeline = |entry| gpu.pipeline(&module, entry, &[&vdi, &picture], &[]);
-        let (render_rows, render_pixels) = (pipeline("render_rows"), pipeline("render_pixels"));
+        let (render_rows, render_pixels) = (pipeline("color_rows"), pipeline("color_pixels"));
         Self { vdi, picture, render_rows, render_pixels }
     }
 }

@@ -1,10 +1,9 @@
 //! Each leaf of leaf.wgsl, evaluated on the device at the edges of what it takes, against Rust.
 
 use super::open;
-use crate::gpu::GpuError;
 use crate::volume::occupancy::BRICK;
 use glam::{DVec3, Vec3};
-use lamina_compute::gpu::wgpu::{BufferUsages, ComputePass};
+use lamina_compute::gpu::testing;
 use lamina_model::composite::opacity_from_optical_depth;
 use lamina_model::{Aabb, Ray, vdi};
 
@@ -36,23 +35,7 @@ fn x(x: f32) -> Case {
 /// The device's answers: two vectors a case. `None` without a device.
 fn probe(leaf: Leaf, cases: &[Case]) -> Option<Vec<[[f32; 4]; 2]>> {
     let (gpu, _) = open()?;
-    let outcomes = gpu.run("probing", || {
-        let tag = [leaf as u32 as f32, 0.0, 0.0, 0.0];
-        let input: Vec<[f32; 4]> = cases.iter().flat_map(|c| c.iter().copied().chain([tag])).collect();
-        let input = gpu.upload("cases", bytemuck::cast_slice(&input), BufferUsages::STORAGE);
-        let size = 32 * cases.len() as u64;
-        let output = gpu.buffer("outcomes", size, BufferUsages::STORAGE | BufferUsages::COPY_SRC);
-        let pipeline = gpu.pipeline(&gpu.module("probe", PROBE), "probe", &[], &[]);
-        let bindings = gpu.bind(&pipeline.get_bind_group_layout(0), &[&input, &output]);
-        let record = |pass: &mut ComputePass<'_>| {
-            pass.set_pipeline(&pipeline);
-            pass.set_bind_group(0, &bindings, &[]);
-            pass.dispatch_workgroups(cases.len().div_ceil(64) as u32, 1, 1);
-        };
-        let done = gpu.submit("probe", record, &[(&output, 0..size)])?;
-        Ok::<_, GpuError>(done.copies[0].chunks_exact(32).map(bytemuck::pod_read_unaligned).collect())
-    });
-    Some(outcomes.unwrap())
+    Some(testing::probe(&gpu, PROBE, leaf as u32 as f32, cases))
 }
 
 #[test]
