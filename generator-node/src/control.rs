@@ -15,7 +15,7 @@ use tokio_stream::wrappers::{ReceiverStream, WatchStream};
 use tonic::{Request, Response, Status, Streaming};
 
 /// The gRPC face of [`NodeState`].
-pub struct ControlService(pub Arc<NodeState>);
+pub(crate) struct ControlService(pub Arc<NodeState>);
 
 type Answers<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 

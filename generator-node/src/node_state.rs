@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::broadcast;
 
 /// Configuration in force, the newest step, and what is scheduled.
-pub struct NodeState {
+pub(crate) struct NodeState {
     /// How VDIs are encoded.
     pub options: EncodeOptions,
     /// What casts the rays.
@@ -39,7 +39,7 @@ struct State {
 }
 
 /// What a node works with.
-pub struct Parts {
+pub(crate) struct Parts {
     /// Parameters before any are set, if the configuration states them.
     pub params: Option<GenerationParams>,
     /// As [`NodeState::options`].
@@ -60,7 +60,7 @@ pub struct Parts {
 
 impl NodeState {
     /// Nothing generated yet.
-    pub fn new(parts: Parts) -> Self {
+    pub(crate) fn new(parts: Parts) -> Self {
         let Parts { params, options, backend, segmentation, plan, share, overhead, publisher } = parts;
         let schedule = Schedule::new(params);
         let state = Mutex::new(State { schedule, newest: None, last_report: None });
@@ -73,48 +73,48 @@ impl NodeState {
     }
 
     /// The newest step, held for as long as the caller keeps it.
-    pub fn newest(&self) -> Option<Arc<Step>> {
+    pub(crate) fn newest(&self) -> Option<Arc<Step>> {
         self.state().newest.clone()
     }
 
     /// The newest finished step, as numbers.
-    pub fn last_report(&self) -> Option<StepReport> {
+    pub(crate) fn last_report(&self) -> Option<StepReport> {
         self.state().last_report.clone()
     }
 
     /// Takes `step` as the newest; gives what it is generated with.
-    pub fn begin(&self, step: &Arc<Step>) -> Setting {
+    pub(crate) fn begin(&self, step: &Arc<Step>) -> Setting {
         let mut state = self.state();
         state.newest = Some(step.clone());
         state.schedule.begin(step.step)
     }
 
     /// A step is finished.
-    pub fn report(&self, report: StepReport) {
+    pub(crate) fn report(&self, report: StepReport) {
         self.state().last_report = Some(report.clone());
         // No tuner listening is not an error.
         let _ = self.reports.send(report);
     }
 
     /// Another run begins.
-    pub fn restart(&self) {
+    pub(crate) fn restart(&self) {
         self.state().schedule.restart();
         self.overhead.restart();
     }
 
     /// What the node costs the simulation, as far as it is known.
-    pub fn coupling(&self) -> Coupling {
+    pub(crate) fn coupling(&self) -> Coupling {
         self.overhead.coupling()
     }
 
     /// Gives what is scheduled other limits; says from which step on they hold.
-    pub fn limit(&self, limits: Limits, only_vdis: bool) -> u64 {
+    pub(crate) fn limit(&self, limits: Limits, only_vdis: bool) -> u64 {
         self.overhead.limit(limits.overhead);
         self.state().schedule.limit(limits, only_vdis)
     }
 
     /// Schedules parameters; says from which step on they hold.
-    pub fn set(&self, from_step: u64, setting: Setting) -> u64 {
+    pub(crate) fn set(&self, from_step: u64, setting: Setting) -> u64 {
         self.overhead.limit(setting.limits.overhead);
         self.state().schedule.set(from_step, setting)
     }

@@ -24,7 +24,7 @@ struct Pipeline {
 }
 
 /// Turns steps into frames for ever.
-pub async fn run(ingest: Arc<Ingest>, node: Arc<NodeState>, reference_every: u64, live_batches: u32) {
+pub(crate) async fn run(ingest: Arc<Ingest>, node: Arc<NodeState>, reference_every: u64, live_batches: u32) {
     let pipeline =
         Pipeline { node: node.clone(), reference_every, live_batches, run: None, start: None, rung: Rung::default() };
     let pipeline = Arc::new(Mutex::new(pipeline));

@@ -16,7 +16,7 @@ use tonic::{Request, Response, Status};
 
 /// Something to deliver: an announcement and its payload, of one run.
 #[derive(Clone)]
-pub struct Delivery {
+pub(crate) struct Delivery {
     run: Arc<v1::Run>,
     announcement: Part,
     payload: Bytes,
@@ -24,17 +24,17 @@ pub struct Delivery {
 
 impl Delivery {
     /// Reference samples or a frame of `run`.
-    pub fn new(run: &Arc<v1::Run>, announcement: Part, payload: impl Into<Bytes>) -> Self {
+    pub(crate) fn new(run: &Arc<v1::Run>, announcement: Part, payload: impl Into<Bytes>) -> Self {
         Self { run: run.clone(), announcement, payload: payload.into() }
     }
 
     /// Bytes of the payload.
-    pub fn bytes(&self) -> u64 {
+    pub(crate) fn bytes(&self) -> u64 {
         self.payload.len() as u64
     }
 
     /// True for a frame, false for what it is compared with.
-    pub fn is_frame(&self) -> bool {
+    pub(crate) fn is_frame(&self) -> bool {
         matches!(self.announcement, Part::Frame(_))
     }
 
@@ -69,7 +69,7 @@ impl History {
 }
 
 /// The history and its subscribers.
-pub struct Publisher {
+pub(crate) struct Publisher {
     history_bytes: u64,
     history: Mutex<History>,
     newest: watch::Sender<u64>,
@@ -92,7 +92,7 @@ impl Drop for SubscriptionGuard {
 
 impl Publisher {
     /// Holds up to `history_bytes` of live frames.
-    pub fn new(history_bytes: u64) -> Self {
+    pub(crate) fn new(history_bytes: u64) -> Self {
         let (newest, trials) = (watch::Sender::new(0), watch::Sender::new(0));
         Self { history_bytes, history: Mutex::default(), newest, trials }
     }
@@ -102,12 +102,12 @@ impl Publisher {
     }
 
     /// The subscribers that measure trials, now and at every change.
-    pub fn viewers(&self) -> watch::Receiver<v1::ViewerList> {
+    pub(crate) fn viewers(&self) -> watch::Receiver<v1::ViewerList> {
         self.history().subscribers.list()
     }
 
     /// Adds a step's deliveries to the history.
-    pub fn publish(&self, deliveries: Vec<Delivery>) {
+    pub(crate) fn publish(&self, deliveries: Vec<Delivery>) {
         let mut history = self.history();
         for delivery in deliveries {
             let number = history.next;
@@ -124,7 +124,7 @@ impl Publisher {
     }
 
     /// Sends a trial's deliveries to `viewer`; false if it is not there.
-    pub fn publish_trial(&self, viewer: &str, deliveries: Vec<Delivery>) -> bool {
+    pub(crate) fn publish_trial(&self, viewer: &str, deliveries: Vec<Delivery>) -> bool {
         {
             let mut history = self.history();
             let Some(waiting) = history.subscribers.waiting(viewer) else { return false };
@@ -189,7 +189,7 @@ fn messages(deliveries: impl Stream<Item = Delivery> + Send + 'static) -> Delive
 }
 
 /// The gRPC face of [`Publisher`].
-pub struct FramesService(pub Arc<Publisher>);
+pub(crate) struct FramesService(pub Arc<Publisher>);
 
 #[tonic::async_trait]
 impl frames_server::Frames for FramesService {

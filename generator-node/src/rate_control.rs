@@ -8,7 +8,7 @@ use lamina_model::{Cost, GenerationParams, Invalid, Representation};
 use std::time::Duration;
 
 /// A step generated: its parameters, its bytes, what they cost.
-pub type Generated = (GenerationParams, Vec<u8>, Cost);
+pub(crate) type Generated = (GenerationParams, Vec<u8>, Cost);
 
 /// Points a side and error bound of the reduced volume that an untuned run starts with.
 const START_POINTS: u32 = 96;
@@ -17,19 +17,18 @@ const START_BOUND: f64 = 0.01;
 /// What a run starts with where nobody states parameters: a reduced volume, which of all takes the least time to generate, decode
 /// and measure, and is near the best one where the data has a hundred points a side; a VDI where no volume can stand for the step, or
 /// `only_vdis` are wanted.
-pub fn start_params(step: &Step, only_vdis: bool) -> GenerationParams {
-    let (vdi, side) = (GenerationParams::default(), step.longest_side());
-    let volume = vdi.with_resolution(side.clamp(1, START_POINTS)).and_then(|p| p.with_gamma(START_BOUND));
-    match volume {
-        Ok(volume) if side > 1 && !only_vdis => volume.with_representation(Representation::Volume),
-        _ => vdi,
+pub(crate) fn start_params(step: &Step, only_vdis: bool) -> GenerationParams {
+    let side = step.longest_side();
+    match GenerationParams::volume(side.clamp(1, START_POINTS), START_BOUND) {
+        Ok(volume) if side > 1 && !only_vdis => volume,
+        _ => GenerationParams::default(),
     }
 }
 
 /// Where on a setting's ladder of fallbacks the last step was: the next one begins there, since series change little from step to
 /// step.
 #[derive(Debug, Default)]
-pub struct Rung {
+pub(crate) struct Rung {
     first: Option<GenerationParams>,
     at: usize,
 }
@@ -52,7 +51,7 @@ impl Rung {
 
 /// The step with parameters `first`, or with the first of the setting's fallbacks that keeps the size limit; after them ever coarser
 /// ones of the same representation, then VDIs, which can stand for any step. The smallest, where none keeps the limit.
-pub fn generate_within(
+pub(crate) fn generate_within(
     step: &Step,
     first: GenerationParams,
     setting: &Setting,
@@ -138,7 +137,7 @@ mod tests {
 
     #[test]
     fn a_step_begins_where_the_last_one_ended_and_goes_up_again_where_there_is_room() {
-        let params = |resolution| GenerationParams::new(resolution, 0.02).unwrap();
+        let params = |resolution| GenerationParams::vdi(resolution, 0.02).unwrap();
         let mut rung = Rung::default();
         assert_eq!(rung.start(&params(64)), 0);
         rung.rest(params(64), 3, 0.97);
@@ -151,7 +150,7 @@ mod tests {
 
     #[test]
     fn coarser_parameters_fall_in_size_and_end_with_vdis() {
-        let volume = GenerationParams::new(96, 0.01).unwrap().with_representation(Representation::Volume);
+        let volume = GenerationParams::volume(96, 0.01).unwrap();
         let all: Vec<GenerationParams> = coarser(&volume).collect();
         let volumes = all.iter().take_while(|p| p.representation() == Representation::Volume).count();
         assert_eq!((volumes, all.len()), (12, 24));

@@ -4,7 +4,7 @@ use lamina_model::{GenerationParams, Limits, TuningState};
 
 /// Parameters and what to do when a step's VDI exceeds the size limit.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Setting {
+pub(crate) struct Setting {
     /// Used first; `None`: what the node starts with by itself.
     pub params: Option<GenerationParams>,
     /// What every step has to keep. Only the size is looked at here: time cannot be taken back, and quality is not known.
@@ -18,14 +18,14 @@ pub struct Setting {
 }
 
 /// Settings by the first step they hold for.
-pub struct Schedule {
+pub(crate) struct Schedule {
     settings: Vec<(u64, Setting)>,
     next_step: u64,
 }
 
 impl Schedule {
     /// `params` for every step until told otherwise.
-    pub fn new(params: Option<GenerationParams>) -> Self {
+    pub(crate) fn new(params: Option<GenerationParams>) -> Self {
         let setting = Setting {
             params,
             limits: Limits::default(),
@@ -37,7 +37,7 @@ impl Schedule {
     }
 
     /// Gives all settings other limits, and says whether the node is to start with VDIs; returns the step from which on they hold.
-    pub fn limit(&mut self, limits: Limits, only_vdis: bool) -> u64 {
+    pub(crate) fn limit(&mut self, limits: Limits, only_vdis: bool) -> u64 {
         for (_, setting) in &mut self.settings {
             (setting.limits, setting.only_vdis) = (limits, only_vdis);
         }
@@ -45,7 +45,7 @@ impl Schedule {
     }
 
     /// Lets `setting` hold from `from_step`, or from the next step if that one is past; says which.
-    pub fn set(&mut self, from_step: u64, setting: Setting) -> u64 {
+    pub(crate) fn set(&mut self, from_step: u64, setting: Setting) -> u64 {
         let from = from_step.max(self.next_step);
         self.settings.retain(|(first, _)| *first < from);
         self.settings.push((from, setting));
@@ -53,7 +53,7 @@ impl Schedule {
     }
 
     /// The setting for `step`, which starts now; settings for the past are forgotten.
-    pub fn begin(&mut self, step: u64) -> Setting {
+    pub(crate) fn begin(&mut self, step: u64) -> Setting {
         self.next_step = step + 1;
         let current = self.settings.partition_point(|(first, _)| *first <= step).saturating_sub(1);
         self.settings.drain(..current);
@@ -61,7 +61,7 @@ impl Schedule {
     }
 
     /// A new run counts its steps from the start again: what holds now holds from there.
-    pub fn restart(&mut self) {
+    pub(crate) fn restart(&mut self) {
         self.settings.drain(..self.settings.len() - 1);
         self.settings[0].0 = 0;
         self.next_step = 0;
@@ -74,7 +74,7 @@ mod tests {
 
     fn setting(resolution: u32) -> Setting {
         Setting {
-            params: Some(GenerationParams::new(resolution, 0.1).unwrap()),
+            params: Some(GenerationParams::vdi(resolution, 0.1).unwrap()),
             limits: Limits::default(),
             only_vdis: false,
             fallbacks: vec![],

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use tonic::codegen::Bytes;
 
 /// A step ready to be generated from: kept for trials until a newer one comes.
-pub struct Step {
+pub(crate) struct Step {
     /// What is being simulated.
     pub run: Arc<v1::Run>,
     /// The step.
@@ -28,7 +28,7 @@ pub struct Step {
 
 impl Step {
     /// The step of `run` that `field` holds, rays cast by `backend`.
-    pub fn new(
+    pub(crate) fn new(
         run: Arc<v1::Run>,
         (step, time): (u64, f64),
         (backend, segmentation): (Backend, Segmentation),
@@ -38,7 +38,7 @@ impl Step {
     }
 
     /// The step generated and encoded, and what that cost.
-    pub fn measure(
+    pub(crate) fn measure(
         &self,
         params: &GenerationParams,
         options: &EncodeOptions,
@@ -53,7 +53,7 @@ impl Step {
 
     /// The same as a trial, whose time decides what many steps are generated with: a quick generation is timed three times,
     /// unless what it takes is `known`. (The coding of a volume, which is a part of it, is timed once.)
-    pub fn measure_trial(
+    pub(crate) fn measure_trial(
         &self,
         params: &GenerationParams,
         options: &EncodeOptions,
@@ -71,7 +71,7 @@ impl Step {
     }
 
     /// What generation alone takes as a trial.
-    pub fn time(&self, params: &GenerationParams) -> Result<Cost, Invalid> {
+    pub(crate) fn time(&self, params: &GenerationParams) -> Result<Cost, Invalid> {
         let (_, generation_time) = self.timed(params)?;
         Ok(Cost { generation: generation_time, ..Cost::default() })
     }
@@ -84,7 +84,7 @@ impl Step {
     }
 
     /// The step generated with each of `gammas`, and the time that making them all took.
-    pub fn represent_all(
+    pub(crate) fn represent_all(
         &self,
         params: &GenerationParams,
         gammas: &[f64],
@@ -95,13 +95,13 @@ impl Step {
     }
 
     /// The most sample points on a side of a reduced volume of the step; 0 if none can stand for it.
-    pub fn longest_side(&self) -> u32 {
+    pub(crate) fn longest_side(&self) -> u32 {
         most_points(&self.field)
     }
 
     /// A slice of the reference samples, for the quality of the live step: `batches` of them, other ones from step to step; 0 for
     /// all.
-    pub fn live_reference(&self, plan: &SamplePlan, batches: u32) -> Result<Delivery, Invalid> {
+    pub(crate) fn live_reference(&self, plan: &SamplePlan, batches: u32) -> Result<Delivery, Invalid> {
         if batches == 0 || batches >= plan.batches {
             return self.reference(plan);
         }
@@ -112,7 +112,7 @@ impl Step {
     }
 
     /// All of the step's reference samples, cast once.
-    pub fn reference(&self, plan: &SamplePlan) -> Result<Delivery, Invalid> {
+    pub(crate) fn reference(&self, plan: &SamplePlan) -> Result<Delivery, Invalid> {
         let cast = || self.backend.reference_samples(&self.field, plan, self.step);
         let samples = self.reference.get_or_init(cast).as_ref().map_err(Clone::clone)?;
         let (announcement, payload) = reference::encode(&self.run.run_id, samples);
@@ -120,7 +120,13 @@ impl Step {
     }
 
     /// Announces the encoded step.
-    pub fn frame(&self, params: &GenerationParams, cost: Cost, bytes: impl Into<Bytes>, purpose: Purpose) -> Delivery {
+    pub(crate) fn frame(
+        &self,
+        params: &GenerationParams,
+        cost: Cost,
+        bytes: impl Into<Bytes>,
+        purpose: Purpose,
+    ) -> Delivery {
         let bytes = bytes.into();
         let purpose = match purpose {
             Purpose::Trial(trial_id) => v1::Frame { trial_id, ..Default::default() },
@@ -162,7 +168,7 @@ fn median_of_three(first: Duration, mut again: impl FnMut() -> Result<Duration, 
 }
 
 /// The use of a frame.
-pub enum Purpose<'a> {
+pub(crate) enum Purpose<'a> {
     /// A trial of this number.
     Trial(u64),
     /// A live step.

@@ -13,7 +13,7 @@ const WAITING_BYTES: u64 = 128 << 20;
 
 /// The viewers present, in the order they joined.
 #[derive(Default)]
-pub struct Subscribers {
+pub(crate) struct Subscribers {
     joined: u64,
     present: Vec<Subscriber>,
     list: watch::Sender<v1::ViewerList>,
@@ -26,7 +26,7 @@ struct Subscriber {
 
 impl Subscribers {
     /// Adds one whose Quality service is at `address`; gives the name it has until it [leaves](Self::leave).
-    pub fn join(&mut self, address: String) -> String {
+    pub(crate) fn join(&mut self, address: String) -> String {
         self.joined += 1;
         let viewer = self.joined.to_string();
         self.present
@@ -36,7 +36,7 @@ impl Subscribers {
     }
 
     /// Forgets it and what waits for it.
-    pub fn leave(&mut self, viewer: &str) {
+    pub(crate) fn leave(&mut self, viewer: &str) {
         self.present.retain(|m| m.viewer.viewer != viewer);
         self.announce();
     }
@@ -46,18 +46,18 @@ impl Subscribers {
     }
 
     /// The list now and at every change.
-    pub fn list(&self) -> watch::Receiver<v1::ViewerList> {
+    pub(crate) fn list(&self) -> watch::Receiver<v1::ViewerList> {
         self.list.subscribe()
     }
 
     /// What waits for `viewer`, the oldest first; `None` if it is not there.
-    pub fn waiting(&mut self, viewer: &str) -> Option<&mut VecDeque<Delivery>> {
+    pub(crate) fn waiting(&mut self, viewer: &str) -> Option<&mut VecDeque<Delivery>> {
         self.present.iter_mut().find(|m| m.viewer.viewer == viewer).map(|m| &mut m.waiting)
     }
 }
 
 /// Makes room: drops the oldest VDIs, but the newest item and what they are compared with.
-pub fn trim(waiting: &mut VecDeque<Delivery>) {
+pub(crate) fn trim(waiting: &mut VecDeque<Delivery>) {
     let mut bytes: u64 = waiting.iter().map(Delivery::bytes).sum();
     while bytes > WAITING_BYTES {
         let Some(oldest) = waiting.iter().position(Delivery::is_frame) else { return };
@@ -72,7 +72,7 @@ pub fn trim(waiting: &mut VecDeque<Delivery>) {
 ///
 /// # Errors
 /// If `address` is not http://HOST:PORT.
-pub fn reachable(address: &str, peer: Option<IpAddr>) -> Result<String, Invalid> {
+pub(crate) fn reachable(address: &str, peer: Option<IpAddr>) -> Result<String, Invalid> {
     let (host, port) = host_and_port("quality_address", address)?;
     let ip: Result<IpAddr, _> = host.trim_start_matches('[').trim_end_matches(']').parse();
     if !ip.is_ok_and(|ip| ip.is_unspecified()) {

@@ -24,7 +24,7 @@ const TURN: Duration = Duration::from_millis(50);
 const MOST_GAMMAS: usize = 1024;
 
 /// What a stream of trials remembers.
-pub struct TrialSession {
+pub(crate) struct TrialSession {
     node: Arc<NodeState>,
     held: Arc<Step>,
     /// Viewers that have the step's reference samples.
@@ -56,7 +56,7 @@ impl From<Status> for Failure {
 
 impl TrialSession {
     /// TrialSession on the step `held`.
-    pub fn new(node: Arc<NodeState>, held: Arc<Step>) -> Self {
+    pub(crate) fn new(node: Arc<NodeState>, held: Arc<Step>) -> Self {
         Self { node, held, informed: HashSet::new(), encoded: VecDeque::new(), timed: Vec::new() }
     }
 
@@ -64,7 +64,7 @@ impl TrialSession {
     ///
     /// # Errors
     /// If a request has no trial id, or the node is stopping.
-    pub async fn serve(
+    pub(crate) async fn serve(
         mut self,
         mut requests: Streaming<v1::TrialRequest>,
         answers: &mpsc::Sender<Result<v1::TrialReply, Status>>,

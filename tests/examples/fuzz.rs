@@ -6,8 +6,8 @@
 use glam::DVec3;
 use lamina_codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode_any, encode_any};
 use lamina_model::{
-    Aabb, Camera, ControlPoint, Effects, GenerationParams, Grid, Intermediate, ReducedVolume, Representation,
-    ScalarRange, Scale, Scene, Supersegment, TransferFunction, Vdi, VdiHeader,
+    Aabb, Camera, ControlPoint, Effects, Grid, Intermediate, ReducedVolume, ScalarRange, Scale, Scene, Supersegment,
+    TransferFunction, Vdi, VdiHeader, VdiParams, VolumeParams,
 };
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -90,7 +90,7 @@ fn vdi(resolution: u32, random: &mut Random) -> Result<Vdi, lamina_model::Invali
         camera: camera()?,
         bounds: Aabb::new(DVec3::splat(-2.0), DVec3::splat(2.0))?,
         step_length: 0.003,
-        params: GenerationParams::new(resolution, 0.02)?,
+        params: VdiParams::new(resolution, 0.02)?,
         transfer_id: 7,
         background: [0.0; 3],
     };
@@ -112,7 +112,7 @@ fn volume(dims: [usize; 3], random: &mut Random) -> Result<ReducedVolume, lamina
         effects: Effects::default(),
     };
     let grid = Grid::new(dims, DVec3::ONE, DVec3::ZERO)?;
-    let params = GenerationParams::new(8, 0.01)?.with_representation(Representation::Volume);
+    let params = VolumeParams::new(8, 0.01)?;
     let units = (0..grid.voxels()).map(|_| random.below(1000) as f32 / 900.0).collect();
     ReducedVolume::new(grid, scene, params, units)
 }

@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
-use lamina_model::{GenerationParams, Scene, Segmentation, Vdi, Volume};
+use lamina_model::{Scene, Segmentation, Vdi, VdiParams, Volume};
 use lamina_raycast::Field;
 use lamina_raycast::simd::{self, Level, Shot};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
@@ -58,7 +58,7 @@ fn run(kernel: &str, level: Level, volume: Volume, scene: &Scene) -> Result<(), 
         return Ok(());
     }
     let field = Field::new(volume, scene);
-    let params = GenerationParams::new(SIDE, 0.02).map_err(|e| e.to_string())?;
+    let params = VdiParams::new(SIDE, 0.02).map_err(|e| e.to_string())?;
     let generate = || simd::generate(level, &field, &params, Segmentation::Greedy).map_err(|e| e.to_string());
     match kernel {
         "raycast" => {

@@ -30,6 +30,7 @@ pub fn free_port() -> u16 {
 }
 
 /// A daemon that is killed when dropped.
+#[derive(Debug)]
 pub struct Daemon {
     child: Child,
     /// Where it listens.

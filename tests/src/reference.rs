@@ -36,6 +36,7 @@ impl Light {
 }
 
 /// A pinhole camera and its picture, made from the camera's plain numbers.
+#[derive(Debug)]
 pub struct Lens {
     eye: DVec3,
     right: DVec3,
@@ -118,6 +119,7 @@ pub fn steps(length: f64, step: f64) -> usize {
 }
 
 /// A volume under a scene.
+#[derive(Debug)]
 pub struct Medium {
     dims: [usize; 3],
     spacing: DVec3,

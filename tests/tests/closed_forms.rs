@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
-use lamina_model::{GenerationParams, Image, Scene, Segmentation, SquaredError};
+use lamina_model::{Image, Scene, Segmentation, SquaredError, VdiParams};
 use lamina_raycast::{Backend, Field};
 use lamina_tests::{front_scene, sampled_cube, transfer};
 use lamina_vdi_render::render;
@@ -42,7 +42,7 @@ fn a_homogeneous_box_is_exact_at_any_step_even_one_that_does_not_divide_it() {
         let field = Field::new(sampled_cube(9, |_| 0.5), &scene);
         let cast = Backend::cpu().raycast(&field, &scene.camera, SIZE, SIZE).unwrap();
         assert!(psnr_db(&cast, &scene, light) > 120.0);
-        let params = GenerationParams::new(SIZE, 0.1).unwrap().with_step_voxels(step_voxels).unwrap();
+        let params = VdiParams::new(SIZE, 0.1).unwrap().with_step_voxels(step_voxels).unwrap();
         let vdi = Backend::cpu().generate(&field, &params, Segmentation::Greedy).unwrap().0;
         assert!(vdi.segments().len() <= (SIZE * SIZE) as usize, "one supersegment a ray");
         assert!(psnr_db(&render(&vdi, &scene.camera, SIZE, SIZE).unwrap(), &scene, light) > 120.0);
@@ -53,8 +53,7 @@ fn a_homogeneous_box_is_exact_at_any_step_even_one_that_does_not_divide_it() {
 fn a_homogeneous_box_seen_from_the_side_keeps_its_closed_form_inside_the_silhouette() {
     let scene = front_scene(transfer(1.0, &[(0.0, COLOR, 0.4)]));
     let field = Field::new(sampled_cube(9, |_| 0.5), &scene);
-    let vdi =
-        Backend::cpu().generate(&field, &GenerationParams::new(256, 0.1).unwrap(), Segmentation::Greedy).unwrap().0;
+    let vdi = Backend::cpu().generate(&field, &VdiParams::new(256, 0.1).unwrap(), Segmentation::Greedy).unwrap().0;
     let side = scene.camera.rotated_about_y(90.0).unwrap();
     let image = render(&vdi, &side, SIZE, SIZE).unwrap();
     // From +x the middle ray runs parallel to the generation image, through 2 units of the box.

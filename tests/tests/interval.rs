@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-use lamina_model::{GenerationParams, Quality, SamplePlan, Segmentation, ViewError, decibels, suggest::suggest};
+use lamina_model::{Quality, SamplePlan, Segmentation, VdiParams, ViewError, decibels, suggest::suggest};
 use lamina_raycast::{Backend, Field};
 use lamina_tests::processes::recorded_series;
 use lamina_tuner::interval::half_width_db;
@@ -19,7 +19,7 @@ fn two_hundred_intervals_hold_the_truth_as_often_as_they_say() {
     let volume = Series::open(&recorded_series(), &Options::default()).unwrap().read(6).unwrap();
     let scene = suggest(&[&volume]).unwrap();
     let field = Field::new(volume, &scene);
-    let params = GenerationParams::new(96, 0.05).unwrap();
+    let params = VdiParams::new(96, 0.05).unwrap();
     let (vdi, _) = Backend::cpu().generate(&field, &params, Segmentation::Greedy).unwrap();
     // The squared error of every pixel of every view.
     let errors: Vec<Vec<f64>> = ANGLES_DEG

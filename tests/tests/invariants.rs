@@ -9,8 +9,8 @@ use lamina_model::camera::CameraFields;
 use lamina_model::composite::{Accumulator, TRANSMITTANCE_FLOOR};
 use lamina_model::effects::{ClipPlane, DepthCue, Effects, Isosurface, Shading};
 use lamina_model::{
-    Camera, ControlPoint, GenerationParams, Grid, Image, Intermediate, ScalarRange, Scale, Scene, Segmentation,
-    Supersegment, TransferFunction, Vdi, Volume, Voxels, psnr,
+    Camera, ControlPoint, Grid, Image, Intermediate, ScalarRange, Scale, Scene, Segmentation, Supersegment,
+    TransferFunction, Vdi, VdiParams, Volume, Voxels, psnr,
 };
 use lamina_raycast::gpu::GpuKernels as CastKernels;
 use lamina_raycast::simd::{self, Level, Shot};
@@ -28,7 +28,7 @@ const SIZE: [u32; 2] = [21, 13];
 struct World {
     volume: Volume,
     scene: Scene,
-    params: GenerationParams,
+    params: VdiParams,
     novel: Camera,
 }
 
@@ -90,7 +90,7 @@ fn world() -> impl Strategy<Value = World> {
                 move |(voxels, (points, unit_length), [camera, novel], (background, step_voxels), (r, gamma))| {
                     let range = ScalarRange::new(0.0, 1.0, Scale::Linear).unwrap();
                     let transfer = TransferFunction::new(range, unit_length, points).unwrap();
-                    let params = GenerationParams::new(r, gamma).unwrap().with_step_voxels(step_voxels).unwrap();
+                    let params = VdiParams::new(r, gamma).unwrap().with_step_voxels(step_voxels).unwrap();
                     let volume = Volume::new(grid, Voxels::F32(voxels)).unwrap();
                     World {
                         volume,
@@ -365,7 +365,7 @@ proptest! {
         let camera = Camera::new(4.0 * eye.normalize(), DVec3::ZERO, DVec3::new(0.1, 1.0, 0.2), 40.0).unwrap();
         let scene = Scene { camera, ..front_scene(clumps_transfer()) };
         let field = Field::new(sampled_cube(24, clumps), &scene);
-        let vdi = |r, gamma| Backend::cpu().generate(&field, &GenerationParams::new(r, gamma).unwrap(),
+        let vdi = |r, gamma| Backend::cpu().generate(&field, &VdiParams::new(r, gamma).unwrap(),
             Segmentation::Greedy).unwrap().0;
         let drawn = |r, gamma, camera: &Camera| PreparedVdi::new(&vdi(r, gamma)).render(camera, SIDE, SIDE).unwrap();
         let cast = Backend::cpu().raycast(&field, &camera, SIDE, SIDE).unwrap();
@@ -375,12 +375,12 @@ proptest! {
         let own = [0.1, 0.01, 0.001, 0.0].map(|gamma| root_mean_square(&drawn(SIDE, gamma, &camera), &cast));
         prop_assert!(own.iter().all(|e| *e < 1e-5), "merging keeps the light of a whole ray: {own:?}");
         let fitted = |gammas: &[f64]| {
-            let params = GenerationParams::new(SIDE, 0.0).unwrap();
-            Backend::cpu().represent_all(&field, &params, gammas, Segmentation::Fitted).unwrap()
+            let params = VdiParams::new(SIDE, 0.0).unwrap();
+            Backend::cpu().represent_all(&field, &params.into(), gammas, Segmentation::Fitted).unwrap()
         };
         for (gamma, all) in [0.1, 0.01, 0.001, 0.0].into_iter().zip(fitted(&[0.1, 0.01, 0.001, 0.0])) {
-            let params = GenerationParams::new(SIDE, gamma).unwrap();
-            let (one, _) = Backend::cpu().represent(&field, &params, Segmentation::Fitted).unwrap();
+            let params = VdiParams::new(SIDE, gamma).unwrap();
+            let (one, _) = Backend::cpu().represent(&field, &params.into(), Segmentation::Fitted).unwrap();
             prop_assert!(one == all, "one march for all gammas, gamma {gamma}");
             let Intermediate::Vdi(vdi) = one else { unreachable!() };
             let image = PreparedVdi::new(&*vdi).render(&camera, SIDE, SIDE).unwrap();

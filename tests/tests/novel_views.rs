@@ -5,7 +5,7 @@
 use glam::DVec3;
 use lamina_model::effects::Isosurface;
 use lamina_model::{
-    Camera, GenerationParams, Image, ReferenceSamples, SamplePlan, Scene, Segmentation, SquaredError, Vdi, psnr,
+    Camera, Image, ReferenceSamples, SamplePlan, Scene, Segmentation, SquaredError, Vdi, VdiParams, psnr,
 };
 use lamina_raycast::{Backend, Field};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
@@ -20,7 +20,7 @@ fn scene_and_field() -> (Scene, Field) {
 }
 
 fn vdi(field: &Field, resolution: u32, gamma: f64) -> Vdi {
-    Backend::cpu().generate(field, &GenerationParams::new(resolution, gamma).unwrap(), Segmentation::Greedy).unwrap().0
+    Backend::cpu().generate(field, &VdiParams::new(resolution, gamma).unwrap(), Segmentation::Greedy).unwrap().0
 }
 
 fn compare(field: &Field, vdi: &Vdi, camera: &Camera) -> f64 {
@@ -138,7 +138,7 @@ fn a_generation_camera_inside_the_volume_gives_its_own_view_exactly() {
 #[test]
 fn an_opacity_cutoff_saves_supersegments_and_costs_novel_views_not_its_own() {
     let (scene, field) = scene_and_field();
-    let params = GenerationParams::new(SIZE, 0.005).unwrap();
+    let params = VdiParams::new(SIZE, 0.005).unwrap();
     let whole = Backend::cpu().generate(&field, &params, Segmentation::Greedy).unwrap().0;
     let cut =
         Backend::cpu().generate(&field, &params.with_opacity_cutoff(0.99).unwrap(), Segmentation::Greedy).unwrap().0;

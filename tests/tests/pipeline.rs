@@ -7,7 +7,7 @@ use lamina_raycast::{Backend, Field};
 use lamina_rpc::v1::{TunerStatusRequest, tuning_client::TuningClient};
 use lamina_tests::processes::{Daemon, free_port, recorded_series, run, wait_for};
 use lamina_vdi_render::{self as viz, Detail, Drawable};
-use lamina_viz_node::store::{Measured, StepRow};
+use lamina_viz_node::store::{QualityStatus, StepRow};
 use lamina_volume_io::{Options, Series};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -147,10 +147,10 @@ fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
         match row.psnr_db {
             Some(psnr_db) => {
                 assert!((f64::from(psnr_db) - q.psnr_db()).abs() < 0.01, "step {n}: {row:?} but {q:?}");
-                assert_eq!((row.measured, row.views.len()), (Measured::Yes, 3));
+                assert_eq!((row.measured, row.views.len()), (QualityStatus::Yes, 3));
             }
             // On a busy machine a newer step may have come before there was processor time, never for the last one.
-            None => assert!(row.measured == Measured::Skipped && n + 1 < rows.len(), "{row:?}"),
+            None => assert!(row.measured == QualityStatus::Skipped && n + 1 < rows.len(), "{row:?}"),
         }
         assert_eq!(row.size_limit_bytes, Some(LIMIT_BYTES), "the tuner's limit reaches the frames");
         assert!(row.limit_kept && row.size_bytes <= LIMIT_BYTES, "{row:?}");

@@ -5,7 +5,7 @@
 use glam::DVec3;
 use lamina_client::{Brick, Client, RunOptions};
 use lamina_codec::{EncodeOptions, decode_any, encode_any};
-use lamina_model::{GenerationParams, Intermediate, SamplePlan, Scene, Segmentation, Volume};
+use lamina_model::{GenerationParams, Intermediate, SamplePlan, Scene, Segmentation, VdiParams, Volume};
 use lamina_raycast::{Backend, Field};
 use lamina_rpc::connect::connect;
 use lamina_rpc::v1::{self, quality_client::QualityClient, tuning_client::TuningClient};
@@ -37,7 +37,7 @@ fn plan() -> SamplePlan {
 
 /// Bytes and decibels, without any node.
 fn measured(volume: &Volume, gamma: f64) -> (f64, f64) {
-    let (field, params) = (Field::new(volume.clone(), &scene()), GenerationParams::new(RESOLUTION, gamma).unwrap());
+    let (field, params) = (Field::new(volume.clone(), &scene()), VdiParams::new(RESOLUTION, gamma).unwrap());
     let (vdi, _) = Backend::cpu().generate(&field, &params, Segmentation::Fitted).unwrap();
     let bytes = encode_any(&Intermediate::Vdi(Box::new(vdi)), &EncodeOptions::default()).unwrap();
     let shown = Drawable::new(decode_any(&bytes, &Default::default()).unwrap());
@@ -115,7 +115,8 @@ fn falls_short(every: u64) {
             let status = TuningClient::new(connect(&tuner.url()).await.unwrap());
             let status =
                 status.clone().status(v1::TunerStatusRequest { with_trials: false }).await.unwrap().into_inner();
-            (!status.busy && status.steps_seen > step).then(|| status.chosen.map(|p| (1e6 * p.gamma).round() / 1e6))?
+            (!status.busy && status.steps_seen > step)
+                .then(|| status.chosen.map(|p| (1e6 * GenerationParams::try_from(p).unwrap().gamma()).round() / 1e6))?
         })
     };
     let mut push = |step: u64, volume: &Volume| {

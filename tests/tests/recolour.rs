@@ -13,7 +13,10 @@ const SIZE: u32 = 160;
 /// What the viewer has of the clumps, made with error bound `bound`.
 fn recorded(representation: Representation, bound: f64) -> Drawable {
     let field = Field::new(sampled_cube(48, clumps), &front_scene(clumps_transfer()));
-    let params = GenerationParams::new(48, bound).unwrap().with_representation(representation);
+    let params = match representation {
+        Representation::Vdi => GenerationParams::vdi(48, bound).unwrap(),
+        Representation::Volume => GenerationParams::volume(48, bound).unwrap(),
+    };
     let (intermediate, _) = Backend::cpu().represent(&field, &params, Segmentation::Fitted).unwrap();
     let bytes = encode_any(&intermediate, &EncodeOptions::default()).unwrap();
     Drawable::new(decode_any(&bytes, &DecodeLimits::default()).unwrap())

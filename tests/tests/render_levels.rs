@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
-use lamina_model::{Camera, GenerationParams, Scene, Segmentation, psnr};
+use lamina_model::{Camera, Scene, Segmentation, VdiParams, psnr};
 use lamina_raycast::{Backend, Field};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
 use lamina_vdi_render::{PreparedVdi, reference};
@@ -22,7 +22,7 @@ fn fast_pictures_of_a_scene_are_those_of_the_oracle() {
         let field = Field::new(sampled_cube(48, clumps), &scene);
         for (resolution, gamma) in [(1, 0.1), (33, 0.0), (257, 0.02)] {
             let vdi = Backend::cpu()
-                .generate(&field, &GenerationParams::new(resolution, gamma).unwrap(), Segmentation::Greedy)
+                .generate(&field, &VdiParams::new(resolution, gamma).unwrap(), Segmentation::Greedy)
                 .unwrap()
                 .0;
             let prepared = PreparedVdi::new(&vdi);

@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 use lamina_codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode, encode};
-use lamina_model::{Aabb, Camera, GenerationParams, Supersegment, Vdi, VdiHeader};
+use lamina_model::{Aabb, Camera, Supersegment, Vdi, VdiHeader, VdiParams};
 use serde_json::{Value, json};
 use std::path::Path;
 use std::process::{Command, Output};
@@ -26,7 +26,7 @@ fn assorted() -> Vdi {
         camera: Camera::new(DVec3::new(1.5, -2.0, 9.0), DVec3::new(0.25, 0.0, 0.0), DVec3::Y, 35.0).unwrap(),
         bounds: Aabb::new(DVec3::new(-2.0, -1.0, -3.0), DVec3::splat(2.0)).unwrap(),
         step_length: 0.0078125,
-        params: GenerationParams::new(resolution, 0.125).unwrap().with_opacity_cutoff(0.75).unwrap(),
+        params: VdiParams::new(resolution, 0.125).unwrap().with_opacity_cutoff(0.75).unwrap(),
         transfer_id: u64::MAX - 7,
         background: [0.0, 0.5, 1.0],
     };

@@ -6,8 +6,7 @@
 use glam::DVec3;
 use lamina_codec::{DecodeLimits, volume};
 use lamina_model::{
-    Camera, ControlPoint, Effects, GenerationParams, Grid, ReducedVolume, Representation, ScalarRange, Scale, Scene,
-    TransferFunction,
+    Camera, ControlPoint, Effects, Grid, ReducedVolume, ScalarRange, Scale, Scene, TransferFunction, VolumeParams,
 };
 use std::path::Path;
 use std::process::{Command, Output};
@@ -33,7 +32,7 @@ fn reduced(dims: [usize; 3], bound: f64, unit: impl Fn(DVec3) -> f64) -> Reduced
     let grid = Grid::new(dims, DVec3::ONE, DVec3::ZERO).unwrap();
     let [nx, ny, _] = dims;
     let at = |n: usize| DVec3::new((n % nx) as f64, (n / nx % ny) as f64, (n / nx / ny) as f64);
-    let params = GenerationParams::new(8, bound).unwrap().with_representation(Representation::Volume);
+    let params = VolumeParams::new(8, bound).unwrap();
     ReducedVolume::new(grid, scene, params, (0..grid.voxels()).map(|n| unit(at(n)) as f32).collect()).unwrap()
 }
 
@@ -60,7 +59,7 @@ fn an_independent_reader_sees_every_value() {
         let dims = volume.grid().dims();
         assert_eq!(lines.next().unwrap(), format!("{} {} {}", dims[0], dims[1], dims[2]));
         let bound: f64 = lines.next().unwrap().parse().unwrap();
-        assert!((bound - volume.params().gamma()).abs() <= 1e-7 * bound);
+        assert!((bound - volume.params().error_bound()).abs() <= 1e-7 * bound);
         let values: Vec<f32> = lines.map(|l| l.parse().unwrap()).collect();
         assert_eq!(values.len(), back.units().len());
         let differ = values.iter().zip(back.units()).position(|(a, b)| a != b);

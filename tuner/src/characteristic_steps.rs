@@ -6,7 +6,7 @@
 
 use crate::Contract;
 use crate::search::{CostPrior, GaussianProcess, Observation, param_point};
-use crate::tune::{Row, Study};
+use crate::tune::{Study, Trial};
 use crate::utility::Utility;
 use lamina_model::{GenerationParams, Representation};
 
@@ -18,6 +18,7 @@ const ALIKE: f64 = 0.12;
 const KNOWN: f64 = 0.06;
 
 /// A step and what was measured on it.
+#[derive(Debug)]
 pub struct StudiedStep {
     /// Its trials.
     pub study: Study,
@@ -33,7 +34,7 @@ impl StudiedStep {
     fn new(study: Study, chosen: usize, cut: bool) -> Self {
         let of = |representation: Representation| {
             let size =
-                |r: &Row| Observation::new(param_point(&r.params), (r.measured.cost.size_bytes.max(1) as f64).ln());
+                |r: &Trial| Observation::new(param_point(&r.params), (r.measured.cost.size_bytes.max(1) as f64).ln());
             let rows = study.rows.iter().filter(|r| r.params.representation() == representation);
             let sizes: Vec<Observation> = rows.map(size).collect();
             (!sizes.is_empty()).then(|| (representation, CostPrior::of_sizes(representation, &sizes)))
@@ -54,7 +55,7 @@ impl StudiedStep {
 }
 
 /// All kept steps of a run, oldest first.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub struct CharacteristicSteps {
     kept: Vec<StudiedStep>,
 }
@@ -126,12 +127,12 @@ pub fn choose(study: &Study, contract: &Contract, in_use: Option<&GenerationPara
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trial::Measured;
+    use crate::evaluator::Measurement;
     use lamina_model::Cost;
     use lamina_model::{Quality, ViewError};
 
     fn params(r: u32, gamma: f64) -> GenerationParams {
-        GenerationParams::new(r, gamma).unwrap()
+        GenerationParams::vdi(r, gamma).unwrap()
     }
 
     /// A step of a field `much` times as rich: sigma = much r^1.8 gamma^-0.3, q = 20 log10 r - 50 gamma.
@@ -143,9 +144,9 @@ mod tests {
             let size_bytes = (much * f64::from(r).powf(1.8) * f64::powf(gamma, -0.3)) as u64;
             let mse = 10_f64.powf(-(20.0 * f64::from(r).log10() - 50.0 * gamma) / 10.0);
             let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse] }] };
-            let measured = Measured { cost: Cost { size_bytes, ..Cost::default() }, quality };
+            let measured = Measurement { cost: Cost { size_bytes, ..Cost::default() }, quality };
             let cost = Contract::size(limit).cost(&measured);
-            study.add(Row { params: params(r, gamma), measured, cost });
+            study.add(Trial { params: params(r, gamma), measured, cost });
         }
         study
     }

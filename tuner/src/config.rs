@@ -2,7 +2,7 @@
 
 use crate::Contract;
 use crate::search::Grid;
-use lamina_model::{GenerationParams, Invalid, Representation};
+use lamina_model::{GenerationParams, Invalid, Representation, VdiParams};
 use lamina_rpc::connect::host_and_port;
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
@@ -42,7 +42,7 @@ impl Default for Config {
             representations: Representation::ALL.to_vec(),
             grid: Grid::default(),
             opacity_cutoff: 1.0,
-            step_voxels: GenerationParams::DEFAULT_STEP_VOXELS,
+            step_voxels: VdiParams::DEFAULT_STEP_VOXELS,
             retune_every: 0,
             budget: 0.05,
         }
@@ -70,9 +70,10 @@ impl Config {
         if self.representations.is_empty() {
             return Err(Invalid::new("representations", "none; name vdi, volume or both"));
         }
-        let base = GenerationParams::new(1, 0.0)?
+        let base = VdiParams::new(1, 0.0)?
             .with_opacity_cutoff(self.opacity_cutoff)?
-            .with_step_voxels(self.step_voxels)?;
+            .with_step_voxels(self.step_voxels)?
+            .into();
         let gammas = if self.grid.gamma.is_some() {
             self.grid.candidates(&base)?
         } else {

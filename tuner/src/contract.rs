@@ -1,6 +1,6 @@
 //! What the user wants: limits that every step must keep, and what is best among what keeps them.
 
-use crate::trial::Measured;
+use crate::evaluator::Measurement;
 use crate::units::{Bytes, Millis, show_bytes};
 use crate::utility::Utility;
 use lamina_model::{Cost, Invalid, Limits, Representation};
@@ -15,18 +15,10 @@ use std::str::FromStr;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Contract {
-    /// The most bytes of an encoded VDI.
-    pub size_bytes: Option<u64>,
-    /// The longest wall time of generation, milliseconds.
-    pub time_ms: Option<f64>,
-    /// True if that time includes encoding.
-    pub with_encoding: bool,
-    /// The least PSNR over the test views, decibels.
-    pub psnr_db: Option<f64>,
+    /// What every step must keep.
+    pub limits: Limits,
     /// Views up to so many degrees to either side count; without it, those of the generator-node's sample plan.
     pub cone_deg: Option<f64>,
-    /// By which share of its time, above 0 and at most 1, a step of the simulation may take longer beside the nodes than alone.
-    pub overhead: Option<f64>,
     /// What is best among what keeps the limits; `None`: quality, or size where quality alone is limited.
     pub utility: Option<Utility>,
 }
@@ -57,29 +49,22 @@ impl Default for Contract {
 impl Contract {
     /// The best quality within so many bytes: the paper's Eq. 1.
     pub fn size(limit_bytes: u64) -> Self {
-        Self { size_bytes: Some(limit_bytes), ..Self::free() }
+        Self::of(Limits { size_bytes: Some(limit_bytes), ..Limits::default() })
     }
 
     /// The best quality within so much generation time: the paper's Eq. 2.
     pub fn time(limit_ms: f64) -> Self {
-        Self { time_ms: Some(limit_ms), ..Self::free() }
+        Self::of(Limits { time_ms: Some(limit_ms), ..Limits::default() })
     }
 
-    fn free() -> Self {
-        Self {
-            size_bytes: None,
-            time_ms: None,
-            with_encoding: false,
-            psnr_db: None,
-            cone_deg: None,
-            overhead: None,
-            utility: None,
-        }
+    fn of(limits: Limits) -> Self {
+        Self { limits, cone_deg: None, utility: None }
     }
 
     /// The utility in force.
     pub fn utility(&self) -> Utility {
-        let quality_alone = self.psnr_db.is_some() && self.size_bytes.is_none() && self.time_ms.is_none();
+        let quality_alone =
+            self.limits.psnr_db.is_some() && self.limits.size_bytes.is_none() && self.limits.time_ms.is_none();
         self.utility.clone().unwrap_or(if quality_alone { Utility::Size } else { Utility::Quality })
     }
 
@@ -92,50 +77,45 @@ impl Contract {
     /// a little, keep them too. (The generator-node itself keeps the limit on size.)
     #[must_use]
     pub fn aim(&self) -> Self {
-        Self {
-            psnr_db: self.psnr_db.map(|q| q + MARGIN_DB),
-            time_ms: self.time_ms.map(|ms| ms * TIME_AIMED_AT),
-            ..self.clone()
-        }
+        let limits = Limits {
+            psnr_db: self.limits.psnr_db.map(|q| q + MARGIN_DB),
+            time_ms: self.limits.time_ms.map(|ms| ms * TIME_AIMED_AT),
+            ..self.limits
+        };
+        Self { limits, ..self.clone() }
     }
 
     /// What trials have to keep where live steps take so many times as long.
     #[must_use]
     pub fn paced(&self, pace: f64) -> Self {
-        Self { time_ms: self.time_ms.map(|ms| ms / pace), ..self.clone() }
+        Self { limits: Limits { time_ms: self.limits.time_ms.map(|ms| ms / pace), ..self.limits }, ..self.clone() }
     }
 
     /// The time that the limit is about, milliseconds.
     pub fn time_of(&self, cost: &Cost) -> f64 {
-        self.limits().time_of(cost)
+        self.limits.time_of(cost)
     }
 
     /// The longest that generation may take by itself, milliseconds; `None` where that is not limited,
     /// or counts encoding: always for volumes, which lose accuracy there.
     pub(crate) fn generation_limit_ms(&self, representation: Representation) -> Option<f64> {
-        let alone = !self.with_encoding && representation == Representation::Vdi;
-        self.time_ms.filter(|_| alone)
+        let alone = !self.limits.with_encoding && representation == Representation::Vdi;
+        self.limits.time_ms.filter(|_| alone)
     }
 
     /// True if it depends on sizes what is best.
     pub(crate) fn weighs_size(&self) -> bool {
-        self.size_bytes.is_some() || self.utility().weighs_size()
-    }
-
-    /// What every step must keep.
-    pub fn limits(&self) -> Limits {
-        let Self { size_bytes, time_ms, with_encoding, psnr_db, overhead, .. } = *self;
-        Limits { size_bytes, time_ms, with_encoding, psnr_db, overhead }
+        self.limits.size_bytes.is_some() || self.utility().weighs_size()
     }
 
     /// By which factor the worst limit is exceeded: [`Limits::excess`].
     pub fn excess(&self, cost: &Cost, psnr_db: f64) -> f64 {
-        self.limits().excess(cost, psnr_db)
+        self.limits.excess(cost, psnr_db)
     }
 
     /// The same of bytes, milliseconds ([`Self::time_of`]) and decibels.
     pub(crate) fn excess_of(&self, size_bytes: f64, ms: f64, psnr_db: f64) -> f64 {
-        self.limits().excess_of(size_bytes, ms, psnr_db)
+        self.limits.excess_of(size_bytes, ms, psnr_db)
     }
 
     /// How far these figures are from keeping all limits, to be compared with others'. Whatever keeps those on size and time is
@@ -145,7 +125,7 @@ impl Contract {
         let cost = self.excess_of(size_bytes, ms, f64::NAN);
         if cost > 0.0 {
             FAR + cost
-        } else if self.psnr_db.is_some() && psnr_db.is_nan() {
+        } else if self.limits.psnr_db.is_some() && psnr_db.is_nan() {
             f64::INFINITY
         } else {
             self.excess_of(size_bytes, ms, psnr_db)
@@ -154,7 +134,7 @@ impl Contract {
 
     /// alpha: lower is better; +infinity breaks a limit or measures nothing.
     #[doc(alias = "alpha")]
-    pub fn cost(&self, measured: &Measured) -> f64 {
+    pub fn cost(&self, measured: &Measurement) -> f64 {
         self.cost_at(&measured.cost, measured.quality.psnr_db())
     }
 
@@ -167,17 +147,17 @@ impl Contract {
     }
 
     /// What these figures are against the limits, for people: `312.0 kB (limit 300.0 kB), 31.2 ms`.
-    pub fn describe(&self, measured: &Measured) -> String {
+    pub fn describe(&self, measured: &Measurement) -> String {
         let ms = self.time_of(&measured.cost);
         let db = measured.quality.psnr_db();
         let limit = |text: Option<String>| text.map_or_else(String::new, |t| format!(" (limit {t})"));
         format!(
             "{}{}, {ms:.1} ms{}, {}{}",
             show_bytes(measured.cost.size_bytes),
-            limit(self.size_bytes.map(show_bytes)),
-            limit(self.time_ms.map(|t| format!("{t} ms"))),
+            limit(self.limits.size_bytes.map(show_bytes)),
+            limit(self.limits.time_ms.map(|t| format!("{t} ms"))),
             if db.is_nan() { "quality not measured".to_owned() } else { format!("{db:.2} dB") },
-            limit(self.psnr_db.map(|q| format!("{q} dB"))),
+            limit(self.limits.psnr_db.map(|q| format!("{q} dB"))),
         )
     }
 
@@ -188,25 +168,25 @@ impl Contract {
         let once = |unset: bool| if unset { Ok(()) } else { Err(bad(part, "limited twice")) };
         match (name, at_most) {
             ("size", true) => {
-                once(self.size_bytes.is_none())?;
-                self.size_bytes = Some(value.parse::<Bytes>().map_err(|e| bad(part, e))?.0);
+                once(self.limits.size_bytes.is_none())?;
+                self.limits.size_bytes = Some(value.parse::<Bytes>().map_err(|e| bad(part, e))?.0);
             }
             ("time" | "time+encoding", true) => {
-                once(self.time_ms.is_none())?;
-                self.time_ms = Some(value.parse::<Millis>().map_err(|e| bad(part, e))?.0);
-                self.with_encoding = name != "time";
+                once(self.limits.time_ms.is_none())?;
+                self.limits.time_ms = Some(value.parse::<Millis>().map_err(|e| bad(part, e))?.0);
+                self.limits.with_encoding = name != "time";
             }
             ("psnr", false) => {
-                once(self.psnr_db.is_none())?;
-                self.psnr_db = Some(number(part, value, "dB", 0.0..=200.0)?);
+                once(self.limits.psnr_db.is_none())?;
+                self.limits.psnr_db = Some(number(part, value, "dB", 0.0..=200.0)?);
             }
             ("cone", true) => {
                 once(self.cone_deg.is_none())?;
                 self.cone_deg = Some(number(part, value, "deg", 0.1..=180.0)?);
             }
             ("overhead", true) => {
-                once(self.overhead.is_none())?;
-                self.overhead = Some(number(part, value, "%", f64::MIN_POSITIVE..=100.0)? / 100.0);
+                once(self.limits.overhead.is_none())?;
+                self.limits.overhead = Some(number(part, value, "%", f64::MIN_POSITIVE..=100.0)? / 100.0);
             }
             ("size" | "time" | "time+encoding" | "cone" | "overhead", false) => {
                 return Err(bad(part, "this is limited from above, <="));
@@ -229,7 +209,7 @@ impl FromStr for Contract {
     type Err = Invalid;
 
     fn from_str(text: &str) -> Result<Self, Invalid> {
-        let mut contract = Self::free();
+        let mut contract = Self::of(Limits::default());
         for part in text.split(',').map(str::trim) {
             let aim = ["maximise ", "minimise "].iter().find_map(|w| part.strip_prefix(w).map(|rest| (*w, rest)));
             match aim {
@@ -246,13 +226,13 @@ impl FromStr for Contract {
 
 impl fmt::Display for Contract {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let time = if self.with_encoding { "time+encoding" } else { "time" };
+        let time = if self.limits.with_encoding { "time+encoding" } else { "time" };
         let parts = [
-            self.size_bytes.map(|b| format!("size <= {b}B")),
-            self.time_ms.map(|t| format!("{time} <= {t}ms")),
-            self.psnr_db.map(|q| format!("psnr >= {q}dB")),
+            self.limits.size_bytes.map(|b| format!("size <= {b}B")),
+            self.limits.time_ms.map(|t| format!("{time} <= {t}ms")),
+            self.limits.psnr_db.map(|q| format!("psnr >= {q}dB")),
             self.cone_deg.map(|d| format!("cone <= {d}deg")),
-            self.overhead.map(|share| format!("overhead <= {}%", (share * 1e8).round() / 1e6)),
+            self.limits.overhead.map(|share| format!("overhead <= {}%", (share * 1e8).round() / 1e6)),
             self.utility.as_ref().map(ToString::to_string),
         ];
         let parts: Vec<String> = parts.into_iter().flatten().collect();
@@ -280,9 +260,9 @@ mod tests {
     use lamina_model::{Quality, ViewError};
     use std::time::Duration;
 
-    fn measured(size_bytes: u64, ms: u64, mse: f64) -> Measured {
+    fn measured(size_bytes: u64, ms: u64, mse: f64) -> Measurement {
         let cost = Cost { size_bytes, generation: Duration::from_millis(ms), ..Cost::default() };
-        Measured { cost, quality: Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse] }] } }
+        Measurement { cost, quality: Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse] }] } }
     }
 
     fn contract(text: &str) -> Contract {

@@ -1,14 +1,14 @@
 //! The loop: watch steps, study when one calls for it, push the winner.
 
 use crate::characteristic_steps::choose;
+use crate::evaluator::{Evaluator as _, TrialError};
 use crate::live::LiveQuality;
 use crate::provisional::{ProvisionalChoice, follow};
 use crate::push::{limits_alone, params_of, push, setting};
 use crate::remote::{Remote, connect};
 use crate::run_state::{RunState, StudyEnd};
 use crate::search::{CandidateSet, SearchRequest, search_with_margin};
-use crate::trial::{Trial as _, TrialError};
-use crate::tune::Row;
+use crate::tune::Trial;
 use crate::{Config, status::Status};
 use futures::StreamExt;
 use lamina_model::{Cost, GenerationParams, StepReport, TuningState};
@@ -47,7 +47,7 @@ enum Call {
 }
 
 /// Tunes for ever.
-pub async fn run(config: Config, base: GenerationParams, status: Arc<Status>) {
+pub(crate) async fn run(config: Config, base: GenerationParams, status: Arc<Status>) {
     let run = RunState::new(String::new());
     let mut daemon = Daemon { config, base, status, run, setting: None, holds_from: 0 };
     let mut reported = String::new();
@@ -75,7 +75,7 @@ impl Daemon {
         let reports = control.clone().watch(v1::WatchRequest {}).await.map_err(failed)?.into_inner();
         // What came in meanwhile comes at once: only the newest matters.
         let mut reports = reports.ready_chunks(MEANWHILE);
-        let mut quality = self.config.contract.psnr_db.map(|_| LiveQuality::follow(&control));
+        let mut quality = self.config.contract.limits.psnr_db.map(|_| LiveQuality::follow(&control));
         tracing::info!(generator, "watching");
         // A restarted generator-node has forgotten its parameters; a new one knows no limits yet.
         let begin = self.setting.clone();
@@ -180,14 +180,14 @@ impl Daemon {
         psnr_db: f64,
     ) -> Result<(), TrialError> {
         let from = push(control, setting.clone()).await?;
-        let params = setting.params.unwrap_or_default();
+        let params = GenerationParams::try_from(setting.params.unwrap_or_default()).unwrap_or_default();
         tracing::info!(
-            resolution = params.resolution,
-            gamma = params.gamma,
+            resolution = params.resolution(),
+            gamma = params.gamma(),
             from,
             "back to parameters of a step like this"
         );
-        self.status.chosen(Some(params), psnr_db);
+        self.status.chosen(setting.params, psnr_db);
         (self.setting, self.holds_from) = (Some(setting), from);
         Ok(())
     }
@@ -222,9 +222,9 @@ impl Daemon {
         let (mut provisional, chosen) = ProvisionalChoice::new(&contract, remote.progress());
         let status = &*self.status;
         let (step, mut tried) = (remote.step(), Vec::new());
-        let rows: &mut Vec<Row> = &mut tried;
+        let rows: &mut Vec<Trial> = &mut tried;
         // Dropped with the search, which ends what is followed.
-        let progress = move |row: &Row| {
+        let progress = move |row: &Trial| {
             status.tried(row);
             rows.retain(|known| known.params != row.params);
             rows.push(row.clone());

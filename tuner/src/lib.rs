@@ -1,11 +1,12 @@
 //! The tuner: finds, and keeps finding, the generation parameters that give the best picture under the user's limit.
 //!
-//! Algorithm 1 and a search over `trait Trial`, so that they run without sockets too. The tuner sees numbers, never voxels or pixels.
+//! Algorithm 1 and a search over [`evaluator::Evaluator`], so that they run without sockets too. The tuner sees numbers, never voxels or pixels.
 
 pub mod characteristic_steps;
 pub mod config;
 pub mod contract;
 mod control_loop;
+pub mod evaluator;
 pub mod interval;
 mod live;
 pub mod pareto;
@@ -15,7 +16,6 @@ pub mod remote;
 mod run_state;
 pub mod search;
 mod status;
-pub mod trial;
 pub mod tune;
 pub mod units;
 pub mod utility;

@@ -1,7 +1,7 @@
 //! The quality of live steps, as viz-nodes measure it.
 
+use crate::evaluator::TrialError;
 use crate::remote::{connect, words};
-use crate::trial::TrialError;
 use lamina_model::StepReport;
 use lamina_rpc::v1::{self, control_client::ControlClient, quality_client::QualityClient};
 use std::collections::HashMap;
@@ -26,14 +26,14 @@ struct Told {
 }
 
 /// Follows all viz-nodes that measure, as long as it lives.
-pub struct LiveQuality {
+pub(crate) struct LiveQuality {
     told: watch::Receiver<Told>,
     _following: JoinSet<()>,
 }
 
 impl LiveQuality {
     /// Of the steps of the generator-node behind `control`.
-    pub fn follow(control: &ControlClient<Channel>) -> Self {
+    pub(crate) fn follow(control: &ControlClient<Channel>) -> Self {
         let (sender, told) = watch::channel(Told::default());
         let (control, mut following) = (control.clone(), JoinSet::new());
         following.spawn(async move {
@@ -46,7 +46,7 @@ impl LiveQuality {
 
     /// The quality of the step reported, waited for as long as somebody may tell; if there is none to come, or it does not in
     /// time, that of the newest step that has one. None where that was not measured for want of processor time.
-    pub async fn of(&mut self, report: &StepReport) -> Option<v1::StepQuality> {
+    pub(crate) async fn of(&mut self, report: &StepReport) -> Option<v1::StepQuality> {
         let told_of_run = |told: &Told| told.newest.clone().filter(|q| q.run_id == report.run_id);
         let of_run = |told: &Told| told_of_run(told).filter(|q| !q.skipped);
         let none_to_come = |told: &Told| told.streams == 0 || !report.has_reference;

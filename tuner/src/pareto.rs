@@ -1,14 +1,14 @@
 //! The front of what can be had: measurements that no other one beats in size, quality and time at once.
 
-use crate::trial::Measured;
-use crate::tune::Row;
+use crate::evaluator::Measurement;
+use crate::tune::Trial;
 use lamina_model::Quality;
 
 /// True if `a` is nowhere worse than `b` in size, time and squared error, and somewhere better; on the pixels that both were
 /// measured on.
-fn beats(a: &Row, b: &Row) -> bool {
+fn beats(a: &Trial, b: &Trial) -> bool {
     let (a, b) = (&a.measured, &b.measured);
-    let prices = |m: &Measured| [m.cost.size_bytes as f64, m.cost.generation.as_secs_f64()];
+    let prices = |m: &Measurement| [m.cost.size_bytes as f64, m.cost.generation.as_secs_f64()];
     let (cheap, dear) = (prices(a), prices(b));
     if cheap.iter().zip(&dear).any(|(a, b)| a > b) {
         return false;
@@ -19,9 +19,9 @@ fn beats(a: &Row, b: &Row) -> bool {
 }
 
 /// Indices of the rows that no other row beats, smallest first. Rows without quality are none of them.
-pub fn front(rows: &[Row]) -> Vec<usize> {
-    let known = |row: &Row| !row.measured.quality.mse().is_nan();
-    let beaten = |row: &Row| rows.iter().any(|other| known(other) && beats(other, row));
+pub fn front(rows: &[Trial]) -> Vec<usize> {
+    let known = |row: &Trial| !row.measured.quality.mse().is_nan();
+    let beaten = |row: &Trial| rows.iter().any(|other| known(other) && beats(other, row));
     let mut front: Vec<usize> = (0..rows.len()).filter(|&n| known(&rows[n]) && !beaten(&rows[n])).collect();
     front.sort_by_key(|&n| rows[n].measured.cost.size_bytes);
     front
@@ -48,11 +48,11 @@ fn gain_db(a: &Quality, b: &Quality) -> f64 {
 
 /// What the front offers beyond row `chosen`, at least 0.1 dB better: the most decibels per kilobyte, and the most per
 /// millisecond.
-pub fn offers(rows: &[Row], chosen: usize) -> (Option<Exchange>, Option<Exchange>) {
+pub fn offers(rows: &[Trial], chosen: usize) -> (Option<Exchange>, Option<Exchange>) {
     let from = &rows[chosen].measured;
     let offer = |row: usize| {
         let to = &rows[row].measured;
-        let ms = |m: &Measured| 1e3 * m.cost.generation.as_secs_f64();
+        let ms = |m: &Measurement| 1e3 * m.cost.generation.as_secs_f64();
         Exchange {
             row,
             gain_db: gain_db(&from.quality, &to.quality),
@@ -75,11 +75,11 @@ mod tests {
     use lamina_model::{GenerationParams, ViewError};
     use std::time::Duration;
 
-    fn row(kilobytes: u64, ms: u64, db: f64) -> Row {
+    fn row(kilobytes: u64, ms: u64, db: f64) -> Trial {
         let cost = Cost { size_bytes: 1000 * kilobytes, generation: Duration::from_millis(ms), ..Cost::default() };
         let view = ViewError { angle_deg: 10.0, batch_mse: vec![10_f64.powf(-db / 10.0)] };
-        let measured = Measured { cost, quality: Quality { views: vec![view] } };
-        Row { params: GenerationParams::new(64, 0.1).unwrap(), measured, cost: 0.0 }
+        let measured = Measurement { cost, quality: Quality { views: vec![view] } };
+        Trial { params: GenerationParams::vdi(64, 0.1).unwrap(), measured, cost: 0.0 }
     }
 
     #[test]

@@ -6,14 +6,14 @@ use crate::characteristic_steps::choose;
 use crate::push::{push, setting};
 use crate::remote::Progress;
 use crate::status::Status;
-use crate::tune::{Row, Study};
+use crate::tune::{Study, Trial};
 use lamina_model::{GenerationParams, TuningState};
 use lamina_rpc::v1::{self, control_client::ControlClient};
 use tokio::sync::watch;
 use tonic::transport::Channel;
 
 /// Chooses among the trials so far.
-pub struct ProvisionalChoice<'a> {
+pub(crate) struct ProvisionalChoice<'a> {
     contract: &'a Contract,
     progress: Progress,
     /// Chosen last.
@@ -23,18 +23,18 @@ pub struct ProvisionalChoice<'a> {
 }
 
 /// Parameters to push, and what their trial came to, decibels.
-pub type Chosen = (v1::SetParametersRequest, f64);
+pub(crate) type Chosen = (v1::SetParametersRequest, f64);
 
 impl<'a> ProvisionalChoice<'a> {
     /// No trial yet; and what it chooses, for [`follow`].
-    pub fn new(contract: &'a Contract, progress: Progress) -> (Self, watch::Receiver<Option<Chosen>>) {
+    pub(crate) fn new(contract: &'a Contract, progress: Progress) -> (Self, watch::Receiver<Option<Chosen>>) {
         let (better, chosen) = watch::channel(None);
         let so_far = Study { step: 0, rows: Vec::new(), best: None };
         (Self { contract, progress, current: None, so_far, better }, chosen)
     }
 
     /// Another trial, or one measured at more pixels.
-    pub fn add(&mut self, row: &Row) {
+    pub(crate) fn add(&mut self, row: &Trial) {
         let rows = std::mem::take(&mut self.so_far.rows);
         self.so_far.best = None;
         rows.into_iter().filter(|known| known.params != row.params).for_each(|known| self.so_far.add(known));
@@ -54,7 +54,7 @@ impl<'a> ProvisionalChoice<'a> {
 }
 
 /// Pushes what is chosen, until no more is; returns what was pushed last, and from which step on it holds.
-pub async fn follow(
+pub(crate) async fn follow(
     control: &ControlClient<Channel>,
     status: &Status,
     mut chosen: watch::Receiver<Option<Chosen>>,
@@ -77,23 +77,25 @@ pub async fn follow(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trial::Measured;
+    use crate::evaluator::Measurement;
     use lamina_model::Cost;
     use lamina_model::{Quality, ViewError};
 
     #[test]
     fn the_first_trial_that_keeps_the_contract_is_in_use_at_once_then_what_is_clearly_better() {
         let contract = Contract::size(1000);
-        let params = |resolution| GenerationParams::new(resolution, 0.02).unwrap();
+        let params = |resolution| GenerationParams::vdi(resolution, 0.02).unwrap();
         let (mut choice, mut chosen) = ProvisionalChoice::new(&contract, Progress::new(true));
         let mut trial = |resolution, size_bytes, mse| {
             let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse] }] };
-            let measured = Measured { cost: Cost { size_bytes, ..Cost::default() }, quality };
+            let measured = Measurement { cost: Cost { size_bytes, ..Cost::default() }, quality };
             let cost = contract.cost(&measured);
-            choice.add(&Row { params: params(resolution), cost, measured });
+            choice.add(&Trial { params: params(resolution), cost, measured });
             let changed = chosen.has_changed().unwrap();
             let setting = chosen.borrow_and_update().clone();
-            setting.filter(|_| changed).map(|(s, _)| (s.params.unwrap().resolution, s.tuning_state().into()))
+            setting.filter(|_| changed).map(|(s, _)| {
+                (GenerationParams::try_from(s.params.unwrap()).unwrap().resolution(), s.tuning_state().into())
+            })
         };
         let in_use = |resolution| Some((resolution, TuningState::Provisional));
         assert_eq!(trial(62, 1001, 1e-6), None, "too large");

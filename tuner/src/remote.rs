@@ -6,7 +6,7 @@ mod generator;
 mod round;
 mod viewers;
 
-use crate::trial::{Measured, Trial, TrialError};
+use crate::evaluator::{Evaluator, Measurement, TrialError};
 use generator::Generator;
 use lamina_model::{Cost, GenerationParams, Invalid, ParamsKey, Quality};
 use lamina_rpc::connect::innermost;
@@ -20,6 +20,7 @@ use tonic::transport::Channel;
 use viewers::Viewers;
 
 /// Trials on one step, which the generator-node holds as long as this lives, measured by all viz-nodes that subscribe to it.
+#[derive(Debug)]
 pub struct Remote {
     generator: Generator,
     viewers: Viewers,
@@ -52,7 +53,7 @@ impl Progress {
     }
 
     /// Another trial is the best so far.
-    pub fn best(&self, measured: &Measured) {
+    pub fn best(&self, measured: &Measurement) {
         let mut state = self.state();
         state.best_psnr_db = Some(measured.quality.psnr_db());
         state.best_size_bytes = measured.cost.size_bytes;
@@ -60,6 +61,7 @@ impl Progress {
 }
 
 /// What is known of one set of parameters.
+#[derive(Debug)]
 struct Known {
     params: GenerationParams,
     cost: Option<Cost>,
@@ -83,11 +85,11 @@ impl Known {
     }
 
     /// The answer, if nothing is lacking.
-    fn answer(&self, batches: u32) -> Result<Measured, Invalid> {
+    fn answer(&self, batches: u32) -> Result<Measurement, Invalid> {
         if let Some(refusal) = &self.refusal {
             return Err(refusal.clone());
         }
-        Ok(Measured { cost: self.cost.unwrap_or_default(), quality: self.quality.first(batches as usize) })
+        Ok(Measurement { cost: self.cost.unwrap_or_default(), quality: self.quality.first(batches as usize) })
     }
 }
 
@@ -127,7 +129,7 @@ impl Remote {
     }
 }
 
-impl Trial for Remote {
+impl Evaluator for Remote {
     fn step(&self) -> u64 {
         self.generator.step()
     }
@@ -172,7 +174,7 @@ impl Trial for Remote {
         &mut self,
         params: &[GenerationParams],
         batches: u32,
-    ) -> Result<Vec<Result<Measured, Invalid>>, TrialError> {
+    ) -> Result<Vec<Result<Measurement, Invalid>>, TrialError> {
         let batches = batches.min(self.batches());
         for p in params {
             self.known.entry(p.key()).or_insert_with(|| Known::new(*p));

@@ -3,14 +3,14 @@
 use crate::Contract;
 use crate::characteristic_steps::{CharacteristicSteps, StudiedStep};
 use crate::search::CandidateSet;
-use crate::tune::Row;
+use crate::tune::Trial;
 use lamina_model::{Cost, StepReport};
 use std::collections::VecDeque;
 use std::time::Duration;
 use tokio::time::Instant;
 
 /// What is known of the run watched.
-pub struct RunState {
+pub(crate) struct RunState {
     pub id: String,
     pub since: Instant,
     pub characteristic: CharacteristicSteps,
@@ -23,20 +23,20 @@ pub struct RunState {
     pub candidates: CandidateSet,
     pub pace: TrialPace,
     /// Trials of a study that nodes cut short.
-    pub carried: Vec<Row>,
+    pub carried: Vec<Trial>,
 }
 
 /// How many times as long as trials live steps take: beside them the simulation and the viewers compute, and a step's data are
 /// new to the processor's caches.
 #[derive(Default)]
-pub struct TrialPace(VecDeque<f64>);
+pub(crate) struct TrialPace(VecDeque<f64>);
 
 impl TrialPace {
     /// Steps looked back at.
     const STEPS: usize = 5;
 
     /// A step took `live` where a trial of the same parameters on a step like it took `trial`, milliseconds.
-    pub fn add(&mut self, live: f64, trial: f64) {
+    pub(crate) fn add(&mut self, live: f64, trial: f64) {
         let ratio = live / trial;
         if ratio.is_finite() {
             self.0.truncate(Self::STEPS - 1);
@@ -45,7 +45,7 @@ impl TrialPace {
     }
 
     /// The middle of the last ones, at least 1.
-    pub fn ratio(&self) -> f64 {
+    pub(crate) fn ratio(&self) -> f64 {
         let mut ratios: Vec<f64> = self.0.iter().copied().collect();
         ratios.sort_by(f64::total_cmp);
         ratios.get(ratios.len() / 2).map_or(1.0, |&middle| middle.max(1.0))
@@ -53,7 +53,7 @@ impl TrialPace {
 }
 
 impl RunState {
-    pub fn new(id: String) -> Self {
+    pub(crate) fn new(id: String) -> Self {
         let (characteristic, none) = (CharacteristicSteps::default(), Duration::ZERO);
         Self {
             id,
@@ -71,14 +71,14 @@ impl RunState {
 
     /// True if there is time for a study: those after the first, with another that is worth beginning, take no more than this
     /// share of the time since the run was first seen. The first is always made; a budget of 1 is none.
-    pub fn may_study(&self, budget: f64) -> bool {
+    pub(crate) fn may_study(&self, budget: f64) -> bool {
         let with_another = (self.later + self.next).as_secs_f64();
         let affordable = with_another <= budget * self.since.elapsed().as_secs_f64();
         self.studied_step.is_none() || budget >= 1.0 || affordable
     }
 
     /// When a study that begins now has to end: with it, those after the first take that share. The first one has all the time.
-    pub fn until(&self, budget: f64) -> Option<Instant> {
+    pub(crate) fn until(&self, budget: f64) -> Option<Instant> {
         let limited = self.studied_step.is_some() && budget < 1.0;
         // It is itself a part of the run.
         let left = || (budget * self.since.elapsed().as_secs_f64() - self.later.as_secs_f64()) / (1.0 - budget);
@@ -86,13 +86,13 @@ impl RunState {
     }
 
     /// The step studied that a reported one is like.
-    pub fn nearest_studied(&self, report: &StepReport) -> Option<&StudiedStep> {
+    pub(crate) fn nearest_studied(&self, report: &StepReport) -> Option<&StudiedStep> {
         self.characteristic.nearest(&report.params, report.cost.size_bytes)
     }
 
     /// Takes in how long a reported step took, if time is limited and its parameters were tried on a step like it.
-    pub fn timed(&mut self, report: &StepReport, contract: &Contract) {
-        if contract.time_ms.is_none() {
+    pub(crate) fn timed(&mut self, report: &StepReport, contract: &Contract) {
+        if contract.limits.time_ms.is_none() {
             return;
         }
         let ms = |cost: Cost| contract.time_of(&cost);
@@ -106,7 +106,7 @@ impl RunState {
 
     /// A study ended. A quarter of its time, some first trials, is worth beginning another for; where one was cut short, twice
     /// as much. What gave nothing tells neither.
-    pub fn record_study(&mut self, time: Duration, first: bool, end: StudyEnd) {
+    pub(crate) fn record_study(&mut self, time: Duration, first: bool, end: StudyEnd) {
         *(if first { &mut self.first } else { &mut self.later }) += time;
         match end {
             StudyEnd::Whole => self.next = time / 4,
@@ -119,7 +119,7 @@ impl RunState {
 
 /// How a study ended.
 #[derive(Clone, Copy, PartialEq)]
-pub enum StudyEnd {
+pub(crate) enum StudyEnd {
     Whole,
     /// This time was too short for it.
     Cut(Duration),

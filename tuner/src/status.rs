@@ -1,7 +1,7 @@
 //! What the tuner is doing and has measured, for those who ask.
 
-use crate::trial::TrialError;
-use crate::tune::Row;
+use crate::evaluator::TrialError;
+use crate::tune::Trial;
 use lamina_rpc::v1::{self, tuning_server};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tonic::{Request, Response};
@@ -11,7 +11,7 @@ const MOST_TRIALS: usize = 20_000;
 
 /// Shared by the loop and the service.
 #[derive(Default)]
-pub struct Status {
+pub(crate) struct Status {
     state: Mutex<v1::TunerStatus>,
 }
 
@@ -21,41 +21,41 @@ impl Status {
     }
 
     /// A step is being dealt with.
-    pub fn working(&self, busy: bool) {
+    pub(crate) fn working(&self, busy: bool) {
         self.state().busy = busy;
     }
 
     /// `step` has been dealt with.
-    pub fn seen(&self, step: u64) {
+    pub(crate) fn seen(&self, step: u64) {
         let mut state = self.state();
         state.busy = false;
         state.steps_seen = step + 1;
     }
 
     /// A study ended with nothing measured.
-    pub fn lost_study(&self) {
+    pub(crate) fn lost_study(&self) {
         self.state().lost_studies += 1;
     }
 
     /// A study ended, with or without an error.
-    pub fn failed(&self, error: Option<&TrialError>) {
+    pub(crate) fn failed(&self, error: Option<&TrialError>) {
         self.state().last_error = error.map(ToString::to_string).unwrap_or_default();
     }
 
     /// Parameters whose trial came to `psnr_db` are in use.
-    pub fn chosen(&self, params: Option<v1::GenerationParams>, psnr_db: f64) {
+    pub(crate) fn chosen(&self, params: Option<v1::GenerationParams>, psnr_db: f64) {
         let mut state = self.state();
         (state.chosen, state.chosen_psnr_db) = (params, Some(psnr_db));
     }
 
     /// A trial was measured; its step is filled in when the study ends.
-    pub fn tried(&self, row: &Row) {
+    pub(crate) fn tried(&self, row: &Trial) {
         tracing::debug!(resolution = row.params.resolution(), gamma = row.params.gamma(), alpha = row.cost, "trial");
     }
 
     /// A study of `step` ended, with row `chosen` in use or with none.
-    pub fn measured(&self, step: u64, rows: &[Row], chosen: Option<usize>) {
-        let record = |(n, row): (usize, &Row)| v1::TrialRecord {
+    pub(crate) fn measured(&self, step: u64, rows: &[Trial], chosen: Option<usize>) {
+        let record = |(n, row): (usize, &Trial)| v1::TrialRecord {
             step,
             params: Some((&row.params).into()),
             cost: Some(row.measured.cost.into()),
@@ -75,7 +75,7 @@ impl Status {
 }
 
 /// The gRPC face of [`Status`].
-pub struct StatusService(pub Arc<Status>);
+pub(crate) struct StatusService(pub Arc<Status>);
 
 #[tonic::async_trait]
 impl tuning_server::Tuning for StatusService {

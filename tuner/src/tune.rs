@@ -1,21 +1,21 @@
 //! Algorithm 1 of the paper, in its line order.
 
 use crate::Contract;
-use crate::trial::{Measured, Trial, TrialError};
+use crate::evaluator::{Evaluator, Measurement, TrialError};
 use lamina_model::{GenerationParams, Representation};
 
 /// One row of a study.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Row {
+pub struct Trial {
     /// What was tried.
     pub params: GenerationParams,
     /// What it gave.
-    pub measured: Measured,
+    pub measured: Measurement,
     /// alpha under the contract in force.
     pub cost: f64,
 }
 
-impl Row {
+impl Trial {
     /// How far it is from keeping all limits; 0 or less keeps them.
     pub fn distance(&self, contract: &Contract) -> f64 {
         let cost = &self.measured.cost;
@@ -30,7 +30,7 @@ pub struct Study {
     /// The step measured.
     pub step: u64,
     /// Every trial, in the order tried.
-    pub rows: Vec<Row>,
+    pub rows: Vec<Trial>,
     /// Index of the row with the least cost; `None` if no trial keeps the contract.
     pub best: Option<usize>,
 }
@@ -44,10 +44,10 @@ const AT_ONCE: usize = 8;
 /// If a node stops answering; a candidate that cannot be measured is left out.
 #[doc(alias = "Algorithm 1")]
 pub async fn tune(
-    trial: &mut impl Trial,
+    trial: &mut impl Evaluator,
     contract: &Contract,
     candidates: &[GenerationParams],
-    mut progress: impl FnMut(&Row) + Send,
+    mut progress: impl FnMut(&Trial) + Send,
 ) -> Result<Study, TrialError> {
     let mut study = Study { step: trial.step(), rows: Vec::new(), best: None };
     for some in candidates.chunks(AT_ONCE) {
@@ -55,7 +55,7 @@ pub async fn tune(
         for (params, outcome) in some.iter().zip(trial.measure(some, u32::MAX).await?) {
             match outcome {
                 Ok(measured) => {
-                    let row = Row { params: *params, cost: contract.cost(&measured), measured };
+                    let row = Trial { params: *params, cost: contract.cost(&measured), measured };
                     progress(&row);
                     study.add(row);
                 }
@@ -84,7 +84,7 @@ const LEAST_GAMMA: f64 = 1e-3;
 
 impl Study {
     /// Adds a trial, which becomes the best if it costs less than all before.
-    pub fn add(&mut self, row: Row) {
+    pub fn add(&mut self, row: Trial) {
         let least = self.best.map_or(f64::INFINITY, |n| self.rows[n].cost);
         if row.cost < least {
             self.best = Some(self.rows.len());
@@ -100,7 +100,7 @@ impl Study {
         let mut common = Self { step: self.step, rows: Vec::with_capacity(self.rows.len()), best: None };
         for mut row in self.rows {
             if row.cost < f64::INFINITY {
-                let Measured { cost, quality } = &row.measured;
+                let Measurement { cost, quality } = &row.measured;
                 let ms = contract.time_of(cost);
                 row.cost = contract.utility().cost(cost.size_bytes, quality.first(batches).psnr_db(), ms);
             }
@@ -121,7 +121,7 @@ impl Study {
             start.with_resolution(resolution).ok()?.with_gamma(gamma).ok()
         };
         let mut ladder: Vec<GenerationParams> = STEEPER.iter().filter_map(steeper).collect();
-        let mut by_size: Vec<&Row> = self.rows.iter().filter(|r| !r.measured.quality.psnr_db().is_nan()).collect();
+        let mut by_size: Vec<&Trial> = self.rows.iter().filter(|r| !r.measured.quality.psnr_db().is_nan()).collect();
         by_size.sort_by_key(|r| r.measured.cost.size_bytes);
         // Keep what no smaller one beats.
         let mut best_db = f64::NEG_INFINITY;
@@ -160,7 +160,7 @@ mod tests {
     /// A made-up response: sigma = r^2 (0.3 - gamma), q = 10 log10(r^2) - 100 gamma, tau = r microseconds.
     struct Formula;
 
-    impl Trial for Formula {
+    impl Evaluator for Formula {
         fn step(&self) -> u64 {
             7
         }
@@ -180,7 +180,7 @@ mod tests {
             &mut self,
             all: &[GenerationParams],
             _: u32,
-        ) -> Result<Vec<Result<Measured, Invalid>>, TrialError> {
+        ) -> Result<Vec<Result<Measurement, Invalid>>, TrialError> {
             let one = |p: &GenerationParams| {
                 if p.resolution() == 256 {
                     return Err(Invalid::new("vdi", "made up"));
@@ -193,14 +193,14 @@ mod tests {
                 };
                 let mse = 10_f64.powf(-(20.0 * r.log10() - 100.0 * p.gamma()) / 10.0);
                 let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse] }] };
-                Ok(Measured { cost, quality })
+                Ok(Measurement { cost, quality })
             };
             Ok(all.iter().map(one).collect())
         }
     }
 
     async fn study(contract: Contract) -> Study {
-        let candidates = Grid::paper().candidates(&GenerationParams::new(1, 0.0).unwrap()).unwrap();
+        let candidates = Grid::paper().candidates(&GenerationParams::vdi(1, 0.0).unwrap()).unwrap();
         tune(&mut Formula, &contract, &candidates, |_| {}).await.unwrap()
     }
 
@@ -237,7 +237,11 @@ mod tests {
         let best = s.rows[s.best.unwrap()].params;
         for (k, p) in ladder[..STEEPER.len()].iter().enumerate() {
             assert!(p.resolution() < best.resolution() && p.gamma() > best.gamma(), "rung {k}");
-            assert_eq!((p.opacity_cutoff(), p.step_voxels()), (best.opacity_cutoff(), best.step_voxels()));
+            assert_eq!(
+                p.with_resolution(best.resolution()).unwrap().with_gamma(best.gamma()).unwrap(),
+                best,
+                "all else"
+            );
         }
         let rung = |p: &GenerationParams| s.rows.iter().find(|r| r.params == *p).unwrap().measured.indicators();
         let mut last = rung(&best);
@@ -259,9 +263,9 @@ mod tests {
         let contract: Contract = "psnr >= 30dB, maximise psnr".parse().unwrap();
         let row = |gamma: f64, batch_mse: &[f64]| {
             let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: batch_mse.to_vec() }] };
-            let measured = Measured { cost: Cost::default(), quality };
+            let measured = Measurement { cost: Cost::default(), quality };
             let cost = contract.cost(&measured);
-            Row { params: GenerationParams::new(64, gamma).unwrap(), measured, cost }
+            Trial { params: GenerationParams::vdi(64, gamma).unwrap(), measured, cost }
         };
         // Easier pixels come first, on which the first row keeps a limit that it breaks on all; the second one is settled, the
         // third is better where both were measured.

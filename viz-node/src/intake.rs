@@ -20,7 +20,7 @@ const REFERENCES: usize = 8;
 
 /// Counters for `/metrics`.
 #[derive(Default)]
-pub struct Counters {
+pub(crate) struct Counters {
     /// Live frames recorded.
     pub frames: AtomicU64,
     /// Bytes of live frames.
@@ -45,7 +45,7 @@ struct LiveStep {
 type References = VecDeque<(String, Arc<ReferenceSamples>)>;
 
 /// Takes deliveries in.
-pub struct Intake {
+pub(crate) struct Intake {
     /// Where live steps are recorded.
     pub store: Arc<Store>,
     /// What draws.
@@ -86,7 +86,7 @@ fn find(references: &Mutex<References>, frame: &v1::Frame) -> Option<Arc<Referen
 
 impl Intake {
     /// Records into `store`; draws with `backend` within `share`; refuses what decodes to more than `limits` allow.
-    pub fn new(store: Arc<Store>, backend: Backend, share: CpuShare, limits: DecodeLimits) -> Self {
+    pub(crate) fn new(store: Arc<Store>, backend: Backend, share: CpuShare, limits: DecodeLimits) -> Self {
         Self {
             store,
             backend,
@@ -101,7 +101,7 @@ impl Intake {
     }
 
     /// Takes one whole delivery of live steps. Blocking: writes files.
-    pub fn take_live(&self, part: Part, payload: Vec<u8>) {
+    pub(crate) fn take_live(&self, part: Part, payload: Vec<u8>) {
         let outcome = match part {
             Part::Run(run) => self.begin(Run::from(&run)),
             Part::Reference(announcement) => keep(&self.live_references, announcement, &payload),
@@ -120,7 +120,7 @@ impl Intake {
     }
 
     /// Takes one whole delivery of trials.
-    pub fn take_trial(&self, part: Part, payload: Vec<u8>) {
+    pub(crate) fn take_trial(&self, part: Part, payload: Vec<u8>) {
         match part {
             Part::Reference(announcement) => self.log(keep(&self.trial_references, announcement, &payload)),
             Part::Frame(frame) => {
@@ -156,7 +156,7 @@ impl Intake {
     }
 
     /// Decodes and measures the newest step, again and again. Steps that newer ones overtake are left out, and say so.
-    pub async fn follow_newest(self: Arc<Self>) {
+    pub(crate) async fn follow_newest(self: Arc<Self>) {
         let mut newest = self.newest.subscribe();
         while newest.changed().await.is_ok() {
             let permit = self.share.acquire(Priority::LiveStep).await;

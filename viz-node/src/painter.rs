@@ -22,6 +22,7 @@ pub struct Orbit {
 }
 
 /// A rendered picture.
+#[derive(Debug)]
 pub struct PaintedPicture {
     /// The step it shows.
     pub step: u64,
@@ -46,6 +47,7 @@ pub enum PaintError {
 const MAX_SIZE: u32 = 2048;
 
 /// Draws steps, from anywhere and, where they are volumes, in other colours.
+#[derive(Debug)]
 pub struct Painter {
     store: Arc<Store>,
     backend: Backend,
@@ -54,6 +56,7 @@ pub struct Painter {
 
 /// The volume last drawn in other colours: the next picture is likely to be of it, in the same; if it is not in other
 /// colours, this is dropped.
+#[derive(Debug)]
 struct Recoloured {
     from: Arc<Drawable>,
     points: Vec<ControlPoint>,

@@ -1,7 +1,7 @@
 //! The Quality service, towards the tuner: trials measured, and the quality of live steps.
 
 use crate::intake::Intake;
-use crate::store::{Event, Measured};
+use crate::store::{Event, QualityStatus};
 use crate::trials::StudyStatus;
 use futures::{Stream, StreamExt};
 use lamina_compute::{Activity, Laps, Priority};
@@ -17,7 +17,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status};
 
 /// The gRPC face of [`Intake`].
-pub struct QualityService(pub Arc<Intake>);
+pub(crate) struct QualityService(pub Arc<Intake>);
 
 type Replies<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
@@ -45,7 +45,7 @@ impl quality_server::Quality for QualityService {
     async fn steps(&self, _: Request<v1::StepsRequest>) -> Result<Response<Self::StepsStream>, Status> {
         let measured = self.0.store.events().filter_map(|event| {
             let quality = match event {
-                Event::Step(run_id, row) if row.measured == Measured::Yes => {
+                Event::Step(run_id, row) if row.measured == QualityStatus::Yes => {
                     row.psnr_db.map(|psnr_db| v1::StepQuality {
                         run_id,
                         step: row.step,
@@ -54,7 +54,7 @@ impl quality_server::Quality for QualityService {
                         skipped: false,
                     })
                 }
-                Event::Step(run_id, row) if row.measured == Measured::Skipped => {
+                Event::Step(run_id, row) if row.measured == QualityStatus::Skipped => {
                     Some(v1::StepQuality { run_id, step: row.step, skipped: true, ..Default::default() })
                 }
                 _ => None,

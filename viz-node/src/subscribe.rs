@@ -17,7 +17,7 @@ use tonic::{Status, Streaming};
 const RETRY: Duration = Duration::from_millis(500);
 
 /// Follows live steps for ever; `connected` says whether the subscription stands.
-pub async fn live(config: Config, intake: Arc<Intake>, connected: Arc<AtomicBool>) {
+pub(crate) async fn live(config: Config, intake: Arc<Intake>, connected: Arc<AtomicBool>) {
     let follow = || async {
         let ended = follow_live(&config, &intake, &connected).await;
         connected.store(false, Ordering::Relaxed);
@@ -27,7 +27,7 @@ pub async fn live(config: Config, intake: Arc<Intake>, connected: Arc<AtomicBool
 }
 
 /// Follows trials for ever, where quality is measured.
-pub async fn trials(config: Config, intake: Arc<Intake>) {
+pub(crate) async fn trials(config: Config, intake: Arc<Intake>) {
     if config.quality_address.as_deref().is_none_or(str::is_empty) {
         return;
     }

@@ -18,7 +18,7 @@ const KEPT_BYTES: usize = 512 << 20;
 const MEASURED: usize = 256;
 
 /// A trial that can be measured.
-pub struct ArrivedTrial {
+pub(crate) struct ArrivedTrial {
     /// As announced.
     pub frame: v1::Frame,
     /// With what it is compared.
@@ -30,7 +30,12 @@ pub struct ArrivedTrial {
 
 impl ArrivedTrial {
     /// Not decoded yet.
-    pub fn new(frame: v1::Frame, payload: Vec<u8>, reference: Arc<ReferenceSamples>, limits: DecodeLimits) -> Self {
+    pub(crate) fn new(
+        frame: v1::Frame,
+        payload: Vec<u8>,
+        reference: Arc<ReferenceSamples>,
+        limits: DecodeLimits,
+    ) -> Self {
         Self { frame, reference, payload, limits, shown: OnceLock::new() }
     }
 
@@ -38,7 +43,7 @@ impl ArrivedTrial {
     ///
     /// # Errors
     /// If its bytes are damaged or decode to too much.
-    pub fn shown(&self) -> Result<&Drawable, &CodecError> {
+    pub(crate) fn shown(&self) -> Result<&Drawable, &CodecError> {
         let decode = || lamina_codec::decode_any(&self.payload, &self.limits).map(Drawable::new);
         self.shown.get_or_init(decode).as_ref()
     }
@@ -81,7 +86,7 @@ impl Held {
 
 /// How far the newest study is that asked here.
 #[derive(Default, Clone, Copy)]
-pub struct StudyStatus {
+pub(crate) struct StudyStatus {
     /// As the tuner said.
     pub progress: v1::StudyProgress,
     /// The step it is of.
@@ -90,7 +95,7 @@ pub struct StudyStatus {
 
 /// The trials kept, and what those measured came to.
 #[derive(Default)]
-pub struct TrialStore {
+pub(crate) struct TrialStore {
     held: watch::Sender<Held>,
     measured: Mutex<VecDeque<(v1::Frame, Quality)>>,
     study: Mutex<Option<StudyStatus>>,
@@ -98,7 +103,7 @@ pub struct TrialStore {
 
 impl TrialStore {
     /// A subscription began (true) or ended.
-    pub fn subscribed(&self, subscribed: bool) {
+    pub(crate) fn subscribed(&self, subscribed: bool) {
         self.held.send_modify(|held| {
             held.subscription += u64::from(subscribed);
             (held.subscribed, held.newest) = (subscribed, 0);
@@ -106,7 +111,7 @@ impl TrialStore {
     }
 
     /// Keeps what arrived as trial `trial_id`, or why it cannot be measured.
-    pub fn keep(&self, trial_id: u64, arrived: Arrived) {
+    pub(crate) fn keep(&self, trial_id: u64, arrived: Arrived) {
         self.held.send_modify(|held| {
             held.newest = held.newest.max(trial_id);
             held.kept.push_back((trial_id, arrived));
@@ -117,7 +122,7 @@ impl TrialStore {
     }
 
     /// The trial, waited for as long as it may come.
-    pub async fn find(&self, trial_id: u64) -> Arrived {
+    pub(crate) async fn find(&self, trial_id: u64) -> Arrived {
         let mut held = self.held.subscribe();
         let subscription = held.borrow().subscription;
         let known = held.wait_for(|held| held.find(trial_id, subscription).is_some()).await;
@@ -130,7 +135,7 @@ impl TrialStore {
     }
 
     /// Remembers what some batches of a trial came to; with those before, if it was asked about again.
-    pub fn remember(&self, frame: &v1::Frame, quality: &Quality) {
+    pub(crate) fn remember(&self, frame: &v1::Frame, quality: &Quality) {
         let mut measured = self.measured();
         if let Some((_, known)) = measured.iter_mut().find(|(f, _)| f.trial_id == frame.trial_id) {
             if known.extend(quality).is_err() {
@@ -145,24 +150,24 @@ impl TrialStore {
     }
 
     /// The numbers of the trials of run `run_id` that were measured, the oldest first.
-    pub fn rows(&self, run_id: &str) -> Vec<StepRow> {
+    pub(crate) fn rows(&self, run_id: &str) -> Vec<StepRow> {
         let measured = self.measured();
         let of_run = measured.iter().filter(|(frame, _)| frame.run_id == run_id);
         of_run.map(|(frame, quality)| StepRow::trial(frame, quality)).collect()
     }
 
     /// A study asks.
-    pub fn set_study(&self, study: StudyStatus) {
+    pub(crate) fn set_study(&self, study: StudyStatus) {
         *self.study.lock().unwrap_or_else(PoisonError::into_inner) = Some(study);
     }
 
     /// A run began: the study before was of another.
-    pub fn forget_study(&self) {
+    pub(crate) fn forget_study(&self) {
         *self.study.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 
     /// How far the newest study is.
-    pub fn study(&self) -> Option<StudyStatus> {
+    pub(crate) fn study(&self) -> Option<StudyStatus> {
         *self.study.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -21,6 +21,7 @@ const CAUTIOUS_CYCLES: u64 = 5;
 const CAUTION: f64 = 0.2;
 
 /// A gas in a box.
+#[derive(Debug)]
 pub(crate) struct Gas {
     state: State,
     /// Where the next sweep writes.

@@ -54,6 +54,7 @@ use gas::Gas;
 use std::ops::Range;
 
 /// A blast into clumps, and where it stands.
+#[derive(Debug)]
 pub struct Simulation {
     config: Config,
     gas: Gas,

@@ -53,6 +53,7 @@ impl AddAssign for Repairs {
 }
 
 /// Every cell's conserved quantities.
+#[derive(Debug)]
 pub(crate) struct State {
     shape: [usize; 3],
     values: Vec<f32>,

@@ -92,6 +92,7 @@ pub(crate) fn rub(from: &State, to: &mut State, config: &Config, dt: f64) {
 }
 
 /// A share of each cell's gas, 0 to 1, that moves with it.
+#[derive(Debug)]
 pub(crate) struct Tracer {
     values: Vec<f32>,
     spare: Vec<f32>,

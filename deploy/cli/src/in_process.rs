@@ -9,7 +9,7 @@ use lamina_model::{
     Volume,
 };
 use lamina_raycast::{Backend, Field, most_points};
-use lamina_tuner::trial::{Measured, Trial, TrialError};
+use lamina_tuner::evaluator::{Evaluator, Measurement, TrialError};
 use lamina_vdi_render::{self as viz, Detail, Drawable};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -59,7 +59,7 @@ impl SpentTime {
 }
 
 /// Where trials are recorded: in memory ([`TrialsInMemory`]), or in a file that a later run reads.
-pub trait TrialStore: Send {
+pub trait TrialStore: std::fmt::Debug + Send {
     /// The recorded trial of `params`.
     fn get(&self, params: &GenerationParams) -> Option<&RecordedTrial>;
 
@@ -85,6 +85,7 @@ impl TrialStore for TrialsInMemory {
 }
 
 /// The evaluator of one time step; trials that its store holds are not measured again.
+#[derive(Debug)]
 pub struct InProcessEvaluator {
     step: u64,
     field: Field,
@@ -178,7 +179,7 @@ impl InProcessEvaluator {
     }
 
     /// Measures `params` until `batches` batches of pixels are compared.
-    fn measure_one(&mut self, params: &GenerationParams, batches: u32) -> Result<Measured, Invalid> {
+    fn measure_one(&mut self, params: &GenerationParams, batches: u32) -> Result<Measurement, Invalid> {
         let mut trial = match self.trials.get(params) {
             Some(known) if known.quality.batches() as u32 >= batches => return Ok(measured(known)),
             Some(known) => known.clone(),
@@ -216,8 +217,8 @@ pub fn encode_options(segmentation: Segmentation) -> EncodeOptions {
     }
 }
 
-fn measured(trial: &RecordedTrial) -> Measured {
-    Measured { cost: trial.cost, quality: trial.quality.clone() }
+fn measured(trial: &RecordedTrial) -> Measurement {
+    Measurement { cost: trial.cost, quality: trial.quality.clone() }
 }
 
 /// Processor time of this process so far; wall time where the system does not count it.
@@ -226,7 +227,7 @@ fn clock() -> Duration {
     process::cpu_time().unwrap_or_else(|| START.elapsed())
 }
 
-impl Trial for InProcessEvaluator {
+impl Evaluator for InProcessEvaluator {
     fn step(&self) -> u64 {
         self.step
     }
@@ -254,7 +255,7 @@ impl Trial for InProcessEvaluator {
         &mut self,
         params: &[GenerationParams],
         batches: u32,
-    ) -> Result<Vec<Result<Measured, Invalid>>, TrialError> {
+    ) -> Result<Vec<Result<Measurement, Invalid>>, TrialError> {
         let batches = batches.min(self.batches());
         Ok(params.iter().map(|p| self.measure_one(p, batches)).collect())
     }

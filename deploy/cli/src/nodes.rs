@@ -12,7 +12,7 @@ use lamina_tuner::push::{limits_alone, push};
 use lamina_tuner::remote::connect;
 use lamina_tuner::search::Grid;
 use lamina_viz_node::Store;
-use lamina_viz_node::store::{Measured, StepRow};
+use lamina_viz_node::store::{QualityStatus, StepRow};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -22,6 +22,7 @@ use tokio::sync::watch;
 use tonic::transport::{Channel, Endpoint};
 
 /// How the nodes are set up.
+#[derive(Debug)]
 pub struct Setup {
     /// Where the page is.
     pub viewer: SocketAddr,
@@ -46,6 +47,7 @@ pub struct Setup {
 }
 
 /// What the tuner is to do.
+#[derive(Debug)]
 pub struct Tuning {
     /// The user's limit.
     pub contract: Contract,
@@ -60,6 +62,7 @@ pub struct Tuning {
 }
 
 /// The running nodes.
+#[derive(Debug)]
 pub struct Nodes {
     runtime: Runtime,
     stop: watch::Sender<bool>,
@@ -163,7 +166,7 @@ impl Nodes {
     pub fn settle(&self, step: u64, stop: &impl Fn() -> bool) -> anyhow::Result<Option<StepRow>> {
         let mut since = Instant::now();
         while !stop() {
-            let row = self.store.row(step).filter(|row| row.measured != Measured::Pending);
+            let row = self.store.row(step).filter(|row| row.measured != QualityStatus::Pending);
             let status = self.tuner_status(false)?;
             let tuned = status.as_ref().is_none_or(|s| s.steps_seen > step && !s.busy);
             if row.is_some() && tuned {

@@ -6,7 +6,7 @@ use crate::scene_file::scene_for;
 use crate::source::{read_options, with_colors};
 use anyhow::{Context, ensure};
 use lamina_codec::{Codec, CodecError, DecodeLimits, EncodeOptions, Layout};
-use lamina_model::{GenerationParams, Representation, Scene, Segmentation, Volume, psnr};
+use lamina_model::{GenerationParams, Invalid, Representation, Scene, Segmentation, VdiParams, Volume, psnr};
 use lamina_raycast::{Backend, Field};
 use lamina_vdi_render::{Detail, Drawable};
 use lamina_volume_io::Series;
@@ -74,10 +74,8 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
         "--codec, --layout and --segmentation are for VDIs; leave them out with --representation volume"
     );
     let (volume, scene) = open(&arguments.input)?;
-    let params = GenerationParams::new(arguments.resolution, arguments.gamma)?
-        .with_opacity_cutoff(arguments.opacity_cutoff)?
-        .with_step_voxels(scene.step_voxels)?
-        .with_representation(arguments.representation);
+    let params =
+        params(arguments.representation, arguments.resolution, arguments.gamma, arguments.opacity_cutoff, &scene)?;
     let field = prepare(volume, &scene);
     let (intermediate, generation_time) =
         Backend::open(arguments.input.backend)?.represent(&field, &params, arguments.segmentation)?;
@@ -92,6 +90,23 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
     say!("encode_ms {encode_ms:.1}");
     say!("size_bytes {}", cost.size_bytes);
     std::fs::write(&arguments.out, bytes).with_context(|| format!("{}: cannot be written", arguments.out.display()))
+}
+
+/// Parameters as the command line states them; a volume has neither a cut-off nor a step.
+pub(crate) fn params(
+    representation: Representation,
+    resolution: u32,
+    gamma: f64,
+    opacity_cutoff: f64,
+    scene: &Scene,
+) -> Result<GenerationParams, Invalid> {
+    match representation {
+        Representation::Vdi => {
+            let params = VdiParams::new(resolution, gamma)?.with_opacity_cutoff(opacity_cutoff)?;
+            Ok(params.with_step_voxels(scene.step_voxels)?.into())
+        }
+        Representation::Volume => GenerationParams::volume(resolution, gamma),
+    }
 }
 
 /// `lamina render`.

@@ -4,6 +4,7 @@ use crate::cli::Pace;
 use std::time::{Duration, Instant};
 
 /// Lets steps begin no faster than at a pace.
+#[derive(Debug)]
 pub struct Pacer {
     interval: Duration,
     next: Instant,

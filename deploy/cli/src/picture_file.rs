@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 
 /// Passes a name that pictures can be written to: to be asked before work begins.
-pub fn check(path: &Path) -> anyhow::Result<()> {
+pub(crate) fn check(path: &Path) -> anyhow::Result<()> {
     let extension = extension(path);
     ensure!(matches!(extension.as_str(), "png" | "pfm"), unwritable(path, &extension));
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).is_none_or(Path::is_dir);
@@ -21,7 +21,7 @@ fn unwritable(path: &Path, extension: &str) -> String {
 }
 
 /// Writes `image` as its file name's ending says.
-pub fn write(path: &Path, image: &Image) -> anyhow::Result<()> {
+pub(crate) fn write(path: &Path, image: &Image) -> anyhow::Result<()> {
     let bytes = match extension(path).as_str() {
         "png" => lamina_viz_node::painter::png(image)?,
         "pfm" => pfm(image),
@@ -31,7 +31,7 @@ pub fn write(path: &Path, image: &Image) -> anyhow::Result<()> {
 }
 
 /// Reads a PNG or PFM.
-pub fn read(path: &Path) -> anyhow::Result<Image> {
+pub(crate) fn read(path: &Path) -> anyhow::Result<Image> {
     let bytes = fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     let image = match extension(path).as_str() {
         "png" => from_png(&bytes),

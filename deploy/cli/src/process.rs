@@ -15,6 +15,7 @@ pub fn cpu_time() -> Option<Duration> {
 }
 
 /// Processor time from here on.
+#[derive(Debug)]
 pub struct Used(Option<Duration>);
 
 impl Used {

@@ -3,10 +3,9 @@
 use crate::nodes::Nodes;
 use crate::source::Source;
 use anyhow::{Context, ensure};
-use lamina_model::{Scene, Volume, psnr};
+use lamina_model::{GenerationParams, Scene, Volume, psnr};
 use lamina_raycast::{Backend, Field};
 use lamina_report::{Limit, PicturePair, Report, ReportTrial};
-use lamina_rpc::convert::representation;
 use lamina_rpc::v1;
 use lamina_tuner::units::show_bytes;
 use lamina_vdi_render::Detail;
@@ -27,7 +26,7 @@ const PICTURE_STEPS: u64 = 4;
 const REPORT_AGE: Duration = Duration::from_secs(10);
 
 /// An output folder being filled.
-pub struct Outputs {
+pub(crate) struct Outputs {
     dir: PathBuf,
     csv: File,
     steps: Option<u64>,
@@ -42,7 +41,7 @@ pub struct Outputs {
 
 impl Outputs {
     /// A fresh folder `dir`; one that holds a run already is left alone.
-    pub fn create(dir: &Path, source: &dyn Source, volume: &Volume, steps: Option<u64>) -> anyhow::Result<Self> {
+    pub(crate) fn create(dir: &Path, source: &dyn Source, volume: &Volume, steps: Option<u64>) -> anyhow::Result<Self> {
         let unwritable = || format!("{}: cannot be written; name another folder with --out", dir.display());
         fs::create_dir_all(dir.join("pictures")).with_context(unwritable)?;
         let path = dir.join("steps.csv");
@@ -69,7 +68,7 @@ impl Outputs {
     }
 
     /// Appends steps to `steps.csv`.
-    pub fn add(&mut self, rows: &[StepRow]) -> anyhow::Result<()> {
+    pub(crate) fn add(&mut self, rows: &[StepRow]) -> anyhow::Result<()> {
         for row in rows {
             writeln!(self.csv, "{}", row.to_csv()).with_context(|| format!("{}: steps.csv", self.dir.display()))?;
         }
@@ -77,7 +76,7 @@ impl Outputs {
     }
 
     /// Writes `trials.csv` if there are more than the last time, and `report.html` if it is old.
-    pub fn update(&mut self, nodes: &Nodes) -> anyhow::Result<()> {
+    pub(crate) fn update(&mut self, nodes: &Nodes) -> anyhow::Result<()> {
         let studies = nodes.studies()?;
         if studies > self.studies {
             self.write_trials(nodes)?;
@@ -91,7 +90,13 @@ impl Outputs {
     }
 
     /// Keeps pictures of a few steps, spread over the run: the viewer's beside the ray-cast volume's.
-    pub fn pictures(&mut self, row: &StepRow, volume: &Volume, scene: &Scene, store: &Store) -> anyhow::Result<()> {
+    pub(crate) fn pictures(
+        &mut self,
+        row: &StepRow,
+        volume: &Volume,
+        scene: &Scene,
+        store: &Store,
+    ) -> anyhow::Result<()> {
         let last = self.steps.map_or(0, |n| n.saturating_sub(1));
         let spread = (0..PICTURE_STEPS).any(|k| row.step == k * last / (PICTURE_STEPS - 1));
         if !spread {
@@ -120,7 +125,7 @@ impl Outputs {
     }
 
     /// Writes `trials.csv` and `report.html`, and says what there is.
-    pub fn finish(self, nodes: &Nodes) -> anyhow::Result<()> {
+    pub(crate) fn finish(self, nodes: &Nodes) -> anyhow::Result<()> {
         let rows = nodes.store.rows();
         self.write_report(&rows, nodes)?;
         let broken = rows.iter().filter(|r| !r.limit_kept).count();
@@ -202,16 +207,17 @@ fn report_row(row: &StepRow) -> lamina_report::ReportStep {
 }
 
 fn trial_row(record: &v1::TrialRecord) -> ReportTrial {
-    let (params, cost) = (record.params.unwrap_or_default(), record.cost.unwrap_or_default());
+    let params = GenerationParams::try_from(record.params.unwrap_or_default()).unwrap_or_default();
+    let cost = record.cost.unwrap_or_default();
     ReportTrial {
         step: record.step,
-        resolution: params.resolution,
-        gamma: params.gamma,
+        resolution: params.resolution(),
+        gamma: params.gamma(),
         size_bytes: cost.size_bytes,
         generation_ms: cost.generation_ns as f64 / 1e6,
         encode_ms: cost.encode_ns as f64 / 1e6,
         psnr_db: record.psnr_db,
         chosen: record.chosen,
-        representation: representation(&params).unwrap_or_default().name(),
+        representation: params.representation().name(),
     }
 }

@@ -1,7 +1,7 @@
 //! Scene files: what they leave out is chosen to suit the data.
 
 use anyhow::Context;
-use lamina_model::{Camera, Effects, GenerationParams, Invalid, Scene, TransferFunction, Volume, suggest};
+use lamina_model::{Camera, Effects, Invalid, Scene, TransferFunction, VdiParams, Volume, suggest};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -33,7 +33,7 @@ pub fn scene_for(file: Option<&Path>, volumes: &[&Volume]) -> anyhow::Result<Sce
             transfer: stated.transfer.map_or_else(|| suggest::suggest_transfer(volumes), Ok)?,
             camera: stated.camera.map_or_else(|| suggest::suggest_camera(&first.grid().bounds()), Ok)?,
             background: stated.background,
-            step_voxels: stated.step_voxels.unwrap_or(GenerationParams::DEFAULT_STEP_VOXELS),
+            step_voxels: stated.step_voxels.unwrap_or(VdiParams::DEFAULT_STEP_VOXELS),
             effects: if file.is_some() { stated.effects } else { suggest::suggest_effects(volumes)? },
         }
         .check()

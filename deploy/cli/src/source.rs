@@ -32,6 +32,7 @@ pub trait Source {
 }
 
 /// The built-in blast.
+#[derive(Debug)]
 pub struct Example {
     simulation: Simulation,
     /// Its own threads, as a simulation beside the nodes has.
@@ -145,6 +146,7 @@ impl Source for Example {
 }
 
 /// A recorded series.
+#[derive(Debug)]
 pub struct Recorded {
     series: Series,
     next: usize,

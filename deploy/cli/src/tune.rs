@@ -5,14 +5,14 @@ use crate::in_process::{InProcessEvaluator, TrialsInMemory};
 use crate::offline::{read_step, with_step};
 use crate::process::Used;
 use crate::source::{read_options, scene_of, with_colors};
-use lamina_model::{GenerationParams, SamplePlan, Segmentation};
+use lamina_model::{SamplePlan, Segmentation, VdiParams};
 use lamina_raycast::Backend;
 use lamina_tuner::Contract;
+use lamina_tuner::evaluator::Evaluator as _;
 use lamina_tuner::interval::half_width_db;
 use lamina_tuner::pareto::{Exchange, front, offers};
 use lamina_tuner::search::{CandidateSet, SearchRequest, SearchResult, search};
-use lamina_tuner::trial::Trial as _;
-use lamina_tuner::tune::Row;
+use lamina_tuner::tune::Trial;
 use lamina_vdi_render as viz;
 use lamina_volume_io::Series;
 
@@ -20,7 +20,7 @@ use lamina_volume_io::Series;
 pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
     let contract = &arguments.contract;
     anyhow::ensure!(
-        contract.overhead.is_none(),
+        contract.limits.overhead.is_none(),
         "contract: overhead: there is no simulation to measure here; leave it out"
     );
     let input = &arguments.input;
@@ -40,7 +40,7 @@ pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
         Segmentation::Fitted,
         Box::new(TrialsInMemory::new()),
     )?;
-    let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
+    let base = VdiParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?.into();
     let before = Used::now();
     let runtime = tokio::runtime::Builder::new_current_thread().build()?;
     let mut all = CandidateSet::new(trial.longest_side(), &arguments.representation, &arguments.grid, &base)?;
@@ -53,7 +53,7 @@ pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn line(contract: &Contract, row: &Row) -> String {
+fn line(contract: &Contract, row: &Trial) -> String {
     let width = half_width_db(&row.measured.quality);
     let doubt = if width.is_finite() { format!(" +- {width:.2}") } else { String::new() };
     let excess = contract.excess(&row.measured.cost, row.measured.quality.psnr_db());
@@ -79,7 +79,7 @@ fn verdict(contract: &Contract, found: &SearchResult) -> anyhow::Result<()> {
         );
     };
     say!("best       {}", line(contract, &rows[best]));
-    if let Some(limit) = contract.size_bytes {
+    if let Some(limit) = contract.limits.size_bytes {
         let used = rows[best].measured.cost.size_bytes;
         say!("used       {used} of {limit} bytes: {:.1} %", 100.0 * used as f64 / limit as f64);
     }

@@ -2,6 +2,7 @@
 
 use crate::cli;
 use crate::nodes::{Nodes, Setup, Tuning};
+use crate::offline;
 use crate::pacer::Pacer;
 use crate::run_folder::Outputs;
 use crate::source::{Example, Recorded, Source, read_options};
@@ -9,10 +10,10 @@ use anyhow::{Context, bail, ensure};
 use indicatif::{ProgressBar, ProgressStyle};
 use lamina_client::{Brick, Client, ClientError, FullPolicy, RunOptions};
 use lamina_compute::{CpuLimit, CpuShare};
-use lamina_model::{GenerationParams, Representation, Scene, TuningState, Volume};
+use lamina_model::{Representation, Scene, TuningState, Volume};
 use lamina_tuner::Contract;
 use lamina_tuner::units::show_bytes;
-use lamina_viz_node::store::{Measured, StepRow};
+use lamina_viz_node::store::{QualityStatus, StepRow};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -45,7 +46,7 @@ pub fn replay(arguments: &cli::Replay) -> anyhow::Result<()> {
 
 fn run(source: &mut dyn Source, options: &cli::Watch, policy: FullPolicy, pace: cli::Pace) -> anyhow::Result<()> {
     let waits = policy == FullPolicy::Block;
-    let overhead = options.contract.as_ref().and_then(|c| c.overhead);
+    let overhead = options.contract.as_ref().and_then(|c| c.limits.overhead);
     ensure!(
         !waits || overhead.is_none(),
         "contract: overhead: a series that waits for the nodes has no pace to lose; leave it out, or give --pace"
@@ -136,10 +137,7 @@ fn share(options: &cli::Watch) -> anyhow::Result<CpuShare> {
 fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume) -> anyhow::Result<Setup> {
     let fixed = options.resolution.zip(options.gamma);
     let representation = options.representation.first().copied().unwrap_or_default();
-    let params = |(resolution, gamma)| {
-        let params = GenerationParams::new(resolution, gamma)?.with_step_voxels(scene.step_voxels)?;
-        Ok::<_, lamina_model::Invalid>(params.with_representation(representation))
-    };
+    let params = |(resolution, gamma)| offline::params(representation, resolution, gamma, 1.0, scene);
     let contract = options.contract.clone().unwrap_or_default();
     let angles_deg = contract.angles_deg();
     // The cone is a matter of where quality is measured.
@@ -293,7 +291,7 @@ impl Shown {
             let quality = psnr_db.map_or_else(String::new, |db| format!(", {db:.2} dB"));
             bar.suspend(|| say!("tuned after {secs:.1} s: {}{quality}", parameters(first)));
         }
-        let rows: Vec<StepRow> = new.into_iter().take_while(|r| r.measured != Measured::Pending).collect();
+        let rows: Vec<StepRow> = new.into_iter().take_while(|r| r.measured != QualityStatus::Pending).collect();
         for row in &rows {
             bar.suspend(|| say!("{}", line(row)));
         }

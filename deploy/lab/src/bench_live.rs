@@ -15,7 +15,7 @@ use lamina_client::FullPolicy;
 use lamina_compute::{Activity, CpuLimit, CpuShare, Priority};
 use lamina_model::{Representation, TuningState, Volume};
 use lamina_tuner::search::Grid;
-use lamina_viz_node::store::{Measured, StepRow};
+use lamina_viz_node::store::{QualityStatus, StepRow};
 use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Mutex;
@@ -63,7 +63,7 @@ fn set(figures: &mut Figures, name: &str, value: f64) {
 }
 
 /// `lamina-lab bench-live`.
-pub fn bench_live(arguments: &cli::BenchLive) -> anyhow::Result<()> {
+pub(crate) fn bench_live(arguments: &cli::BenchLive) -> anyhow::Result<()> {
     ensure!(
         (1.0..=3600.0).contains(&arguments.seconds),
         "--seconds: {} must lie in 1 to 3600, the time of each part",
@@ -214,7 +214,7 @@ fn coupled(arguments: &cli::BenchLive, time: Duration, burnt: &Burnt) -> anyhow:
     pages.into_inner().unwrap_or_default().fill(&mut figures, wall);
     let rows = nodes.store.rows();
     let part = |count: usize, of: usize| 100.0 * count as f64 / of.max(1) as f64;
-    let measured = rows.iter().filter(|r| r.measured == Measured::Yes).count();
+    let measured = rows.iter().filter(|r| r.measured == QualityStatus::Yes).count();
     set(&mut figures, "steps a second", took.len() as f64 / wall);
     set(&mut figures, "steps made", took.len() as f64);
     set(&mut figures, "steps shown, %", part(rows.len(), took.len()));

@@ -13,14 +13,14 @@ use std::path::PathBuf;
 /// Measure Lamina on your data and this machine: parameters, codings, accuracy, speed.
 #[derive(Parser)]
 #[command(name = "lamina-lab", version)]
-pub struct LabCli {
+pub(crate) struct LabCli {
     #[command(subcommand)]
     pub command: LabCommand,
 }
 
 /// The commands of `lamina-lab`.
 #[derive(Subcommand)]
-pub enum LabCommand {
+pub(crate) enum LabCommand {
     /// Measure every (gamma, resolution) of a grid, as in the paper, and report what is best under which limit
     Study(Study),
     /// Measure decibels against bytes of every representation and coding for a volume
@@ -35,7 +35,7 @@ pub enum LabCommand {
 
 /// Options of `lamina-lab study`.
 #[derive(Args)]
-pub struct Study {
+pub(crate) struct Study {
     /// .pvd, .vti, .nhdr, .nrrd, .raw or .raw.gz; one or more
     #[arg(value_name = "INPUT", required = true)]
     pub inputs: Vec<PathBuf>,
@@ -71,7 +71,7 @@ pub struct Study {
 
 /// Options of `lamina-lab bench`.
 #[derive(Args)]
-pub struct Bench {
+pub(crate) struct Bench {
     #[command(flatten)]
     pub input: Input,
     /// Rays per side of the VDI that is encoded and rendered
@@ -103,7 +103,7 @@ pub struct Bench {
 
 /// Options of `lamina-lab bench-live`.
 #[derive(Args)]
-pub struct BenchLive {
+pub(crate) struct BenchLive {
     /// Also with N threads beside it that compute without end
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub busy: u16,
@@ -138,7 +138,7 @@ pub struct BenchLive {
 
 /// Options of `lamina-lab accuracy`.
 #[derive(Args)]
-pub struct Accuracy {
+pub(crate) struct Accuracy {
     #[command(flatten)]
     pub input: Input,
     /// Folder for accuracy.csv, report.html and accuracy.svg
@@ -163,7 +163,7 @@ pub struct Accuracy {
 
 /// Options of `lamina-lab rd`.
 #[derive(Args)]
-pub struct Rd {
+pub(crate) struct Rd {
     #[command(flatten)]
     pub input: Input,
     /// Folder for rd.csv, bd.csv and rd.svg

@@ -15,6 +15,7 @@ const TOP: f64 = 22.0;
 const BOTTOM: f64 = HEIGHT - 42.0;
 
 /// One curve of a plot, or one set of unconnected points.
+#[derive(Debug)]
 pub struct PlotLine {
     /// CSS class of the style sheet that colors it; class `trials` has points without a connecting line.
     pub class: &'static str,

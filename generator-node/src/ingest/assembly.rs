@@ -2,6 +2,7 @@
 
 use super::{BrickOffer, GridBox, IngestError};
 
+#[derive(Debug)]
 struct BrickSlot {
     rank: u32,
     brick: GridBox,
@@ -9,7 +10,8 @@ struct BrickSlot {
 }
 
 /// The bricks of one step: reserved when admitted, filled when received.
-pub struct Assembly {
+#[derive(Debug)]
+pub(super) struct Assembly {
     /// Simulation time.
     pub time: f64,
     parts: Vec<BrickSlot>,
@@ -17,12 +19,12 @@ pub struct Assembly {
 
 impl Assembly {
     /// An empty step.
-    pub fn new(time: f64) -> Self {
+    pub(super) fn new(time: f64) -> Self {
         Self { time, parts: Vec::new() }
     }
 
     /// Reserves the offered `brick` for its rank if it agrees with what is there; `voxels` is the whole grid's number.
-    pub fn reserve(
+    pub(super) fn reserve(
         &mut self,
         offer: &BrickOffer,
         ranks: u32,
@@ -54,18 +56,18 @@ impl Assembly {
     }
 
     /// True if `rank` has reserved its part.
-    pub fn has(&self, rank: u32) -> bool {
+    pub(super) fn has(&self, rank: u32) -> bool {
         self.parts.iter().any(|p| p.rank == rank)
     }
 
     /// Gives up `rank`'s reservation; true if none is left.
-    pub fn release(&mut self, rank: u32) -> bool {
+    pub(super) fn release(&mut self, rank: u32) -> bool {
         self.parts.retain(|p| p.rank != rank);
         self.parts.is_empty()
     }
 
     /// Stores `rank`'s bytes; true if all `ranks` are in.
-    pub fn fill(&mut self, rank: u32, ranks: u32, bytes: Vec<u8>) -> bool {
+    pub(super) fn fill(&mut self, rank: u32, ranks: u32, bytes: Vec<u8>) -> bool {
         if let Some(part) = self.parts.iter_mut().find(|p| p.rank == rank) {
             part.bytes = Some(bytes);
         }
@@ -73,7 +75,7 @@ impl Assembly {
     }
 
     /// The bricks with their bytes.
-    pub fn into_bricks(self) -> Vec<(GridBox, Vec<u8>)> {
+    pub(super) fn into_bricks(self) -> Vec<(GridBox, Vec<u8>)> {
         self.parts.into_iter().filter_map(|p| Some((p.brick, p.bytes?))).collect()
     }
 }

@@ -38,7 +38,7 @@ impl GridBox {
 }
 
 /// The voxels that bricks with these bytes make up. They must cover the grid and hold `voxel_type` numbers.
-pub fn join(grid: &Grid, voxel_type: VoxelType, mut bricks: Vec<(GridBox, Vec<u8>)>) -> Voxels {
+pub(super) fn join(grid: &Grid, voxel_type: VoxelType, mut bricks: Vec<(GridBox, Vec<u8>)>) -> Voxels {
     if bricks.len() == 1 {
         let (_, bytes) = bricks.remove(0);
         return Voxels::from_le_bytes(voxel_type, &bytes);

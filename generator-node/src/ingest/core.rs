@@ -9,6 +9,7 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 /// A step with all its bricks, to be made into a VDI.
+#[derive(Debug)]
 pub struct CompleteStep {
     /// The run's id.
     pub run_id: String,
@@ -60,6 +61,7 @@ pub enum Admit {
 const STALE: Duration = Duration::from_secs(1);
 
 /// All ingest state.
+#[derive(Debug)]
 pub struct Core {
     memory_bytes: u64,
     waiting_steps: usize,

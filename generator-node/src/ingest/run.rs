@@ -90,7 +90,8 @@ pub struct BrickOffer {
 }
 
 /// A run that is open, or was.
-pub struct Run {
+#[derive(Debug)]
+pub(super) struct Run {
     /// Its id.
     pub id: String,
     /// What the simulation says of it.
@@ -115,7 +116,7 @@ const REMEMBERED_DROPS: usize = 1024;
 
 impl Run {
     /// Opened by `rank`.
-    pub fn new(id: String, spec: RunSpec, rank: u32, now: Instant) -> Self {
+    pub(super) fn new(id: String, spec: RunSpec, rank: u32, now: Instant) -> Self {
         let last_step = vec![None; spec.ranks as usize];
         Self {
             id,
@@ -131,12 +132,12 @@ impl Run {
     }
 
     /// True once all its ranks have been here and closed. One that was not yet is waited for: ranks may start far apart.
-    pub fn ended(&self) -> bool {
+    pub(super) fn ended(&self) -> bool {
         self.closed.len() == self.spec.ranks as usize
     }
 
     /// True once all ranks that have been here closed.
-    pub fn is_left(&self) -> bool {
+    pub(super) fn is_left(&self) -> bool {
         self.closed.len() == self.attached.len()
     }
 
@@ -145,7 +146,7 @@ impl Run {
     ///
     /// # Errors
     /// If neither: this run lives, and `rank` is of another or describes it differently.
-    pub fn is_of(
+    pub(super) fn is_of(
         &self,
         spec: &RunSpec,
         rank: u32,
@@ -188,7 +189,7 @@ impl Run {
     }
 
     /// Counts `step` as dropped, once however many ranks still bring their bricks of it.
-    pub fn drop_step(&mut self, step: u64) {
+    pub(super) fn drop_step(&mut self, step: u64) {
         let full = self.dropped.len() == REMEMBERED_DROPS;
         let forgotten = full && self.dropped.first().is_some_and(|&oldest| step < oldest);
         if forgotten || !self.dropped.insert(step) {
@@ -201,18 +202,18 @@ impl Run {
     }
 
     /// True if `step` was dropped, or if nothing of it is here though some rank is past it: steps ascend.
-    pub fn cannot_complete(&self, step: u64) -> bool {
+    pub(super) fn cannot_complete(&self, step: u64) -> bool {
         let passed = || self.last_step.iter().any(|last| last.is_some_and(|last| last >= step));
         self.dropped.contains(&step) || !self.steps.contains_key(&step) && passed()
     }
 
     /// An incomplete step that lacks the brick of `rank`, which is at `step` now: its memory is better used.
-    pub fn passed_by(&self, rank: u32, step: u64) -> Option<u64> {
+    pub(super) fn passed_by(&self, rank: u32, step: u64) -> Option<u64> {
         self.steps.range(..step).find(|(_, assembly)| !assembly.has(rank)).map(|(passed, _)| *passed)
     }
 
     /// The brick of a push that can be right.
-    pub fn check_push(&self, offer: &BrickOffer) -> Result<GridBox, IngestError> {
+    pub(super) fn check_push(&self, offer: &BrickOffer) -> Result<GridBox, IngestError> {
         let BrickOffer { step, time, rank, start, dims } = *offer;
         if rank >= self.spec.ranks {
             return Err(IngestError::Refused(format!(

@@ -13,6 +13,7 @@ use tokio::sync::{Notify, mpsc};
 use tonic::{Code, Request, Response, Status, Streaming};
 
 /// Ingest state shared by all connections and the cycle.
+#[derive(Debug)]
 pub struct Ingest {
     core: Mutex<Core>,
     /// How runs that do not say are shown.
@@ -99,6 +100,7 @@ impl Drop for Reservation<'_> {
 }
 
 /// The gRPC face of [`Ingest`].
+#[derive(Debug)]
 pub struct IngestService(pub Arc<Ingest>);
 
 fn answer(admission: v1::Admission, step_complete: bool, cadence: u32) -> v1::PushAnswer {

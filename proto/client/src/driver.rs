@@ -10,14 +10,15 @@ use tonic::Status;
 
 /// A runtime that is a guest in the simulation's process: its threads take none of the process's signals (a write to a node
 /// that has gone would end a program that leaves SIGPIPE alone, as those in C do), and nobody waits for them at the end.
-pub struct Driver(Option<Runtime>);
+#[derive(Debug)]
+pub(crate) struct Driver(Option<Runtime>);
 
 impl Driver {
     /// One thread: it answers the node's pings while the simulation computes, and sleeps otherwise.
     ///
     /// # Errors
     /// If the system gives no thread.
-    pub fn start() -> io::Result<Self> {
+    pub(crate) fn start() -> io::Result<Self> {
         let mut builder = Builder::new_multi_thread();
         builder.worker_threads(1).thread_name("lamina-client").enable_all();
         // A thread begins with its maker's mask, and the first one makes all others.
@@ -30,14 +31,18 @@ impl Driver {
     }
 
     /// The answer of `call`, which the calling thread works on and which sends nothing itself.
-    pub fn within<T>(&self, deadline: Duration, call: impl Future<Output = Result<T, Status>>) -> Result<T, Status> {
+    pub(crate) fn within<T>(
+        &self,
+        deadline: Duration,
+        call: impl Future<Output = Result<T, Status>>,
+    ) -> Result<T, Status> {
         let Some(runtime) = &self.0 else { return Err(Status::unavailable("closed")) };
         let late = |_| Err(Status::deadline_exceeded("no answer in time"));
         runtime.block_on(async { tokio::time::timeout(deadline, call).await }).unwrap_or_else(late)
     }
 
     /// The same of one that the driver's own thread works on: it may send.
-    pub fn away<T: Send + 'static>(
+    pub(crate) fn away<T: Send + 'static>(
         &self,
         deadline: Duration,
         call: impl Future<Output = Result<T, Status>> + Send + 'static,

@@ -130,6 +130,7 @@ pub struct Summary {
 }
 
 /// A simulation's connection to its generator-node.
+#[derive(Debug)]
 pub struct Client {
     options: RunOptions,
     endpoint: Endpoint,

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 /// What a push tells the node of those before.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Timing {
+pub(crate) struct Timing {
     /// Mean time of a step since the last push; zero if there was none.
     pub interval: Duration,
     /// What that push took.
@@ -13,7 +13,7 @@ pub struct Timing {
 
 /// When the last push began and ended, and the calls since.
 #[derive(Debug, Default)]
-pub struct Pace {
+pub(crate) struct Pace {
     begun: Option<Instant>,
     took: Duration,
     /// Calls since the last push began, this one among them.
@@ -25,13 +25,13 @@ pub struct Pace {
 
 impl Pace {
     /// Counts a call; true if the node does without it.
-    pub fn passes_over(&mut self, step: u64) -> bool {
+    pub(crate) fn passes_over(&mut self, step: u64) -> bool {
         self.calls += 1;
         !step.is_multiple_of(self.cadence.max(1).into())
     }
 
     /// A push begins; what it tells the node. A second try of the same call tells the same.
-    pub fn begin(&mut self, now: Instant) -> Timing {
+    pub(crate) fn begin(&mut self, now: Instant) -> Timing {
         if self.calls > 0 {
             let since = self.begun.map_or(Duration::ZERO, |begun| now.saturating_duration_since(begun));
             self.timing = Timing { interval: since / self.calls, push: self.took };
@@ -41,12 +41,12 @@ impl Pace {
     }
 
     /// A push ended, whatever came of it.
-    pub fn pushed(&mut self, now: Instant) {
+    pub(crate) fn pushed(&mut self, now: Instant) {
         self.took = self.begun.map_or(Duration::ZERO, |begun| now.saturating_duration_since(begun));
     }
 
     /// The node wants every `cadence`-th step.
-    pub fn set_cadence(&mut self, cadence: u32) {
+    pub(crate) fn set_cadence(&mut self, cadence: u32) {
         self.cadence = cadence;
     }
 }

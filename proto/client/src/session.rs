@@ -11,14 +11,19 @@ use tonic::transport::{Channel, Endpoint};
 use tonic::{Status, Streaming};
 
 /// An attached rank.
-pub struct Session {
+#[derive(Debug)]
+pub(crate) struct Session {
     ingest: IngestClient<Channel>,
     chunk_bytes: usize,
 }
 
 impl Session {
     /// Connects and attaches; `run_id` is the one had before, or empty. Gives the run's id.
-    pub async fn open(endpoint: Endpoint, options: RunOptions, run_id: String) -> Result<(Self, String), Status> {
+    pub(crate) async fn open(
+        endpoint: Endpoint,
+        options: RunOptions,
+        run_id: String,
+    ) -> Result<(Self, String), Status> {
         let channel = endpoint
             .http2_keep_alive_interval(Duration::from_secs(5))
             // A stuck node is noticed while a blocking push waits, however long its deadline.
@@ -48,7 +53,7 @@ impl Session {
 
     /// Announces the brick, waits for its admission, sends its bytes, waits for the receipt; and the cadence that the node
     /// wants.
-    pub async fn push(
+    pub(crate) async fn push(
         &self,
         run_id: &str,
         rank: u32,
@@ -85,7 +90,7 @@ impl Session {
     }
 
     /// Detaches the rank; gives the number of the run's steps that were dropped.
-    pub async fn close(mut self, run_id: &str, rank: u32) -> Result<u64, Status> {
+    pub(crate) async fn close(mut self, run_id: &str, rank: u32) -> Result<u64, Status> {
         let reply = self.ingest.close(v1::CloseRequest { run_id: run_id.to_owned(), rank }).await?;
         Ok(reply.into_inner().dropped_steps)
     }

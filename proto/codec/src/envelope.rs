@@ -3,10 +3,10 @@
 use crate::error::{self, CodecError};
 
 /// Bytes of the CRC-32 that ends a file.
-pub const CRC_BYTES: usize = 4;
+pub(crate) const CRC_BYTES: usize = 4;
 
 /// The format version of `bytes`, which must begin with `magic` and state a version from 1 to `newest`.
-pub fn take_version(bytes: &[u8], magic: [u8; 4], newest: u16) -> Result<u16, CodecError> {
+pub(crate) fn take_version(bytes: &[u8], magic: [u8; 4], newest: u16) -> Result<u16, CodecError> {
     let Some(rest) = bytes.strip_prefix(&magic) else {
         return Err(CodecError::NotAVdi);
     };
@@ -21,7 +21,7 @@ pub fn take_version(bytes: &[u8], magic: [u8; 4], newest: u16) -> Result<u16, Co
 }
 
 /// The content of `bytes` before the CRC-32, which is verified. There must be at least `least` bytes.
-pub fn checked_body(bytes: &[u8], least: usize) -> Result<&[u8], CodecError> {
+pub(crate) fn checked_body(bytes: &[u8], least: usize) -> Result<&[u8], CodecError> {
     let (body, crc) = match bytes.split_last_chunk::<CRC_BYTES>() {
         Some(split) if bytes.len() >= least => split,
         _ => return Err(too_short()),
@@ -34,6 +34,6 @@ pub fn checked_body(bytes: &[u8], least: usize) -> Result<&[u8], CodecError> {
 }
 
 /// The error for bytes that end before their header does.
-pub fn too_short() -> CodecError {
+pub(crate) fn too_short() -> CodecError {
     CodecError::Damaged("it ends before its header does".into())
 }

@@ -5,8 +5,8 @@
 use glam::DVec3;
 use lamina_codec::{CodecError, DecodeLimits, decode_any, encode_any, volume};
 use lamina_model::{
-    Camera, ControlPoint, Effects, GenerationParams, Grid, Intermediate, ReducedVolume, Representation, ScalarRange,
-    Scale, Scene, TransferFunction, effects::ColorField, effects::Isosurface, effects::Shading,
+    Camera, ControlPoint, Effects, Grid, Intermediate, ReducedVolume, ScalarRange, Scale, Scene, TransferFunction,
+    VolumeParams, effects::ColorField, effects::Isosurface, effects::Shading,
 };
 use proptest::prelude::*;
 
@@ -32,7 +32,7 @@ fn reduced(effects: Effects, unit: impl Fn(DVec3) -> f32) -> ReducedVolume {
     let grid = Grid::new(DIMS, DVec3::new(1.0, 1.5, 0.5), DVec3::splat(-4.0)).unwrap();
     let at =
         |n: usize| DVec3::new((n % DIMS[0]) as f64, (n / DIMS[0] % DIMS[1]) as f64, (n / DIMS[0] / DIMS[1]) as f64);
-    let params = GenerationParams::new(23, BOUND).unwrap().with_representation(Representation::Volume);
+    let params = VolumeParams::new(23, BOUND).unwrap();
     ReducedVolume::new(grid, scene(effects), params, (0..grid.voxels()).map(|n| unit(at(n))).collect()).unwrap()
 }
 

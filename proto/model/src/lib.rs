@@ -35,7 +35,7 @@ pub use full_policy::FullPolicy;
 pub use image::Image;
 pub use indicators::{Indicators, Quality, ViewError, decibels};
 pub use limits::Limits;
-pub use params::{GenerationParams, ParamsKey, Representation, Segmentation};
+pub use params::{GenerationParams, ParamsKey, Representation, Segmentation, VdiParams, VolumeParams};
 pub use psnr::{SquaredError, psnr};
 pub use range::{ScalarRange, Scale};
 pub use reduced::{Intermediate, ReducedVolume};

@@ -1,7 +1,7 @@
 //! The reduced volume: the representation to choose where the scalars themselves are cheaper to send than what rays see
 //! of them; and what may stand for a step, one or the other.
 
-use crate::{Camera, GenerationParams, Grid, Invalid, Representation, Scene, Vdi};
+use crate::{Camera, GenerationParams, Grid, Invalid, Representation, Scene, Vdi, VolumeParams};
 use std::sync::Arc;
 
 /// A volume of fewer sample points and coarser values under the scene it was made for. Any view can be drawn from it, under any
@@ -10,7 +10,7 @@ use std::sync::Arc;
 pub struct ReducedVolume {
     grid: Grid,
     scene: Scene,
-    params: GenerationParams,
+    params: VolumeParams,
     units: Arc<Vec<f32>>,
 }
 
@@ -24,7 +24,7 @@ impl ReducedVolume {
     /// # Errors
     /// If there are not as many as sample points, one is not finite, colours are to come from a second field, or the scene's
     /// opacities refer to no stated length: to what one voxel was, another grid does not tell.
-    pub fn new(grid: Grid, scene: Scene, params: GenerationParams, units: Vec<f32>) -> Result<Self, Invalid> {
+    pub fn new(grid: Grid, scene: Scene, params: VolumeParams, units: Vec<f32>) -> Result<Self, Invalid> {
         if units.len() != grid.voxels() {
             let reason = format!("{} values given, a grid of {:?} needs {}", units.len(), grid.dims(), grid.voxels());
             return Err(Invalid::new("volume", reason));
@@ -46,8 +46,8 @@ impl ReducedVolume {
     ///
     /// # Errors
     /// If it is negative or not finite.
-    pub fn with_gamma(self, gamma: f64) -> Result<Self, Invalid> {
-        Ok(Self { params: self.params.with_gamma(gamma)?, ..self })
+    pub fn with_error_bound(self, error_bound: f64) -> Result<Self, Invalid> {
+        Ok(Self { params: VolumeParams::new(self.params.longest_side(), error_bound)?, ..self })
     }
 
     /// Where its sample points lie: over the same box as those it was made from.
@@ -59,7 +59,7 @@ impl ReducedVolume {
         &self.scene
     }
     /// How it was made.
-    pub fn params(&self) -> &GenerationParams {
+    pub fn params(&self) -> &VolumeParams {
         &self.params
     }
     /// Positions in the range of the transfer function, x fastest.
@@ -92,10 +92,10 @@ impl Intermediate {
     }
 
     /// How it was made.
-    pub fn params(&self) -> &GenerationParams {
+    pub fn params(&self) -> GenerationParams {
         match self {
-            Self::Vdi(vdi) => &vdi.header().params,
-            Self::Volume(volume) => volume.params(),
+            Self::Vdi(vdi) => vdi.header().params.into(),
+            Self::Volume(volume) => (*volume.params()).into(),
         }
     }
 

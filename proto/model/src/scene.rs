@@ -1,6 +1,6 @@
 //! What is looked at and how: the paper's S_A.
 
-use crate::{Camera, ColorField, Effects, GenerationParams, Grid, Invalid, TransferFunction};
+use crate::{Camera, ColorField, Effects, Grid, Invalid, TransferFunction, VdiParams};
 use serde::{Deserialize, Serialize};
 
 /// Transfer function, generation camera, background, sampling step and effects. The paper's S_A.
@@ -25,7 +25,7 @@ pub struct Scene {
 }
 
 fn half_voxel() -> f64 {
-    GenerationParams::DEFAULT_STEP_VOXELS
+    VdiParams::DEFAULT_STEP_VOXELS
 }
 
 impl Scene {
@@ -37,7 +37,7 @@ impl Scene {
         if !self.background.iter().all(|c| (0.0..=1.0).contains(c)) {
             return Err(Invalid::new("background", format!("{:?}: every channel must lie in 0..1", self.background)));
         }
-        GenerationParams::new(1, 0.0)?.with_step_voxels(self.step_voxels)?;
+        VdiParams::new(1, 0.0)?.with_step_voxels(self.step_voxels)?;
         self.effects.check(self.transfer.range())?;
         self.effects.check_step(self.step_voxels)?;
         Ok(self)

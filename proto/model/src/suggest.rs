@@ -4,8 +4,8 @@
 //! differs shows. Ends are percentiles, so that single hot voxels change nothing; data over decades goes by logarithm.
 
 use crate::{
-    Aabb, Camera, ColorField, ControlPoint, Effects, GenerationParams, Invalid, ScalarRange, Scale, Scene,
-    TransferFunction, Volume, Voxels,
+    Aabb, Camera, ColorField, ControlPoint, Effects, Invalid, ScalarRange, Scale, Scene, TransferFunction, VdiParams,
+    Volume, Voxels,
 };
 use glam::DVec3;
 
@@ -24,7 +24,7 @@ pub fn suggest(volumes: &[&Volume]) -> Result<Scene, Invalid> {
         transfer: suggest_transfer(volumes)?,
         camera: suggest_camera(&first.grid().bounds())?,
         background: [0.0; 3],
-        step_voxels: GenerationParams::DEFAULT_STEP_VOXELS,
+        step_voxels: VdiParams::DEFAULT_STEP_VOXELS,
         effects: suggest_effects(volumes)?,
     })
 }

@@ -1,7 +1,6 @@
 //! The Volumetric Depth Image: per ray a depth-ordered list of supersegments. The paper's M.
 
-use crate::{Aabb, Camera, GenerationParams, Invalid, composite};
-use serde::{Deserialize, Serialize};
+use crate::{Aabb, Camera, Invalid, VdiParams, composite};
 
 /// A run of samples on one ray that are alike. Depths count sampling steps from the ray's entry into the box.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,7 +23,7 @@ impl Supersegment {
 }
 
 /// All that is needed to place a VDI's rays and depths in the world.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VdiHeader {
     /// The generation camera; its image is square.
     pub camera: Camera,
@@ -33,7 +32,7 @@ pub struct VdiHeader {
     /// World length of one step.
     pub step_length: f64,
     /// How it was generated.
-    pub params: GenerationParams,
+    pub params: VdiParams,
     /// [`crate::TransferFunction::id`] of what coloured it.
     pub transfer_id: u64,
     /// Colour behind everything.

@@ -6,8 +6,7 @@ use crate::simd::{self, Level, Shot};
 use lamina_compute::gpu::{Choice, DeviceError, Gpu, Opened};
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
 use lamina_model::{
-    Camera, GenerationParams, Image, Intermediate, Invalid, ReferenceSamples, Representation, SamplePlan, Segmentation,
-    Vdi,
+    Camera, GenerationParams, Image, Intermediate, Invalid, ReferenceSamples, SamplePlan, Segmentation, Vdi, VdiParams,
 };
 use std::ops::Range;
 use std::sync::Arc;
@@ -67,7 +66,7 @@ impl Backend {
     pub fn generate(
         &self,
         field: &Field,
-        params: &GenerationParams,
+        params: &VdiParams,
         segmentation: Segmentation,
     ) -> Result<(Vdi, Duration), Invalid> {
         if let Some(done) = self.on_gpu(|gpu| gpu.generate(field, params, segmentation)) {
@@ -93,12 +92,12 @@ impl Backend {
         params: &GenerationParams,
         segmentation: Segmentation,
     ) -> Result<(Intermediate, Duration), Invalid> {
-        match params.representation() {
-            Representation::Vdi => {
+        match params {
+            GenerationParams::Vdi(params) => {
                 let (vdi, time) = self.generate(field, params, segmentation)?;
                 Ok((Intermediate::Vdi(Box::new(vdi)), time))
             }
-            Representation::Volume => {
+            GenerationParams::Volume(params) => {
                 let start = Instant::now();
                 let volume = reduce(field, params)?;
                 Ok((Intermediate::Volume(Box::new(volume)), start.elapsed()))
@@ -117,17 +116,17 @@ impl Backend {
         gammas: &[f64],
         segmentation: Segmentation,
     ) -> Result<Vec<Intermediate>, Invalid> {
-        match params.representation() {
-            Representation::Vdi => {
+        match params {
+            GenerationParams::Vdi(params) => {
                 let vdis = self.generate_all(field, params, gammas, segmentation)?;
                 Ok(vdis.into_iter().map(|vdi| Intermediate::Vdi(Box::new(vdi))).collect())
             }
             // A volume does not depend on its error bound before it is encoded.
-            Representation::Volume => {
+            GenerationParams::Volume(params) => {
                 let volume = reduce(field, params)?;
                 gammas
                     .iter()
-                    .map(|&gamma| Ok(Intermediate::Volume(Box::new(volume.clone().with_gamma(gamma)?))))
+                    .map(|&gamma| Ok(Intermediate::Volume(Box::new(volume.clone().with_error_bound(gamma)?))))
                     .collect()
             }
         }
@@ -141,7 +140,7 @@ impl Backend {
     pub fn generate_all(
         &self,
         field: &Field,
-        params: &GenerationParams,
+        params: &VdiParams,
         gammas: &[f64],
         segmentation: Segmentation,
     ) -> Result<Vec<Vdi>, Invalid> {

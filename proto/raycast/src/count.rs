@@ -11,7 +11,7 @@ macro_rules! counter {
     ($(#[$doc:meta])* $name:ident, $n:literal) => {
         $(#[$doc])*
         #[inline(always)]
-        pub fn $name() {
+        pub(crate) fn $name() {
             #[cfg(test)]
             COUNTS[$n].fetch_add(1, Relaxed);
         }
@@ -46,13 +46,13 @@ counter!(
 
 /// Counts since the last call.
 #[cfg(test)]
-pub fn take() -> [u64; 5] {
+pub(crate) fn take() -> [u64; 5] {
     [0, 1, 2, 3, 4].map(|n| COUNTS[n].swap(0, Relaxed))
 }
 
 /// Test cases that the kernels of every level share.
 #[cfg(test)]
-pub mod cases {
+pub(crate) mod cases {
     use crate::Field;
     use glam::DVec3;
     use lamina_model::effects::{ClipPlane, ColorField, DepthCue, Isosurface, Shading};
@@ -61,7 +61,7 @@ pub mod cases {
     };
 
     /// Effects, each with the counters that it must raise.
-    pub fn asked() -> Vec<(Effects, [bool; 5])> {
+    pub(crate) fn asked() -> Vec<(Effects, [bool; 5])> {
         let light = Some(DVec3::new(1.0, 2.0, 3.0));
         let none = Effects::default;
         let surface = Isosurface { value: 0.4, color: [1.0; 3], opacity: 1.0 };
@@ -87,7 +87,7 @@ pub mod cases {
     }
 
     /// A field whose values rise along x, and a camera that looks along z.
-    pub fn field(effects: Effects) -> (Field, Camera) {
+    pub(crate) fn field(effects: Effects) -> (Field, Camera) {
         let grid = Grid::new([8; 3], DVec3::ONE, DVec3::ZERO).unwrap();
         let voxels = Voxels::F32((0..512).map(|n| (n % 8) as f32 / 7.0).collect());
         let point = |at, opacity| ControlPoint { at, color: [0.5; 3], opacity };
@@ -100,7 +100,7 @@ pub mod cases {
     }
 
     /// Panics unless the counters in `asked` are high and all others are zero.
-    pub fn check(effects: &Effects, asked: [bool; 5], found: [u64; 5]) {
+    pub(crate) fn check(effects: &Effects, asked: [bool; 5], found: [u64; 5]) {
         let right = found.iter().zip(asked).all(|(&n, asked)| if asked { n > 100 } else { n == 0 });
         assert!(right, "{effects:?}: {found:?}");
     }
@@ -110,14 +110,14 @@ pub mod cases {
 mod tests {
     use super::*;
     use crate::Backend;
-    use lamina_model::{Effects, GenerationParams, Segmentation};
+    use lamina_model::{Effects, Segmentation, VdiParams};
 
     fn counts(effects: Effects) -> [u64; 5] {
         let (field, camera) = cases::field(effects);
         take();
         let lanes = Backend::cpu();
         lanes.raycast(&field, &camera, 16, 16).unwrap();
-        lanes.generate(&field, &GenerationParams::new(16, 0.05).unwrap(), Segmentation::Greedy).unwrap();
+        lanes.generate(&field, &VdiParams::new(16, 0.05).unwrap(), Segmentation::Greedy).unwrap();
         crate::reference::raycast(&field, &camera, 16, 16).unwrap();
         take()
     }

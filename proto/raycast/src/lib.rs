@@ -9,9 +9,17 @@
 //! within rounding of gamma, it may join where the oracle's does not. Tests require pictures above 80 dB (the GPU: 90) against
 //! the oracle's, and equal lists on 99 rays of 100. The SIMD levels agree with each other to the bit: none fuses multiply and
 //! add.
+#![cfg_attr(
+    not(feature = "gpu"),
+    allow(dead_code, unused_imports, reason = "the kernels on a GPU alone read some of it")
+)]
 
 mod backend;
 mod count;
+#[cfg(feature = "gpu")]
+pub mod gpu;
+#[cfg(not(feature = "gpu"))]
+#[path = "gpu_absent.rs"]
 pub mod gpu;
 pub mod reference;
 pub mod simd;

@@ -26,6 +26,7 @@ fn payload_len(announcement: &Part) -> usize {
 }
 
 /// Puts announcements and chunks together again, never holding more than `max_bytes` of a payload.
+#[derive(Debug)]
 pub struct Assembler {
     max_bytes: u64,
     open: Option<(Part, Vec<u8>, u64)>,

@@ -1,50 +1,40 @@
 //! Messages to model types and back. Whatever arrives is checked by the model's own constructors.
 
+use crate::v1::generation_params::Kind;
 use crate::{required, v1};
 use lamina_model::{
-    Cost, FullPolicy, GenerationParams, Invalid, Limits, Quality, Representation, StepReport, TuningState, ViewError,
+    Cost, FullPolicy, GenerationParams, Invalid, Limits, Quality, StepReport, TuningState, VdiParams, ViewError,
 };
 use std::time::Duration;
 
-impl From<Representation> for v1::Representation {
-    fn from(r: Representation) -> Self {
-        match r {
-            Representation::Vdi => Self::Vdi,
-            Representation::Volume => Self::Volume,
-        }
-    }
-}
-
 impl From<&GenerationParams> for v1::GenerationParams {
     fn from(p: &GenerationParams) -> Self {
-        Self {
-            resolution: p.resolution(),
-            gamma: p.gamma(),
-            opacity_cutoff: p.opacity_cutoff(),
-            step_voxels: p.step_voxels(),
-            representation: v1::Representation::from(p.representation()).into(),
-        }
-    }
-}
-
-/// What `params` turn a step into.
-///
-/// # Errors
-/// If this version does not know it.
-pub fn representation(params: &v1::GenerationParams) -> Result<Representation, Invalid> {
-    match v1::Representation::try_from(params.representation) {
-        Ok(v1::Representation::Vdi) => Ok(Representation::Vdi),
-        Ok(v1::Representation::Volume) => Ok(Representation::Volume),
-        Err(_) => Err(Invalid::new("representation", format!("{} is unknown to this version", params.representation))),
+        let kind = match p {
+            GenerationParams::Vdi(vdi) => Kind::Vdi(v1::generation_params::Vdi {
+                resolution: vdi.resolution(),
+                gamma: vdi.gamma(),
+                opacity_cutoff: vdi.opacity_cutoff(),
+                step_voxels: vdi.step_voxels(),
+            }),
+            GenerationParams::Volume(volume) => Kind::Volume(v1::generation_params::Volume {
+                longest_side: volume.longest_side(),
+                error_bound: volume.error_bound(),
+            }),
+        };
+        Self { kind: Some(kind) }
     }
 }
 
 impl TryFrom<v1::GenerationParams> for GenerationParams {
     type Error = Invalid;
     fn try_from(p: v1::GenerationParams) -> Result<Self, Invalid> {
-        let representation = representation(&p)?;
-        let params = Self::new(p.resolution, p.gamma)?.with_opacity_cutoff(p.opacity_cutoff)?;
-        Ok(params.with_step_voxels(p.step_voxels)?.with_representation(representation))
+        match required(p.kind, "params.kind")? {
+            Kind::Vdi(vdi) => {
+                let params = VdiParams::new(vdi.resolution, vdi.gamma)?.with_opacity_cutoff(vdi.opacity_cutoff)?;
+                Ok(Self::Vdi(params.with_step_voxels(vdi.step_voxels)?))
+            }
+            Kind::Volume(volume) => Self::volume(volume.longest_side, volume.error_bound),
+        }
     }
 }
 

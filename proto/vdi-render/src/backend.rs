@@ -124,7 +124,7 @@ impl Backend {
     fn volumes(&self) -> &lamina_raycast::Backend {
         let open = || {
             lamina_raycast::Backend::open(self.choice).unwrap_or_else(|error| {
-                tracing::warn!(%error, "volumes are reconstruct by the processor");
+                tracing::warn!(%error, "volumes are rendered by the processor");
                 lamina_raycast::Backend::cpu()
             })
         };
@@ -210,7 +210,7 @@ impl Backend {
 impl VdiRenderer {
     fn open(choice: Choice) -> Result<Self, DeviceError> {
         let on_cpu = |reason: &dyn Display| {
-            tracing::info!(backend = "cpu", "pictures are reconstruct by the processor: {reason}");
+            tracing::info!(backend = "cpu", "pictures are rendered by the processor: {reason}");
             Ok(Self::Cpu)
         };
         let gpu = match Gpu::open(choice)? {
@@ -220,7 +220,7 @@ impl VdiRenderer {
         match GpuKernels::new(gpu) {
             Ok(kernels) => {
                 let facts = kernels.facts();
-                tracing::info!(backend = "gpu", driver = facts.driver, "pictures are reconstruct by {}", facts.name);
+                tracing::info!(backend = "gpu", driver = facts.driver, "pictures are rendered by {}", facts.name);
                 Ok(Self::Gpu(Arc::new(kernels)))
             }
             Err(reason) if choice == Choice::Auto => on_cpu(&reason),
@@ -231,13 +231,13 @@ impl VdiRenderer {
 }
 
 /// The GPU's result, or the processor's if the GPU failed.
-fn or_cpu<T>(kernels: &GpuKernels, reconstruct: Result<T, GpuError>, on_cpu: impl FnOnce() -> T) -> Result<T, Invalid> {
-    match reconstruct {
-        Ok(reconstruct) => Ok(reconstruct),
+fn or_cpu<T>(kernels: &GpuKernels, rendered: Result<T, GpuError>, on_cpu: impl FnOnce() -> T) -> Result<T, Invalid> {
+    match rendered {
+        Ok(rendered) => Ok(rendered),
         Err(GpuError::Invalid(e)) => Err(e),
         Err(e) => {
             if kernels.is_first_failure() {
-                tracing::warn!("{e}; reconstruct by the processor, and so is, unsaid, whatever fails from now on");
+                tracing::warn!("{e}; rendered by the processor; later failures are not logged");
             }
             Ok(on_cpu())
         }

@@ -6,6 +6,7 @@ use lamina_raycast::Field;
 use std::sync::Arc;
 
 /// A VDI or a reduced volume with the data structures that rendering needs, built once.
+#[derive(Debug)]
 pub enum Drawable {
     /// Rendered by traversal of its lists.
     Vdi(Box<PreparedVdi>),

@@ -3,9 +3,17 @@
 //! One algorithm at three levels: [`mod@reference`] is the oracle in double precision, `simd` renders on the processor, `gpu` is
 //! its counterpart in WGSL. Each renders a VDI by its nearest rays, with its image optionally displaced; [`Detail`] selects
 //! whether several such pictures are combined. Reduced volumes are ray-cast by `lamina_raycast`. Programs call [`Backend`].
+#![cfg_attr(
+    not(feature = "gpu"),
+    allow(dead_code, unused_imports, reason = "the kernels on a GPU alone read some of it")
+)]
 
 mod backend;
 mod drawable;
+#[cfg(feature = "gpu")]
+pub mod gpu;
+#[cfg(not(feature = "gpu"))]
+#[path = "gpu_absent.rs"]
 pub mod gpu;
 mod psnr;
 mod reconstruction;

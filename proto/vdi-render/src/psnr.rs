@@ -50,7 +50,7 @@ const NORMAL_975: f64 = 1.960;
 ///
 /// # Errors
 /// If the samples do not fit their plan, or hold fewer batches.
-pub fn quality_of(
+pub(crate) fn quality_of(
     reference: &ReferenceSamples,
     batches: Range<u32>,
     render_pixels: impl Fn(&Camera, u32, &[(u32, u32)]) -> Result<Vec<[f32; 3]>, Invalid>,
@@ -62,7 +62,7 @@ pub fn quality_of(
 ///
 /// # Errors
 /// As [`quality_of`].
-pub fn estimate_of(
+pub(crate) fn estimate_of(
     reference: &ReferenceSamples,
     render_pixels: impl Fn(&Camera, u32, &[(u32, u32)]) -> Result<Vec<[f32; 3]>, Invalid>,
 ) -> Result<QualityEstimate, Invalid> {

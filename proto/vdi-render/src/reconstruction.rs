@@ -43,7 +43,7 @@ const SHARPNESS: f64 = 0.27;
 ///
 /// # Errors
 /// Those of `draw`.
-pub fn reconstruct<E>(
+pub(crate) fn reconstruct<E>(
     detail: Detail,
     magnification: f64,
     mut draw: impl FnMut(Displacement) -> Result<Vec<[f32; 3]>, E>,

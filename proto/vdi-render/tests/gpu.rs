@@ -6,8 +6,8 @@
 use glam::DVec3;
 use lamina_compute::gpu::{Choice, testing};
 use lamina_model::{
-    Aabb, Camera, ControlPoint, Effects, GenerationParams, ReferenceSamples, SamplePlan, ScalarRange, Scale, Scene,
-    Supersegment, TransferFunction, Vdi, VdiHeader,
+    Aabb, Camera, ControlPoint, Effects, ReferenceSamples, SamplePlan, ScalarRange, Scale, Scene, Supersegment,
+    TransferFunction, Vdi, VdiHeader, VdiParams,
 };
 use lamina_vdi_render::gpu::{GpuError, GpuKernels};
 use lamina_vdi_render::{Backend, Detail, PreparedVdi, reference};
@@ -74,7 +74,7 @@ fn header(camera: Camera, resolution: u32) -> VdiHeader {
         camera,
         bounds: Aabb::new(DVec3::splat(-1.0), DVec3::new(1.0, 0.9, 1.1)).unwrap(),
         step_length: 0.013,
-        params: GenerationParams::new(resolution, 0.1).unwrap(),
+        params: VdiParams::new(resolution, 0.1).unwrap(),
         transfer_id: 0,
         background: [0.1, 0.2, 0.4],
     }
@@ -149,10 +149,10 @@ fn displaced(vdi: &Vdi, camera: &Camera) -> Vec<Camera> {
 
 fn agreement(kernels: &GpuKernels, vdi: &Arc<Vdi>, (camera, width, height): (Camera, u32, u32)) -> Agreement {
     let exact = reference::render(vdi, &camera, width, height).unwrap();
-    let reconstruct = kernels.render(&PreparedVdi::new(vdi.clone()), &camera, width, height).unwrap();
+    let rendered = kernels.render(&PreparedVdi::new(vdi.clone()), &camera, width, height).unwrap();
     let place = |n: usize| (n as u32 % width, n as u32 / width);
     let (mut found, mut suspects, mut squares) = (Agreement::default(), Vec::new(), 0.0);
-    for (n, (a, b)) in exact.pixels().iter().zip(reconstruct.pixels()).enumerate() {
+    for (n, (a, b)) in exact.pixels().iter().zip(rendered.pixels()).enumerate() {
         let d = difference(a, b);
         if d <= MAX_CHANNEL {
             found.channel = found.channel.max(d);
@@ -174,7 +174,7 @@ fn agreement(kernels: &GpuKernels, vdi: &Arc<Vdi>, (camera, width, height): (Cam
     }
     for (range, &(i, j)) in ranges.iter().zip(&suspects) {
         let n = (j * width + i) as usize;
-        for (c, value) in reconstruct.pixels()[n].into_iter().enumerate() {
+        for (c, value) in rendered.pixels()[n].into_iter().enumerate() {
             let explained = (range[0][c] - MAX_CHANNEL..=range[1][c] + MAX_CHANNEL).contains(&value);
             let (r, position, exact) = (vdi.resolution(), camera.position(), exact.pixels()[n]);
             assert!(explained, "r {r}, from {position}, ({i}, {j}): {value} for {exact:?}, beside it {range:?}");

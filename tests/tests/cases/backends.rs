@@ -2,7 +2,7 @@
 
 use lamina_compute::gpu::{Gpu, testing};
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
-use lamina_model::{Camera, GenerationParams, Segmentation, Vdi};
+use lamina_model::{Camera, Segmentation, Vdi, VdiParams};
 use lamina_raycast::gpu::{GpuError as CastError, GpuKernels as CastKernels};
 use lamina_raycast::simd::{self, Level, Shot};
 use lamina_raycast::{Field, reference};
@@ -10,33 +10,33 @@ use lamina_vdi_render::gpu::{GpuError as DrawError, GpuKernels as DrawKernels};
 use lamina_vdi_render::{PreparedVdi, reference as drawn};
 
 /// Colours of pixels, or why there are none.
-pub type Colors = Result<Vec<[f32; 3]>, String>;
+pub(crate) type Colors = Result<Vec<[f32; 3]>, String>;
 
 /// Pixels of a picture from a camera.
-pub struct Shown<'a> {
+pub(crate) struct Shown<'a> {
     pub camera: &'a Camera,
     pub size: [u32; 2],
     pub pixels: &'a [(u32, u32)],
 }
 
 /// What runs: an oracle, a level of lanes, or a GPU with its kernels.
-pub enum Backend<Kernels> {
+pub(crate) enum Backend<Kernels> {
     Scalar,
     Lanes(Level),
     Gpu(Kernels),
 }
 
 /// Casts rays through volumes.
-pub type Caster = Backend<CastKernels>;
+pub(crate) type Caster = Backend<CastKernels>;
 
 /// Draws VDIs.
-pub type Drawer = Backend<DrawKernels>;
+pub(crate) type Drawer = Backend<DrawKernels>;
 
-pub fn casters() -> Vec<Caster> {
+pub(crate) fn casters() -> Vec<Caster> {
     Backend::all(|gpu| CastKernels::new(gpu).unwrap())
 }
 
-pub fn drawers() -> Vec<Drawer> {
+pub(crate) fn drawers() -> Vec<Drawer> {
     Backend::all(|gpu| DrawKernels::new(gpu).unwrap())
 }
 
@@ -48,7 +48,7 @@ impl<Kernels> Backend<Kernels> {
         [Self::Scalar].into_iter().chain(lanes).chain(gpu).collect()
     }
 
-    pub fn kind(&self) -> String {
+    pub(crate) fn kind(&self) -> String {
         match self {
             Self::Scalar => "scalar".to_owned(),
             Self::Lanes(level) => format!("lanes {level:?}"),
@@ -59,12 +59,12 @@ impl<Kernels> Backend<Kernels> {
 
 impl Caster {
     /// As its rows are called: "R" and its kind.
-    pub fn name(&self) -> String {
+    pub(crate) fn name(&self) -> String {
         format!("R {}", self.kind())
     }
 
     /// The colours of some pixels, by the path for whole pictures where all are asked for.
-    pub fn raycast(&self, field: &Field, shown: &Shown) -> Colors {
+    pub(crate) fn raycast(&self, field: &Field, shown: &Shown) -> Colors {
         let Shown { camera, size: [w, h], pixels } = *shown;
         let whole = pixels.len() == w as usize * h as usize;
         match self {
@@ -86,10 +86,10 @@ impl Caster {
         }
     }
 
-    pub fn generate(
+    pub(crate) fn generate(
         &self,
         field: &Field,
-        params: &GenerationParams,
+        params: &VdiParams,
         segmentation: Segmentation,
     ) -> Result<Vdi, String> {
         match self {
@@ -114,12 +114,12 @@ fn too_large(error: CastError) -> String {
 
 impl Drawer {
     /// As its rows are called: "I" and its kind.
-    pub fn name(&self) -> String {
+    pub(crate) fn name(&self) -> String {
         format!("I {}", self.kind())
     }
 
     /// The colours of some pixels, by the path for whole pictures where all are asked for.
-    pub fn render(&self, vdi: &Vdi, prepared: &PreparedVdi<&Vdi>, shown: &Shown) -> Colors {
+    pub(crate) fn render(&self, vdi: &Vdi, prepared: &PreparedVdi<&Vdi>, shown: &Shown) -> Colors {
         let Shown { camera, size: [w, h], pixels } = *shown;
         let whole = pixels.len() == w as usize * h as usize;
         match self {
@@ -135,7 +135,7 @@ impl Drawer {
     }
 
     /// What drawing needs, prepared for this backend.
-    pub fn prepare<'a>(&self, vdi: &'a Vdi) -> PreparedVdi<&'a Vdi> {
+    pub(crate) fn prepare<'a>(&self, vdi: &'a Vdi) -> PreparedVdi<&'a Vdi> {
         let prepared = PreparedVdi::new(vdi);
         if let Self::Lanes(level) = self { prepared.at_level(*level) } else { prepared }
     }

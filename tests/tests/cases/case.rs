@@ -3,14 +3,14 @@
 
 use crate::fields::VolumeFields;
 use crate::stages::STAGES;
-use lamina_model::{Camera, GenerationParams, Scene};
+use lamina_model::{Camera, Scene, VdiParams};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
 #[derive(Deserialize, Debug)]
 #[serde(deny_unknown_fields)]
-pub struct Case {
+pub(crate) struct Case {
     pub name: String,
     pub volume: VolumeFields,
     /// As in a scene file, with all parts stated.
@@ -46,7 +46,7 @@ pub struct Case {
 /// What a volume's pictures are held to.
 #[derive(Deserialize, Debug)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
-pub enum Reference {
+pub(crate) enum Reference {
     /// Midpoints of the same steps, in double precision.
     March {},
     /// The same with every step divided.
@@ -60,13 +60,13 @@ pub enum Reference {
 /// The greatest error allowed: for all backends, or by kind of backend.
 #[derive(Deserialize, Debug, Clone, Copy)]
 #[serde(untagged)]
-pub enum Tolerance {
+pub(crate) enum Tolerance {
     All(f64),
     Each { scalar: f64, lanes: f64, gpu: f64 },
 }
 
 impl Tolerance {
-    pub fn greatest(self) -> f64 {
+    pub(crate) fn greatest(self) -> f64 {
         match self {
             Self::All(error) => error,
             Self::Each { scalar, lanes, gpu } => scalar.max(lanes).max(gpu),
@@ -76,7 +76,7 @@ impl Tolerance {
 
 impl Case {
     /// The tolerance of `stage` on `backend`, if the case has that stage.
-    pub fn tolerance(&self, stage: &str, backend: &str) -> Option<f64> {
+    pub(crate) fn tolerance(&self, stage: &str, backend: &str) -> Option<f64> {
         Some(match *self.tolerance.get(stage)? {
             Tolerance::All(error) => error,
             Tolerance::Each { gpu, .. } if backend.contains("gpu") => gpu,
@@ -85,14 +85,14 @@ impl Case {
         })
     }
 
-    pub fn params(&self) -> GenerationParams {
-        let params = GenerationParams::new(self.resolution, self.gamma).unwrap();
+    pub(crate) fn params(&self) -> VdiParams {
+        let params = VdiParams::new(self.resolution, self.gamma).unwrap();
         params.with_step_voxels(self.scene.step_voxels).unwrap()
     }
 }
 
 /// The cases in a file.
-pub fn read(path: &Path) -> Vec<Case> {
+pub(crate) fn read(path: &Path) -> Vec<Case> {
     let file: toml::Table = std::fs::read_to_string(path).unwrap().parse().unwrap();
     let base = file.get("base").and_then(|base| base.as_table()).cloned().unwrap_or_default();
     let cases = file.get("case").and_then(|cases| cases.as_array()).cloned().unwrap_or_default();

@@ -5,7 +5,7 @@ use lamina_model::Ray;
 use lamina_tests::reference::{Light, span, steps};
 
 /// A box of one colour and one extinction inside the volume's box.
-pub struct Slab {
+pub(crate) struct Slab {
     pub bounds: [DVec3; 2],
     pub inside: [DVec3; 2],
     pub color: [f64; 3],
@@ -15,7 +15,7 @@ pub struct Slab {
 
 impl Slab {
     /// After 0, 1, 2 .. steps from the entry into the volume's box: 1 - exp(-kappa l), l the length inside so far.
-    pub fn lights(&self, ray: &Ray, step: f64) -> Vec<Light> {
+    pub(crate) fn lights(&self, ray: &Ray, step: f64) -> Vec<Light> {
         let inside = span(ray, self.inside[0], self.inside[1]).filter(|_| self.kappa > 0.0);
         along(ray, self.bounds, step, |_, to| {
             let length = inside.map_or(0.0, |[enter, leave]| to.min(leave) - enter);
@@ -25,7 +25,7 @@ impl Slab {
 }
 
 /// Opacity of a unit length growing linearly along an axis, from 0 to `opacity`.
-pub struct Wedge {
+pub(crate) struct Wedge {
     pub bounds: [DVec3; 2],
     pub axis: usize,
     pub color: [f64; 3],
@@ -36,7 +36,7 @@ pub struct Wedge {
 impl Wedge {
     /// The optical depth is the integral of -ln(1 - a u) over the way, u linear in it: its antiderivative in u is
     /// ((1 - a u) ln(1 - a u) + a u) / a.
-    pub fn lights(&self, ray: &Ray, step: f64) -> Vec<Light> {
+    pub(crate) fn lights(&self, ray: &Ray, step: f64) -> Vec<Light> {
         let (a, axis) = (self.opacity, self.axis);
         let (low, size) = (self.bounds[0][axis], self.bounds[1][axis] - self.bounds[0][axis]);
         let u = |s: f64| (ray.origin[axis] + s * ray.direction[axis] - low) / size;

@@ -9,23 +9,23 @@ use lamina_tests::vdi_reference;
 use rayon::prelude::*;
 
 /// Light after 0, 1, 2 .. steps of a ray.
-pub type Lights = Vec<Light>;
+pub(crate) type Lights = Vec<Light>;
 
 /// Pixels of one camera's picture.
-pub struct View {
+pub(crate) struct View {
     pub camera: Camera,
     pub size: [u32; 2],
     pub pixels: Vec<(u32, u32)>,
 }
 
 impl View {
-    pub fn shown(&self) -> Shown<'_> {
+    pub(crate) fn shown(&self) -> Shown<'_> {
         Shown { camera: &self.camera, size: self.size, pixels: &self.pixels }
     }
 }
 
 /// The scene's view first, as many pixels as rays, then the novel ones.
-pub fn views(case: &Case) -> Vec<View> {
+pub(crate) fn views(case: &Case) -> Vec<View> {
     let r = case.resolution;
     let [left, top, right, bottom] = case.window.unwrap_or([0, 0, r, r]);
     let pixels = |[left, top, right, bottom]: [u32; 4]| {
@@ -47,7 +47,7 @@ fn rays(case: &Case, view: &View, (i, j): (u32, u32)) -> Vec<Ray> {
 }
 
 /// Per pixel of `view`, what each of its rays sees of the volume.
-pub fn of_volume(case: &Case, volume: &Volume, view: &View) -> Vec<Vec<Lights>> {
+pub(crate) fn of_volume(case: &Case, volume: &Volume, view: &View) -> Vec<Vec<Lights>> {
     let step = case.scene.step_length(volume.grid());
     let unit_length = case.scene.transfer.unit_length(volume.grid());
     let outside = bounds(volume);
@@ -73,7 +73,7 @@ pub fn of_volume(case: &Case, volume: &Volume, view: &View) -> Vec<Vec<Lights>> 
 }
 
 /// Per pixel of `view`, what each of its rays sees of the VDI.
-pub fn of_vdi(case: &Case, vdi: &Vdi, view: &View) -> Vec<Vec<Lights>> {
+pub(crate) fn of_vdi(case: &Case, vdi: &Vdi, view: &View) -> Vec<Vec<Lights>> {
     let of = |ray: Ray| vec![vdi_reference::light(vdi, &ray)];
     view.pixels.par_iter().map(|&pixel| rays(case, view, pixel).into_iter().map(of).collect()).collect()
 }

@@ -8,7 +8,7 @@ use serde::Deserialize;
 /// A volume as cases write it.
 #[derive(Deserialize, Debug, Clone)]
 #[serde(deny_unknown_fields)]
-pub struct VolumeFields {
+pub(crate) struct VolumeFields {
     pub dims: [usize; 3],
     pub spacing: DVec3,
     pub origin: DVec3,
@@ -22,7 +22,7 @@ pub struct VolumeFields {
 /// A scalar field.
 #[derive(Deserialize, Debug, Clone)]
 #[serde(rename_all = "lowercase")]
-pub enum Field {
+pub(crate) enum Field {
     /// The same everywhere.
     Constant(f64),
     /// From the first value at the first sample point of an axis to the second at the last.
@@ -41,13 +41,13 @@ pub enum Field {
 
 #[derive(Deserialize, Debug, Clone)]
 #[serde(deny_unknown_fields)]
-pub struct Hole {
+pub(crate) struct Hole {
     at: [usize; 3],
     value: f64,
 }
 
 impl VolumeFields {
-    pub fn volume(&self) -> Result<Volume, Invalid> {
+    pub(crate) fn volume(&self) -> Result<Volume, Invalid> {
         let grid = Grid::new(self.dims, self.spacing, self.origin)?;
         let [nx, ny, _] = self.dims;
         let mut values: Vec<f64> =

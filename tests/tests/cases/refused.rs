@@ -8,7 +8,7 @@ use std::path::Path;
 /// A `[[refused]]` table: parts of a case, the thing that the message names and a part of what it says of it.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Refused {
+pub(crate) struct Refused {
     name: String,
     volume: Option<toml::Table>,
     scene: Option<toml::Table>,
@@ -18,7 +18,7 @@ pub struct Refused {
 }
 
 /// The refusals in a file.
-pub fn read(path: &Path) -> Vec<Refused> {
+pub(crate) fn read(path: &Path) -> Vec<Refused> {
     let file: toml::Table = std::fs::read_to_string(path).unwrap().parse().unwrap();
     let refused = file.get("refused").and_then(|refused| refused.as_array()).cloned().unwrap_or_default();
     refused.into_iter().map(|r| r.try_into().unwrap_or_else(|e| panic!("{}: {e}", path.display()))).collect()
@@ -26,7 +26,7 @@ pub fn read(path: &Path) -> Vec<Refused> {
 
 impl Refused {
     /// What is wrong with the refusal; none if it is as it should be.
-    pub fn fault(&self) -> Option<String> {
+    pub(crate) fn fault(&self) -> Option<String> {
         let message = match self.message() {
             Ok(()) => return Some(format!("{}: accepted", self.name)),
             Err(message) => message,

@@ -23,7 +23,7 @@ use lamina_raycast::Field;
 use lamina_tests::reference::Light;
 
 /// What a case may have a tolerance for.
-pub const STAGES: [&str; 10] =
+pub(crate) const STAGES: [&str; 10] =
     ["raycast", "generate", "depth", "color", "composite", "encode", "decode", "render", "own view", "novel"];
 
 const CODECS: [(&str, Codec, Layout); 5] = [
@@ -35,7 +35,7 @@ const CODECS: [(&str, Codec, Layout); 5] = [
 ];
 
 /// Runs all stages of `case`.
-pub fn run(case: &Case, casters: &[Caster], drawers: &[Drawer], table: &mut Table) {
+pub(crate) fn run(case: &Case, casters: &[Caster], drawers: &[Drawer], table: &mut Table) {
     let volume = case.volume.volume().unwrap();
     let field = Field::new(volume.clone(), &case.scene.clone().check().unwrap());
     let views = views(case);

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::io::Write;
 
 /// What has been measured so far.
-pub struct Table {
+pub(crate) struct Table {
     /// Backends that must have run something.
     backends: Vec<String>,
     ran: BTreeSet<String>,
@@ -14,7 +14,7 @@ pub struct Table {
 
 impl Table {
     /// Nothing yet; `backends` are there.
-    pub fn new(backends: Vec<String>) -> Self {
+    pub(crate) fn new(backends: Vec<String>) -> Self {
         let table = Self { backends, ran: BTreeSet::new(), rows: 0, failed: Vec::new() };
         table.print(&row(["case", "stage", "backend", "error", "tolerance"]));
         table
@@ -26,7 +26,7 @@ impl Table {
     }
 
     /// An error that was measured; NaN fails.
-    pub fn add(&mut self, case: &str, stage: &str, backend: &str, error: f64, tolerance: f64) {
+    pub(crate) fn add(&mut self, case: &str, stage: &str, backend: &str, error: f64, tolerance: f64) {
         let kept = error <= tolerance;
         let mut line = row([case, stage, backend, &format!("{error:.1e}"), &format!("{tolerance:.1e}")]);
         if !kept {
@@ -39,12 +39,12 @@ impl Table {
     }
 
     /// A stage that a backend cannot run, and why.
-    pub fn pass_over(&self, case: &str, stage: &str, backend: &str, reason: &str) {
+    pub(crate) fn pass_over(&self, case: &str, stage: &str, backend: &str, reason: &str) {
         self.print(&format!("{}  not run: {reason}", row([case, stage, backend, "-", "-"])));
     }
 
     /// Fails with all rows that failed, or if a backend ran nothing.
-    pub fn finish(self) {
+    pub(crate) fn finish(self) {
         self.print(&format!("{} rows, {} failed", self.rows, self.failed.len()));
         let idle: Vec<&String> = self.backends.iter().filter(|b| !self.ran.contains(*b)).collect();
         assert!(idle.is_empty(), "these backends ran no case: {idle:?}");

@@ -61,7 +61,7 @@ impl Node {
         let working = 2 * STEP_BYTES + 12 * VOXELS;
         let config = Config {
             memory_bytes: (working + waiting * STEP_BYTES) as u64,
-            params: Some(GenerationParams::new(2, 0.5).unwrap()),
+            params: Some(GenerationParams::vdi(2, 0.5).unwrap()),
             reference_every: 0,
             ..Config::default()
         };

@@ -2,6 +2,7 @@
 
 use crate::{LONG, Node, SIDE, STEP_BYTES, cube};
 use lamina_model::GenerationParams;
+use lamina_rpc::v1::generation_params::{Kind, Vdi, Volume as VolumeOf};
 use lamina_rpc::v1::{self, control_client::ControlClient, ingest_client::IngestClient, push_part::Part};
 use tokio::runtime::Runtime;
 use tonic::codegen::tokio_stream::{self, Stream, StreamExt};
@@ -157,16 +158,22 @@ async fn headers_that_cannot_be_are_refused() {
 async fn parameters_that_cannot_be_are_refused_by_name() {
     let node = Node::generator(1);
     let mut control = ControlClient::new(node.channel().await);
-    let good = v1::GenerationParams::from(&GenerationParams::new(8, 0.1).unwrap());
+    let vdi = Vdi { resolution: 8, gamma: 0.1, opacity_cutoff: 1.0, step_voxels: 0.5 };
+    let volume = VolumeOf { longest_side: 8, error_bound: 0.1 };
+    let good = v1::GenerationParams { kind: Some(Kind::Vdi(vdi)) };
     let wrong = [
-        (v1::GenerationParams { resolution: 0, ..good }, "resolution"),
-        (v1::GenerationParams { resolution: u32::MAX, ..good }, "resolution"),
-        (v1::GenerationParams { gamma: f64::NAN, ..good }, "gamma"),
-        (v1::GenerationParams { gamma: -0.1, ..good }, "gamma"),
-        (v1::GenerationParams { opacity_cutoff: 0.0, ..good }, "opacity_cutoff"),
-        (v1::GenerationParams { step_voxels: f64::INFINITY, ..good }, "step_voxels"),
+        (Some(Kind::Vdi(Vdi { resolution: 0, ..vdi })), "resolution"),
+        (Some(Kind::Vdi(Vdi { resolution: u32::MAX, ..vdi })), "resolution"),
+        (Some(Kind::Vdi(Vdi { gamma: f64::NAN, ..vdi })), "gamma"),
+        (Some(Kind::Vdi(Vdi { gamma: -0.1, ..vdi })), "gamma"),
+        (Some(Kind::Vdi(Vdi { opacity_cutoff: 0.0, ..vdi })), "opacity_cutoff"),
+        (Some(Kind::Vdi(Vdi { step_voxels: f64::INFINITY, ..vdi })), "step_voxels"),
+        (Some(Kind::Volume(VolumeOf { longest_side: 0, ..volume })), "longest_side"),
+        (Some(Kind::Volume(VolumeOf { error_bound: f64::NAN, ..volume })), "error_bound"),
+        (None, "params.kind"),
     ];
-    for (params, name) in wrong {
+    for (kind, name) in wrong {
+        let params = v1::GenerationParams { kind };
         let request = v1::SetParametersRequest { params: Some(params), ..Default::default() };
         refused(within(control.set_parameters(request)).await, Code::InvalidArgument, name);
         let fallback = v1::SetParametersRequest { params: Some(good), fallbacks: vec![params], ..Default::default() };
@@ -186,7 +193,7 @@ async fn parameters_that_cannot_be_are_refused_by_name() {
 async fn trials_need_a_step_a_number_and_parameters() {
     let node = Node::generator(1);
     let mut control = ControlClient::new(node.channel().await);
-    let good = v1::GenerationParams::from(&GenerationParams::new(2, 0.5).unwrap());
+    let good = v1::GenerationParams::from(&GenerationParams::vdi(2, 0.5).unwrap());
     let ask = |trial_id, params| tokio_stream::iter([v1::TrialRequest { trial_id, params, ..Default::default() }]);
     refused(within(control.trials(ask(1, Some(good)))).await, Code::FailedPrecondition, "no step yet");
 
@@ -197,7 +204,8 @@ async fn trials_need_a_step_a_number_and_parameters() {
     let report = within(reports.message()).await.unwrap().unwrap();
     assert_eq!((report.step, report.run_id), (4, run_id));
 
-    let bad_gamma = Some(v1::GenerationParams { gamma: f64::NAN, ..good });
+    let bad = Vdi { resolution: 2, gamma: f64::NAN, opacity_cutoff: 1.0, step_voxels: 0.5 };
+    let bad_gamma = Some(v1::GenerationParams { kind: Some(Kind::Vdi(bad)) });
     for (trial_id, params, word) in [(0, Some(good), "trial_id"), (1, None, "params"), (1, bad_gamma, "gamma")] {
         let mut answers = within(control.trials(ask(trial_id, params))).await.unwrap().into_inner();
         let greeting = within(answers.message()).await.unwrap().unwrap();

@@ -5,10 +5,11 @@
 use futures::{Stream, stream};
 use lamina_model::{GenerationParams, Invalid};
 use lamina_rpc::connect::connect;
+use lamina_rpc::v1::generation_params::{Kind, Vdi};
 use lamina_rpc::v1::{self, control_client::ControlClient, frames_client::FramesClient, quality_server};
 use lamina_tests::processes::{Daemon, free_port, recorded_series, wait_for};
+use lamina_tuner::evaluator::{Evaluator, Measurement, TrialError};
 use lamina_tuner::remote::Remote;
-use lamina_tuner::trial::{Measured, Trial, TrialError};
 use lamina_volume_io::{Options, Series};
 use std::io::Write;
 use std::sync::{Arc, Mutex};
@@ -80,7 +81,7 @@ fn run<T>(work: impl Future<Output = T>) -> T {
 }
 
 fn candidates(n: u32) -> Vec<GenerationParams> {
-    (0..n).map(|k| GenerationParams::new(24 + 8 * (k / 4), 0.01 + 0.03 * f64::from(k % 4)).unwrap()).collect()
+    (0..n).map(|k| GenerationParams::vdi(24 + 8 * (k / 4), 0.01 + 0.03 * f64::from(k % 4)).unwrap()).collect()
 }
 
 /// Measurements a viz-node has answered with.
@@ -91,8 +92,8 @@ fn measured_by(viz: &str) -> u32 {
 }
 
 /// What does not depend on the clock.
-fn figures(rows: &[Result<Measured, Invalid>]) -> Vec<(u64, u64, Vec<f64>)> {
-    let row = |m: &Measured| (m.cost.size_bytes, m.cost.elements, m.quality.batch_mse());
+fn figures(rows: &[Result<Measurement, Invalid>]) -> Vec<(u64, u64, Vec<f64>)> {
+    let row = |m: &Measurement| (m.cost.size_bytes, m.cost.elements, m.quality.batch_mse());
     rows.iter().map(|r| row(r.as_ref().unwrap())).collect()
 }
 
@@ -241,7 +242,10 @@ fn a_trial_is_answered_as_it_was_asked() {
         let mut control = cluster.control().await;
         let viewers = cluster.viewers(&control, 1).await;
         assert_eq!(viewers[0].address, viz.url(), "without a quality_address it is where the viz-node listens");
-        let params = |gamma| Some(v1::GenerationParams { gamma, ..(&GenerationParams::new(32, 0.1).unwrap()).into() });
+        let params = |gamma| {
+            let vdi = Vdi { resolution: 32, gamma, opacity_cutoff: 1.0, step_voxels: 0.5 };
+            Some(v1::GenerationParams { kind: Some(Kind::Vdi(vdi)) })
+        };
         let ask = |trial_id, viewer: &str, gammas: Vec<f64>| v1::TrialRequest {
             trial_id,
             params: params(0.02),

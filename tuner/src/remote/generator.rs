@@ -1,7 +1,7 @@
 //! The stream of trials to the generator-node: one request at a time.
 
 use super::{node_error, words};
-use crate::trial::TrialError;
+use crate::evaluator::TrialError;
 use lamina_rpc::v1::{self, control_client::ControlClient};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -17,7 +17,8 @@ const NODE: &str = "generator-node";
 const SILENCE: Duration = Duration::from_secs(20);
 
 /// The generator-node's end of a study.
-pub struct Generator {
+#[derive(Debug)]
+pub(super) struct Generator {
     address: String,
     requests: mpsc::Sender<v1::TrialRequest>,
     replies: Streaming<v1::TrialReply>,
@@ -33,7 +34,7 @@ impl Generator {
     ///
     /// # Errors
     /// If the node does not answer, or has no step yet.
-    pub async fn open(control: &ControlClient<Channel>, address: &str) -> Result<Self, TrialError> {
+    pub(super) async fn open(control: &ControlClient<Channel>, address: &str) -> Result<Self, TrialError> {
         let failed = |status: Status| node_error(NODE, address, &words(&status));
         let (requests, stream) = mpsc::channel(1);
         let mut replies = control.clone().trials(ReceiverStream::new(stream)).await.map_err(failed)?.into_inner();
@@ -46,22 +47,22 @@ impl Generator {
     }
 
     /// The step that all trials are of.
-    pub fn step(&self) -> u64 {
+    pub(super) fn step(&self) -> u64 {
         self.step
     }
 
     /// Batches of sampled pixels that its reference has.
-    pub fn batches(&self) -> u32 {
+    pub(super) fn batches(&self) -> u32 {
         self.batches
     }
 
     /// The most sample points on a side of its volume.
-    pub fn longest_side(&self) -> u32 {
+    pub(super) fn longest_side(&self) -> u32 {
         self.longest_side
     }
 
     /// True if no answer is due.
-    pub fn is_idle(&self) -> bool {
+    pub(super) fn is_idle(&self) -> bool {
         self.asked.is_none()
     }
 
@@ -69,7 +70,7 @@ impl Generator {
     ///
     /// # Errors
     /// If the stream has ended.
-    pub async fn ask(&mut self, request: v1::TrialRequest) -> Result<u64, TrialError> {
+    pub(super) async fn ask(&mut self, request: v1::TrialRequest) -> Result<u64, TrialError> {
         let trial_id = fresh_trial_id();
         let sent = self.requests.send(v1::TrialRequest { trial_id, ..request }).await;
         sent.map_err(|_| self.failed("ended the stream of trials; its log says why".to_owned()))?;
@@ -81,7 +82,7 @@ impl Generator {
     ///
     /// # Errors
     /// If the stream ends or the answer is late or another one's.
-    pub async fn reply(&mut self) -> Result<v1::TrialReply, TrialError> {
+    pub(super) async fn reply(&mut self) -> Result<v1::TrialReply, TrialError> {
         loop {
             let Some((trial_id, deadline)) = self.asked else { return std::future::pending().await };
             let Ok(reply) = timeout_at(deadline, self.replies.message()).await else {
@@ -103,12 +104,12 @@ impl Generator {
     }
 
     /// The error of an answer without a cost.
-    pub fn no_cost(&self) -> TrialError {
+    pub(super) fn no_cost(&self) -> TrialError {
         self.failed("measured no cost of a trial".to_owned())
     }
 
     /// An error of this node.
-    pub fn failed(&self, reason: String) -> TrialError {
+    pub(super) fn failed(&self, reason: String) -> TrialError {
         node_error(NODE, &self.address, &reason)
     }
 }

@@ -2,7 +2,7 @@
 
 use super::viewers::Fault;
 use super::{Generator, Known, Progress, Remote, Viewers};
-use crate::trial::TrialError;
+use crate::evaluator::TrialError;
 use futures::StreamExt;
 use futures::future::BoxFuture;
 use futures::stream::FuturesUnordered;
@@ -17,7 +17,8 @@ const AHEAD: usize = 2;
 const MISSES: u32 = 2;
 
 /// What the generator-node is at: the parameters, and the viewer they are for, if any.
-pub struct Generating {
+#[derive(Debug)]
+pub(super) struct Generating {
     key: ParamsKey,
     viewer: Option<String>,
 }
@@ -31,7 +32,7 @@ struct Answer {
 }
 
 /// What is under way.
-pub struct Round<'a> {
+pub(super) struct Round<'a> {
     generator: &'a mut Generator,
     viewers: &'a mut Viewers,
     known: &'a mut HashMap<ParamsKey, Known>,
@@ -50,7 +51,7 @@ pub struct Round<'a> {
 
 impl<'a> Round<'a> {
     /// Asks for costs and the first `batches` batches of all of `keys` that lack them.
-    pub fn new(remote: &'a mut Remote, keys: &[ParamsKey], batches: u32) -> Self {
+    pub(super) fn new(remote: &'a mut Remote, keys: &[ParamsKey], batches: u32) -> Self {
         let Remote { generator, viewers, known, generating, progress } = remote;
         Self {
             generator,
@@ -82,7 +83,7 @@ impl<'a> Round<'a> {
     ///
     /// # Errors
     /// If the generator-node fails, or no viewer is left. What was measured until then is known.
-    pub async fn run(mut self) -> Result<(), TrialError> {
+    pub(super) async fn run(mut self) -> Result<(), TrialError> {
         self.viewers.catch_up()?;
         self.recall();
         loop {
@@ -186,7 +187,7 @@ impl<'a> Round<'a> {
     ///
     /// # Errors
     /// If it says nothing.
-    pub fn generated(&mut self, reply: v1::TrialReply) -> Result<(), TrialError> {
+    pub(super) fn generated(&mut self, reply: v1::TrialReply) -> Result<(), TrialError> {
         let Some(Generating { key, viewer }) = self.generating.take() else { return Ok(()) };
         let Some(known) = self.known.get_mut(&key) else { return Ok(()) };
         if !reply.refusal.is_empty() {

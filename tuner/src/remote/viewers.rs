@@ -1,7 +1,7 @@
 //! The viz-nodes that measure: those the generator-node lists, but for those that failed during this study.
 
 use super::{node_error, words};
-use crate::trial::TrialError;
+use crate::evaluator::TrialError;
 use futures::FutureExt;
 use futures::future::BoxFuture;
 use lamina_model::Quality;
@@ -23,7 +23,8 @@ const LOST_PATIENCE: Duration = Duration::from_secs(60);
 const SILENCE: Duration = Duration::from_secs(5);
 
 /// A viz-node that measures.
-pub struct Viewer {
+#[derive(Debug)]
+pub(super) struct Viewer {
     /// Its name at the generator-node.
     pub name: String,
     /// Where its Quality service is.
@@ -36,7 +37,7 @@ pub struct Viewer {
 }
 
 /// Why there is no measurement.
-pub enum Fault {
+pub(super) enum Fault {
     /// It does not have the VDI (any more).
     Missing(String),
     /// This VDI cannot be measured.
@@ -50,7 +51,8 @@ pub enum Fault {
 }
 
 /// Those present.
-pub struct Viewers {
+#[derive(Debug)]
+pub(super) struct Viewers {
     generator: String,
     list: Streaming<v1::ViewerList>,
     present: Vec<Viewer>,
@@ -68,7 +70,7 @@ impl Viewers {
     ///
     /// # Errors
     /// If it does not answer, or lists nobody for some seconds.
-    pub async fn open(control: &ControlClient<Channel>, generator: &str) -> Result<Self, TrialError> {
+    pub(super) async fn open(control: &ControlClient<Channel>, generator: &str) -> Result<Self, TrialError> {
         let failed = |status: Status| node_error("generator-node", generator, &words(&status));
         let list = control.clone().viewers(v1::ViewersRequest {}).await.map_err(failed)?.into_inner();
         let generator = generator.to_owned();
@@ -88,7 +90,7 @@ impl Viewers {
     ///
     /// # Errors
     /// If that one does not answer any more.
-    pub async fn changed(&mut self) -> Result<(), TrialError> {
+    pub(super) async fn changed(&mut self) -> Result<(), TrialError> {
         let list = self
             .list
             .message()
@@ -104,7 +106,7 @@ impl Viewers {
     ///
     /// # Errors
     /// As [`Self::changed`].
-    pub fn catch_up(&mut self) -> Result<(), TrialError> {
+    pub(super) fn catch_up(&mut self) -> Result<(), TrialError> {
         while let Some(changed) = self.changed().now_or_never() {
             changed?;
         }
@@ -128,30 +130,30 @@ impl Viewers {
     }
 
     /// The viewer of this name, if it is present.
-    pub fn get(&mut self, name: &str) -> Option<&mut Viewer> {
+    pub(super) fn get(&mut self, name: &str) -> Option<&mut Viewer> {
         self.present.iter_mut().find(|v| v.name == name)
     }
 
     /// All of them.
-    pub fn present(&self) -> &[Viewer] {
+    pub(super) fn present(&self) -> &[Viewer] {
         &self.present
     }
 
     /// Its subscription has ended: it may come back under another name.
-    pub fn gone(&mut self, name: &str) {
+    pub(super) fn gone(&mut self, name: &str) {
         self.remove(name, "is no longer subscribed to the generator-node");
         self.hope = Some(Instant::now() + PATIENCE);
     }
 
     /// Its connection was lost: it may come back under another name, once the generator-node has noticed, too.
-    pub fn lost(&mut self, name: &str, reason: &str) {
+    pub(super) fn lost(&mut self, name: &str, reason: &str) {
         self.remove(name, reason);
         self.lost.push(name.to_owned());
         self.hope = Some(Instant::now() + LOST_PATIENCE);
     }
 
     /// It made no progress with a trial.
-    pub fn stalled(&mut self, name: &str, reason: &str) {
+    pub(super) fn stalled(&mut self, name: &str, reason: &str) {
         let Some(viewer) = self.present.iter_mut().find(|v| v.name == name) else { return };
         if !std::mem::replace(&mut viewer.stalled, true) {
             tracing::warn!("viz-node {} {reason}; its trials go to others, if there are any", viewer.address);
@@ -159,7 +161,7 @@ impl Viewers {
     }
 
     /// It failed, and is asked no more in this study.
-    pub fn leave_out(&mut self, address: &str, reason: &str) {
+    pub(super) fn leave_out(&mut self, address: &str, reason: &str) {
         if !self.left_out.iter().any(|a| a == address) {
             self.left_out.push(address.to_owned());
             tracing::warn!("viz-node {address} is left out of this study: {reason}");
@@ -177,12 +179,12 @@ impl Viewers {
     }
 
     /// Until when it is worth waiting for somebody while nobody is present.
-    pub fn hope(&self) -> Option<Instant> {
+    pub(super) fn hope(&self) -> Option<Instant> {
         self.hope.filter(|&until| until > Instant::now())
     }
 
     /// The error for a study that nobody can measure for.
-    pub fn none_left(&self) -> TrialError {
+    pub(super) fn none_left(&self) -> TrialError {
         let remedy = "start a viz-node for it, and give it a quality_address that it can be reached at from elsewhere";
         match &self.last_failure {
             Some(TrialError::Node { node, reason }) => TrialError::Node {
@@ -200,7 +202,7 @@ impl Viewers {
 
 impl Viewer {
     /// Measures some batches of a trial that was sent there.
-    pub fn measure(
+    pub(super) fn measure(
         &self,
         trial_id: u64,
         batches: Range<u32>,

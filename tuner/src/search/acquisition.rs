@@ -11,7 +11,7 @@ const DRAWS: usize = 48;
 
 /// The candidate most worth trying.
 #[derive(Default)]
-pub struct Acquisition {
+pub(super) struct Acquisition {
     /// Which one.
     pub params: Option<GenerationParams>,
     /// Generation has to be timed first, as it may be too slow.
@@ -25,7 +25,7 @@ pub struct Acquisition {
 }
 
 /// Expectations under a contract.
-pub struct ExpectedImprovement<'a> {
+pub(super) struct ExpectedImprovement<'a> {
     contract: &'a Contract,
     utility: Utility,
     draws: Vec<[f64; 3]>,
@@ -33,13 +33,13 @@ pub struct ExpectedImprovement<'a> {
 
 impl<'a> ExpectedImprovement<'a> {
     /// Under `contract`.
-    pub fn new(contract: &'a Contract) -> Self {
+    pub(super) fn new(contract: &'a Contract) -> Self {
         Self { contract, utility: contract.utility(), draws: draws() }
     }
 
     /// Of a candidate whose logarithms of bytes and milliseconds and whose decibels are `of`: the mean improvement on
     /// `least`, the share of draws that keep the contract, and by how much they are nearer to it than `nearest`.
-    pub fn expectation(&self, of: &[Prediction; 3], least: Option<f64>, nearest: f64) -> Acquisition {
+    pub(super) fn expectation(&self, of: &[Prediction; 3], least: Option<f64>, nearest: f64) -> Acquisition {
         let (mut improvement, mut feasible, mut nearer) = (0.0, 0.0, 0.0);
         for draw in &self.draws {
             let [size, time, q] = std::array::from_fn(|k| of[k].mean + of[k].deviation * draw[k]);

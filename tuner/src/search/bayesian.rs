@@ -13,8 +13,8 @@ use super::candidates::Resolved;
 use super::deadline::Deadline;
 use super::time_screening::TimeScreening;
 use crate::Contract;
-use crate::trial::{Trial, TrialError};
-use crate::tune::Row;
+use crate::evaluator::{Evaluator, TrialError};
+use crate::tune::Trial;
 use crate::utility::Utility;
 use lamina_model::{GenerationParams, Invalid, Representation};
 
@@ -46,16 +46,16 @@ impl Acquisition {
 }
 
 /// A search among the candidates of one representation.
-pub struct BayesianSearch<'a> {
+pub(super) struct BayesianSearch<'a> {
     pub(super) contract: &'a Contract,
     pub(super) utility: Utility,
     pub(super) representation: Representation,
     pub(super) candidates: Vec<GenerationParams>,
     /// Sizes from marches, bytes.
     pub(super) marched: Vec<(GenerationParams, u64)>,
-    pub(super) tried: Vec<Row>,
+    pub(super) tried: Vec<Trial>,
     /// Trials of an earlier step.
-    pub(super) carried: Vec<Row>,
+    pub(super) carried: Vec<Trial>,
     pub(super) screening: TimeScreening,
     refused: Vec<GenerationParams>,
     pub(super) expected: ExpectedImprovement<'a>,
@@ -69,12 +69,12 @@ pub struct BayesianSearch<'a> {
 
 impl<'a> BayesianSearch<'a> {
     /// Without candidates yet. Of the trials of an earlier step it takes those of its representation.
-    pub fn new(
+    pub(super) fn new(
         contract: &'a Contract,
         representation: Representation,
         batches: usize,
         longest_side: u32,
-        carried: &[Row],
+        carried: &[Trial],
     ) -> Self {
         Self {
             contract,
@@ -94,17 +94,17 @@ impl<'a> BayesianSearch<'a> {
     }
 
     /// Takes candidates, with what finding them has measured.
-    pub fn take(&mut self, resolved: Resolved) {
+    pub(super) fn take(&mut self, resolved: Resolved) {
         self.candidates = resolved.candidates;
         self.marched.extend(resolved.known.into_iter().map(|(params, cost)| (params, cost.size_bytes)));
     }
 
     /// All trials, and what would be tried next.
-    pub async fn run(
+    pub(super) async fn run(
         mut self,
-        trial: &mut Deadline<'_, impl Trial>,
-        progress: &mut (impl FnMut(&Row) + Send),
-    ) -> Result<(Vec<Row>, Acquisition), TrialError> {
+        trial: &mut Deadline<'_, impl Evaluator>,
+        progress: &mut (impl FnMut(&Trial) + Send),
+    ) -> Result<(Vec<Trial>, Acquisition), TrialError> {
         self.first_trial(trial, progress).await?;
         let mut next;
         loop {
@@ -136,9 +136,9 @@ impl<'a> BayesianSearch<'a> {
     /// Measures some parameters; quality only of what keeps the other limits, unless nothing is known of it yet.
     pub(super) async fn measure(
         &mut self,
-        trial: &mut Deadline<'_, impl Trial>,
+        trial: &mut Deadline<'_, impl Evaluator>,
         params: &GenerationParams,
-        progress: &mut (impl FnMut(&Row) + Send),
+        progress: &mut (impl FnMut(&Trial) + Send),
     ) -> Result<(), TrialError> {
         let Some(n) = self.measure_cost(trial, params).await? else { return Ok(()) };
         let known = self.tried.iter().filter(|r| r.measured.quality.batches() > 0).count();
@@ -152,7 +152,7 @@ impl<'a> BayesianSearch<'a> {
     /// Adds a row with the cost of `params` alone; `None` if that was not possible, or was done before.
     pub(super) async fn measure_cost(
         &mut self,
-        trial: &mut Deadline<'_, impl Trial>,
+        trial: &mut Deadline<'_, impl Evaluator>,
         params: &GenerationParams,
     ) -> Result<Option<usize>, TrialError> {
         if !self.is_new(params) || !trial.enough() {
@@ -160,7 +160,7 @@ impl<'a> BayesianSearch<'a> {
         }
         match trial.measure(params, 0).await? {
             Ok(measured) => {
-                self.tried.push(Row { params: *params, cost: f64::INFINITY, measured });
+                self.tried.push(Trial { params: *params, cost: f64::INFINITY, measured });
                 Ok(Some(self.tried.len() - 1))
             }
             Err(reason) => {
@@ -173,7 +173,7 @@ impl<'a> BayesianSearch<'a> {
     /// Measures the quality of row `n` on the first pixels; removes it if no viewer can show it.
     pub(super) async fn measure_quality(
         &mut self,
-        trial: &mut Deadline<'_, impl Trial>,
+        trial: &mut Deadline<'_, impl Evaluator>,
         n: usize,
     ) -> Result<(), TrialError> {
         let params = self.tried[n].params;
@@ -191,7 +191,7 @@ impl<'a> BayesianSearch<'a> {
     /// Times generation alone.
     pub(super) async fn time(
         &mut self,
-        trial: &mut Deadline<'_, impl Trial>,
+        trial: &mut Deadline<'_, impl Evaluator>,
         params: &GenerationParams,
     ) -> Result<(), TrialError> {
         if !self.is_new(params) || !trial.enough() {
@@ -220,7 +220,7 @@ impl<'a> BayesianSearch<'a> {
     }
 
     /// How far a row is from keeping all limits.
-    pub(super) fn distance_of(&self, row: &Row) -> f64 {
+    pub(super) fn distance_of(&self, row: &Trial) -> f64 {
         let cost = &row.measured.cost;
         let ms = self.contract.time_of(cost);
         self.contract.distance_of(cost.size_bytes as f64, ms, self.estimated_db(row))

@@ -2,7 +2,7 @@
 
 use super::Grid;
 use super::gamma_range::{GAMMAS, GammaRange, WIDEST, logarithmic};
-use crate::trial::{Trial, TrialError};
+use crate::evaluator::{Evaluator, TrialError};
 use lamina_model::{Cost, GenerationParams, Invalid, ReducedVolume, Representation};
 use std::time::Duration;
 
@@ -35,7 +35,7 @@ enum Group {
 }
 
 /// The candidates of one representation as a search takes them.
-pub struct Resolved {
+pub(super) struct Resolved {
     /// All of them.
     pub candidates: Vec<GenerationParams>,
     /// What finding them has measured.
@@ -129,7 +129,7 @@ impl CandidateSet {
     pub(super) async fn resolve(
         &mut self,
         n: usize,
-        trial: &mut impl Trial,
+        trial: &mut impl Evaluator,
         left: Option<Duration>,
     ) -> Result<Resolved, TrialError> {
         let (grid, lowest) = match &self.groups[n] {
@@ -151,7 +151,7 @@ impl CandidateSet {
     ///
     /// # Errors
     /// If a node stops answering.
-    pub async fn all(&mut self, trial: &mut impl Trial) -> Result<Vec<GenerationParams>, TrialError> {
+    pub async fn all(&mut self, trial: &mut impl Evaluator) -> Result<Vec<GenerationParams>, TrialError> {
         let mut all = Vec::new();
         for n in 0..self.groups.len() {
             all.extend(self.resolve(n, trial, None).await?.candidates);
@@ -174,7 +174,7 @@ fn volumes(longest_side: u32, base: &GenerationParams) -> Result<Vec<GenerationP
     let mut resolutions: Vec<u32> =
         (0..VOLUME_RESOLUTIONS).map(|k| (most * 0.5_f64.powf(f64::from(k) / 3.0)).round().max(2.0) as u32).collect();
     resolutions.dedup();
-    let base = base.with_representation(Representation::Volume);
+    let base = GenerationParams::volume(base.resolution(), base.gamma())?;
     let mut all = Vec::new();
     for r in resolutions {
         for bound in logarithmic(BOUNDS, VOLUME_BOUNDS) {

@@ -5,9 +5,9 @@
 
 use super::bayesian::BayesianSearch;
 use super::deadline::Deadline;
+use crate::evaluator::{Evaluator, TrialError};
 use crate::interval::{difference_db, half_width_db};
-use crate::trial::{Trial, TrialError};
-use crate::tune::Row;
+use crate::tune::Trial;
 use crate::utility::Utility;
 use lamina_model::decibels;
 
@@ -24,13 +24,13 @@ impl BayesianSearch<'_> {
 
     /// Decibels of a trial on all pixels: where only some were measured, corrected by what those differ by in the trials that
     /// were measured on all, since pixels that are hard for one are hard for others.
-    pub(super) fn estimated_db(&self, row: &Row) -> f64 {
+    pub(super) fn estimated_db(&self, row: &Trial) -> f64 {
         let measured = row.measured.quality.batches();
         let db = row.measured.quality.psnr_db();
         if measured == 0 || measured >= self.batches {
             return db;
         }
-        let off = |r: &Row| {
+        let off = |r: &Trial| {
             let all = r.measured.quality.batch_mse();
             let begin = all.iter().take(measured).sum::<f64>() / measured as f64;
             (all.len() == self.batches && begin > 0.0).then(|| decibels(r.measured.quality.mse()) - decibels(begin))
@@ -41,14 +41,14 @@ impl BayesianSearch<'_> {
 
     /// Costs by what is now known of the pixels.
     pub(super) fn update_costs(&mut self) {
-        let cost = |r: &Row| self.contract.cost_at(&r.measured.cost, self.estimated_db(r));
+        let cost = |r: &Trial| self.contract.cost_at(&r.measured.cost, self.estimated_db(r));
         let costs: Vec<f64> = self.tried.iter().map(cost).collect();
         self.tried.iter_mut().zip(costs).for_each(|(row, cost)| row.cost = cost);
     }
 
     /// Measures contenders on more pixels, until nothing else may be the best or the time is over; true if something else may
     /// have become worth trying.
-    pub(super) async fn settle(&mut self, trial: &mut Deadline<'_, impl Trial>) -> Result<bool, TrialError> {
+    pub(super) async fn settle(&mut self, trial: &mut Deadline<'_, impl Evaluator>) -> Result<bool, TrialError> {
         let mut settled = false;
         while let Some((next, batches)) = self.next_contender() {
             if !trial.enough() {
@@ -103,8 +103,9 @@ impl BayesianSearch<'_> {
     }
 
     /// True if the pixels seen so far leave it open whether a row keeps a limit on quality.
-    fn limit_is_open(&self, row: &Row) -> bool {
+    fn limit_is_open(&self, row: &Trial) -> bool {
         self.contract
+            .limits
             .psnr_db
             .is_some_and(|least| (self.estimated_db(row) - least).abs() <= half_width_db(&row.measured.quality))
     }

@@ -1,11 +1,11 @@
 //! Trials that end in time.
 
-use crate::trial::{Measured, Trial, TrialError};
+use crate::evaluator::{Evaluator, Measurement, TrialError};
 use lamina_model::{GenerationParams, Invalid};
 use tokio::time::{Duration, Instant};
 
 /// Trials until a time.
-pub struct Deadline<'a, T> {
+pub(super) struct Deadline<'a, T> {
     trial: &'a mut T,
     until: Option<Instant>,
     /// The measurement or timing that took longest so far.
@@ -14,36 +14,36 @@ pub struct Deadline<'a, T> {
     pub cut: bool,
 }
 
-impl<'a, T: Trial> Deadline<'a, T> {
+impl<'a, T: Evaluator> Deadline<'a, T> {
     /// Those of `trial`, `until` then or without end.
-    pub fn new(trial: &'a mut T, until: Option<Instant>) -> Self {
+    pub(super) fn new(trial: &'a mut T, until: Option<Instant>) -> Self {
         Self { trial, until, longest: Duration::ZERO, cut: false }
     }
 
     /// Time there is; `None` without end.
-    pub fn left(&self) -> Option<Duration> {
+    pub(super) fn left(&self) -> Option<Duration> {
         self.until.map(|until| until.saturating_duration_since(Instant::now()))
     }
 
     /// What measures.
-    pub fn inner(&mut self) -> &mut T {
+    pub(super) fn inner(&mut self) -> &mut T {
         self.trial
     }
 
     /// True if there is time for so many measurements.
-    pub fn enough_for(&self, measurements: u32) -> bool {
+    pub(super) fn enough_for(&self, measurements: u32) -> bool {
         self.until.is_none_or(|until| Instant::now() + measurements * self.longest <= until)
     }
 
     /// Asks for time for another trial: first its cost, then its quality, each as long as what took longest.
-    pub fn enough(&mut self) -> bool {
+    pub(super) fn enough(&mut self) -> bool {
         let enough = self.enough_for(2);
         self.cut |= !enough;
         enough
     }
 
     /// See [`Trial::time`].
-    pub async fn time(&mut self, params: &GenerationParams) -> Result<Result<Duration, Invalid>, TrialError> {
+    pub(super) async fn time(&mut self, params: &GenerationParams) -> Result<Result<Duration, Invalid>, TrialError> {
         let begun = Instant::now();
         let answer = self.trial.time(params).await;
         self.longest = self.longest.max(begun.elapsed());
@@ -51,11 +51,11 @@ impl<'a, T: Trial> Deadline<'a, T> {
     }
 
     /// [`Trial::measure`] of one.
-    pub async fn measure(
+    pub(super) async fn measure(
         &mut self,
         params: &GenerationParams,
         batches: u32,
-    ) -> Result<Result<Measured, Invalid>, TrialError> {
+    ) -> Result<Result<Measurement, Invalid>, TrialError> {
         let begun = Instant::now();
         let answer = self.trial.measure(&[*params], batches).await?.pop();
         self.longest = self.longest.max(begun.elapsed());

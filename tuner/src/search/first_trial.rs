@@ -4,8 +4,8 @@ use super::bayesian::BayesianSearch;
 use super::deadline::Deadline;
 use super::gaussian_process::{Prediction, param_point};
 use super::surrogates::Surrogates;
-use crate::trial::{Trial, TrialError};
-use crate::tune::Row;
+use crate::evaluator::{Evaluator, TrialError};
+use crate::tune::Trial;
 use crate::utility::Utility;
 use lamina_model::{GenerationParams, Representation};
 use std::cmp::Ordering;
@@ -27,8 +27,8 @@ impl BayesianSearch<'_> {
     /// size or time only that is measured, and another is looked for.
     pub(super) async fn first_trial(
         &mut self,
-        trial: &mut Deadline<'_, impl Trial>,
-        progress: &mut (impl FnMut(&Row) + Send),
+        trial: &mut Deadline<'_, impl Evaluator>,
+        progress: &mut (impl FnMut(&Trial) + Send),
     ) -> Result<(), TrialError> {
         if let Some(params) = self.best_carried() {
             self.measure(trial, &params, progress).await?;
@@ -66,8 +66,8 @@ impl BayesianSearch<'_> {
     /// nothing keeps the other limits.
     async fn measure_best(
         &mut self,
-        trial: &mut Deadline<'_, impl Trial>,
-        progress: &mut (impl FnMut(&Row) + Send),
+        trial: &mut Deadline<'_, impl Evaluator>,
+        progress: &mut (impl FnMut(&Trial) + Send),
     ) -> Result<(), TrialError> {
         if let Some(fastest) = self.screening.fastest().filter(|_| self.tried.is_empty()) {
             self.measure_cost(trial, &fastest).await?;
@@ -86,7 +86,7 @@ impl BayesianSearch<'_> {
         if trial.enough_for(1) {
             self.measure_quality(trial, best).await?;
         }
-        let (best, others): (Vec<&Row>, Vec<&Row>) = self.tried.iter().partition(|r| r.params == params);
+        let (best, others): (Vec<&Trial>, Vec<&Trial>) = self.tried.iter().partition(|r| r.params == params);
         others.into_iter().chain(best).for_each(progress);
         Ok(())
     }
@@ -101,19 +101,19 @@ impl BayesianSearch<'_> {
             };
             self.candidates.iter().all(|p| least(p) > limit.ln())
         };
-        models.know_sizes() && self.contract.size_bytes.is_some_and(|limit| surely_above(limit as f64))
+        models.know_sizes() && self.contract.limits.size_bytes.is_some_and(|limit| surely_above(limit as f64))
     }
 
     /// Of an earlier step's trials the best under the contract.
     fn best_carried(&self) -> Option<GenerationParams> {
-        let cost = |r: &Row| self.contract.cost(&r.measured);
+        let cost = |r: &Trial| self.contract.cost(&r.measured);
         let kept = self.carried.iter().filter(|r| cost(r) < f64::INFINITY);
         kept.min_by(|a, b| cost(a).total_cmp(&cost(b))).map(|r| r.params)
     }
 
     /// Sizes of some gammas at one resolution: of VDIs at the lowest, which costs least; of volumes nearer to the highest,
     /// because how their sizes grow with resolution is less sure.
-    async fn march(&mut self, trial: &mut Deadline<'_, impl Trial>) -> Result<(), TrialError> {
+    async fn march(&mut self, trial: &mut Deadline<'_, impl Evaluator>) -> Result<(), TrialError> {
         // Trials tell as much, only less of it.
         if !trial.enough_for(MARCH as u32 / 2) {
             return Ok(());
@@ -153,11 +153,11 @@ impl BayesianSearch<'_> {
         let models = self.surrogates();
         let measurable = |p: &&GenerationParams| self.is_new(p) && !self.screening.too_slow(p);
         // While times are unknown the first one is no extreme; nor where nothing limits what a VDI costs.
-        let limits_time = self.contract.time_ms.is_some() && !models.know_times();
+        let limits_time = self.contract.limits.time_ms.is_some() && !models.know_times();
         let unlimited = self.utility == Utility::Quality
             && self.representation == Representation::Vdi
-            && self.contract.size_bytes.is_none()
-            && self.contract.time_ms.is_none();
+            && self.contract.limits.size_bytes.is_none()
+            && self.contract.limits.time_ms.is_none();
         let highest = self.candidates.iter().map(GenerationParams::resolution).max().unwrap_or(1);
         let middle = (f64::from(self.lowest()) * f64::from(highest)).sqrt();
         let moderate = |p: &&GenerationParams| !(limits_time || unlimited) || f64::from(p.resolution()) <= middle;

@@ -1,21 +1,21 @@
 //! The range of gammas worth trying on some data: the paper's fixed range missed those that mattered on one of its sets.
 
-use crate::trial::{Trial, TrialError};
+use crate::evaluator::{Evaluator, TrialError};
 use lamina_model::{Cost, GenerationParams};
 use std::time::Duration;
 use tokio::time::Instant;
 
 /// Gammas looked at, evenly on a logarithmic scale. Greedily, all samples join above 1.
-pub const WIDEST: (f64, f64) = (1e-4, 2.0);
+pub(super) const WIDEST: (f64, f64) = (1e-4, 2.0);
 const LOOKED_AT: usize = 24;
 /// Gammas of a range.
-pub const GAMMAS: usize = 40;
+pub(super) const GAMMAS: usize = 40;
 /// A size this near to that at an end of the scale counts as equal.
 const EQUAL: f64 = 1.02;
 
 /// A range of gammas, with what finding it measured and took.
 #[derive(Debug, Clone, PartialEq)]
-pub struct GammaRange {
+pub(super) struct GammaRange {
     /// The least and the greatest gamma worth trying.
     pub ends: (f64, f64),
     /// Wall time of finding it.
@@ -27,8 +27,8 @@ impl GammaRange {
     ///
     /// # Errors
     /// Those of [`Trial::sizes`].
-    pub async fn find(
-        trial: &mut impl Trial,
+    pub(super) async fn find(
+        trial: &mut impl Evaluator,
         params: &GenerationParams,
     ) -> Result<(Self, Vec<(GenerationParams, Cost)>), TrialError> {
         let begun = Instant::now();
@@ -45,7 +45,7 @@ impl GammaRange {
 }
 
 /// `n` gammas from the low to the high end, evenly on a logarithmic scale.
-pub fn logarithmic((low, high): (f64, f64), n: usize) -> Vec<f64> {
+pub(super) fn logarithmic((low, high): (f64, f64), n: usize) -> Vec<f64> {
     let ratio = (high / low).powf(1.0 / (n - 1) as f64);
     // Three digits are enough for a person to write them down again.
     let rounded = |value: f64| format!("{value:.2e}").parse().unwrap_or(value);

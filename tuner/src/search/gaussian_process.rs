@@ -9,7 +9,7 @@ use lamina_model::GenerationParams;
 const GAMMA_FLOOR: f64 = 0.003;
 
 /// Parameters as a point: (ln r, ln gamma), the latter levelled off towards 0.
-pub type ParamPoint = [f64; 2];
+pub(super) type ParamPoint = [f64; 2];
 
 /// The point of some parameters.
 pub fn param_point(params: &GenerationParams) -> ParamPoint {
@@ -62,6 +62,7 @@ impl Observation {
 }
 
 /// One quantity over all parameters.
+#[derive(Debug)]
 pub struct GaussianProcess<P> {
     prior: P,
     points: Vec<ParamPoint>,
@@ -102,19 +103,19 @@ impl<P: Prior> GaussianProcess<P> {
 }
 
 /// The squared exponential covariance, of a very smooth function, at distance `d` in units of its length scale.
-pub fn squared_exponential(d: f64) -> f64 {
+pub(super) fn squared_exponential(d: f64) -> f64 {
     (-0.5 * d * d).exp()
 }
 
 /// The Matern 5/2 covariance: a function that bends more sharply.
-pub fn matern52(d: f64) -> f64 {
+pub(super) fn matern52(d: f64) -> f64 {
     let s = 5_f64.sqrt() * d.abs();
     (1.0 + s + s * s / 3.0) * (-s).exp()
 }
 
 /// Cholesky's factor of the symmetric matrix whose lower triangle is given, in at. A pivot that rounding made negative
 /// becomes tiny: that point then adds nothing.
-pub fn factor(a: &mut [f64], n: usize) {
+pub(super) fn factor(a: &mut [f64], n: usize) {
     for i in 0..n {
         for j in 0..=i {
             let dot: f64 = (0..j).map(|k| a[i * n + k] * a[j * n + k]).sum();
@@ -125,7 +126,7 @@ pub fn factor(a: &mut [f64], n: usize) {
 }
 
 /// Solves L x = b.
-pub fn forward(l: &[f64], b: &[f64]) -> Vec<f64> {
+pub(super) fn forward(l: &[f64], b: &[f64]) -> Vec<f64> {
     let n = b.len();
     let mut x: Vec<f64> = Vec::with_capacity(n);
     for i in 0..n {
@@ -136,7 +137,7 @@ pub fn forward(l: &[f64], b: &[f64]) -> Vec<f64> {
 }
 
 /// Solves L^T x = b.
-pub fn backward(l: &[f64], mut x: Vec<f64>) -> Vec<f64> {
+pub(super) fn backward(l: &[f64], mut x: Vec<f64>) -> Vec<f64> {
     let n = x.len();
     for i in (0..n).rev() {
         let dot: f64 = (i + 1..n).map(|k| l[k * n + i] * x[k]).sum();

@@ -1,6 +1,6 @@
 //! Resolutions and gammas to choose from.
 
-use lamina_model::{GenerationParams, Invalid};
+use lamina_model::{GenerationParams, Invalid, VdiParams};
 use serde::{Deserialize, Serialize};
 use std::str::FromStr;
 
@@ -78,7 +78,7 @@ impl FromStr for Grid {
         let axis = |text: &str| text.parse::<Axis>().map_err(|e| format!("{e}; {help}"));
         let grid = Self { resolution: axis(resolution)?, gamma: Some(axis(gamma)?) };
         // Whatever is wrong with it is wrong for every base.
-        let base = GenerationParams::new(1, 0.0).map_err(|e| e.to_string())?;
+        let base = GenerationParams::vdi(1, 0.0).map_err(|e| e.to_string())?;
         grid.candidates(&base).map_err(|e| e.to_string())?;
         Ok(grid)
     }
@@ -119,7 +119,7 @@ impl Grid {
     pub fn with_gammas(&self, base: &GenerationParams, gammas: &[f64]) -> Result<Vec<GenerationParams>, Invalid> {
         let mut all = Vec::new();
         for r in self.resolution.values("grid.resolution")? {
-            if r.fract() != 0.0 || !(1.0..=f64::from(GenerationParams::MAX_RESOLUTION)).contains(&r) {
+            if r.fract() != 0.0 || !(1.0..=f64::from(VdiParams::MAX_RESOLUTION)).contains(&r) {
                 return Err(Invalid::new(
                     "grid.resolution",
                     format!("{r} is not a whole number of rays from 1 to 8192"),
@@ -139,7 +139,7 @@ mod tests {
 
     #[test]
     fn the_papers_grid_has_its_1300_parameters() {
-        let base = GenerationParams::new(1, 0.0).unwrap();
+        let base = GenerationParams::vdi(1, 0.0).unwrap();
         let all = Grid::paper().candidates(&base).unwrap();
         assert_eq!(all.len(), 1300);
         assert_eq!((all[0].resolution(), all[0].gamma()), (160, 0.001));
@@ -152,7 +152,7 @@ mod tests {
 
     #[test]
     fn grids_are_read_from_the_command_line() {
-        let base = GenerationParams::new(1, 0.0).unwrap();
+        let base = GenerationParams::vdi(1, 0.0).unwrap();
         let grid: Grid = "160:768:64,0.001:0.26:0.008".parse().unwrap();
         assert_eq!(grid.candidates(&base).unwrap().len(), 10 * 33);
         assert_eq!("paper".parse(), Ok(Grid::paper()));
@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn axes_that_are_no_ranges_are_refused_by_name() {
-        let base = GenerationParams::new(1, 0.0).unwrap();
+        let base = GenerationParams::vdi(1, 0.0).unwrap();
         let axis = |from, to, step| Axis { from, to, step };
         let resolution = |a| Grid { resolution: a, ..Grid::coarse() }.candidates(&base).unwrap_err().thing;
         for bad in

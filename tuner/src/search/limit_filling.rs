@@ -6,8 +6,8 @@ use super::bayesian::BayesianSearch;
 use super::deadline::Deadline;
 use super::gaussian_process::Prediction;
 use super::surrogates::Surrogates;
-use crate::trial::{Trial, TrialError};
-use crate::tune::Row;
+use crate::evaluator::{Evaluator, TrialError};
+use crate::tune::Trial;
 use crate::utility::Utility;
 use lamina_model::GenerationParams;
 
@@ -72,16 +72,16 @@ struct Target {
 impl BayesianSearch<'_> {
     /// True if a limit on size is filled after all else: where a better quality is what is wanted, or may be.
     pub(super) fn fills_limit(&self) -> bool {
-        self.contract.size_bytes.is_some() && matches!(self.utility, Utility::Quality | Utility::Expression(_))
+        self.contract.limits.size_bytes.is_some() && matches!(self.utility, Utility::Quality | Utility::Expression(_))
     }
 
     /// Fills the limit at the resolutions that may be the best then.
     pub(super) async fn fill_limit(
         &mut self,
-        trial: &mut Deadline<'_, impl Trial>,
-        progress: &mut (impl FnMut(&Row) + Send),
+        trial: &mut Deadline<'_, impl Evaluator>,
+        progress: &mut (impl FnMut(&Trial) + Send),
     ) -> Result<(), TrialError> {
-        let Some(limit) = self.contract.size_bytes.filter(|_| self.fills_limit()).map(|b| b as f64) else {
+        let Some(limit) = self.contract.limits.size_bytes.filter(|_| self.fills_limit()).map(|b| b as f64) else {
             return Ok(());
         };
         let mut done = Vec::new();
@@ -145,7 +145,7 @@ impl BayesianSearch<'_> {
         };
         let values = || self.candidates.iter().map(coordinate);
         let ends = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
-        let full = |r: &Row| (ENOUGH * limit..=limit).contains(&(r.measured.cost.size_bytes as f64));
+        let full = |r: &Trial| (ENOUGH * limit..=limit).contains(&(r.measured.cost.size_bytes as f64));
         if self.tried.iter().any(|r| line.position(&r.params).is_some() && r.cost < f64::INFINITY && full(r)) {
             return None;
         }
@@ -173,7 +173,7 @@ impl BayesianSearch<'_> {
     /// measuring.
     async fn walk(
         &mut self,
-        trial: &mut Deadline<'_, impl Trial>,
+        trial: &mut Deadline<'_, impl Evaluator>,
         target: &Target,
         limit: f64,
     ) -> Result<Option<usize>, TrialError> {
@@ -247,9 +247,9 @@ mod tests {
 
     #[test]
     fn gammas_are_written_with_four_digits() {
-        let line = Line::Gammas(GenerationParams::new(128, 0.1).unwrap());
+        let line = Line::Gammas(GenerationParams::vdi(128, 0.1).unwrap());
         let params = line.at((0.012_345_678_f64).ln()).unwrap();
         assert_eq!((params.resolution(), params.gamma()), (128, 0.01235));
-        assert_eq!(line.position(&GenerationParams::new(64, 0.1).unwrap()), None);
+        assert_eq!(line.position(&GenerationParams::vdi(64, 0.1).unwrap()), None);
     }
 }

@@ -10,6 +10,7 @@ use super::gaussian_process::{
 use lamina_model::Representation;
 
 /// The logarithm of a size or time.
+#[derive(Debug)]
 pub struct CostPrior {
     centre: ParamPoint,
     /// Value at `centre`, roughly.
@@ -89,7 +90,7 @@ struct Remainder {
 /// q in decibels: -10 log10(A + B), A = exp(a0 + a1 x(r)) for too few rays or points, B = exp(b0 + b1 (ln gamma - ..)) for
 /// merging or coding. Of rays x = ln r - ..; a volume with all points of the data has no error of the first kind, so that
 /// there A falls as (r / all)^a1 - 1.
-pub struct QualityPrior {
+pub(super) struct QualityPrior {
     /// Logarithm of all points on the longest side; `None` for VDIs.
     ln_all: Option<f64>,
     rest: Remainder,
@@ -124,7 +125,7 @@ const DB: f64 = -10.0 / std::f64::consts::LN_10;
 impl QualityPrior {
     /// Of a representation of data with so many sample points on the longest side, through decibels measured; before there are
     /// any, what most data give.
-    pub fn through(
+    pub(super) fn through(
         representation: Representation,
         longest_side: u32,
         psnr_db: &[Observation],

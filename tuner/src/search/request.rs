@@ -4,12 +4,13 @@ use super::bayesian::BayesianSearch;
 use super::candidates::CandidateSet;
 use super::deadline::Deadline;
 use crate::Contract;
-use crate::trial::{Trial, TrialError};
-use crate::tune::{Row, Study};
+use crate::evaluator::{Evaluator, TrialError};
+use crate::tune::{Study, Trial};
 use lamina_model::GenerationParams;
 use tokio::time::Instant;
 
 /// What is to be searched, and what is known.
+#[derive(Debug)]
 pub struct SearchRequest<'a> {
     /// What the result has to keep, and what is best.
     pub contract: &'a Contract,
@@ -21,7 +22,7 @@ pub struct SearchRequest<'a> {
     pub until: Option<Instant>,
     /// Trials of an earlier step, such as those of a study that was interrupted: the models take them in, and the best of them
     /// under the contract is tried first. They are no results.
-    pub carried: &'a [Row],
+    pub carried: &'a [Trial],
 }
 
 impl<'a> SearchRequest<'a> {
@@ -57,9 +58,9 @@ pub struct SearchResult {
 /// # Errors
 /// If a node stops answering, or nothing can be measured.
 pub async fn search(
-    trial: &mut impl Trial,
+    trial: &mut impl Evaluator,
     request: SearchRequest<'_>,
-    mut progress: impl FnMut(&Row) + Send,
+    mut progress: impl FnMut(&Trial) + Send,
 ) -> Result<SearchResult, TrialError> {
     let SearchRequest { contract, candidates, in_use, until, carried } = request;
     let mut study = Study { step: trial.step(), rows: Vec::new(), best: None };

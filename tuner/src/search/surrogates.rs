@@ -3,14 +3,14 @@
 use super::bayesian::BayesianSearch;
 use super::gaussian_process::{GaussianProcess, Observation, Prediction, param_point};
 use super::priors::{CostPrior, QualityPrior};
-use crate::tune::Row;
+use crate::tune::Trial;
 use lamina_model::GenerationParams;
 
 /// What nothing tells yet is anything: logarithm of 10 kB or ms at 245 rays, and its standard deviation.
 const UNKNOWN: Prediction = Prediction { mean: 9.0, deviation: 3.0 };
 
 /// The three models.
-pub struct Surrogates {
+pub(super) struct Surrogates {
     sizes: Option<GaussianProcess<CostPrior>>,
     times: Option<GaussianProcess<CostPrior>>,
     qualities: GaussianProcess<QualityPrior>,
@@ -18,7 +18,7 @@ pub struct Surrogates {
 
 impl Surrogates {
     /// Logarithms of bytes and milliseconds, and decibels.
-    pub fn predict(&self, params: &GenerationParams) -> [Prediction; 3] {
+    pub(super) fn predict(&self, params: &GenerationParams) -> [Prediction; 3] {
         let at = param_point(params);
         let cost = |known: &Option<GaussianProcess<CostPrior>>| {
             let unknown = || Prediction { mean: UNKNOWN.mean + 1.75 * (at[0] - 5.5) - 0.3 * at[1], ..UNKNOWN };
@@ -28,12 +28,12 @@ impl Surrogates {
     }
 
     /// True if something was timed.
-    pub fn know_times(&self) -> bool {
+    pub(super) fn know_times(&self) -> bool {
         self.times.is_some()
     }
 
     /// True if the size of something is known.
-    pub fn know_sizes(&self) -> bool {
+    pub(super) fn know_sizes(&self) -> bool {
         self.sizes.is_some()
     }
 }
@@ -42,9 +42,9 @@ impl BayesianSearch<'_> {
     /// The models as of now.
     pub(super) fn surrogates(&self) -> Surrogates {
         let size = |bytes: u64| (bytes.max(1) as f64).ln();
-        let carried = |r: &Row, value: f64| Observation { at: param_point(&r.params), value, carried: true };
+        let carried = |r: &Trial, value: f64| Observation { at: param_point(&r.params), value, carried: true };
         let new = |params: &GenerationParams, value: f64| Observation::new(param_point(params), value);
-        let ms = |r: &Row| self.contract.time_of(&r.measured.cost);
+        let ms = |r: &Trial| self.contract.time_of(&r.measured.cost);
         let mut sizes: Vec<Observation> = self.marched.iter().map(|(p, bytes)| new(p, size(*bytes))).collect();
         let tried = self.tried.iter().filter(|r| !self.marched.iter().any(|(p, _)| *p == r.params));
         sizes.extend(tried.map(|r| new(&r.params, size(r.measured.cost.size_bytes))));

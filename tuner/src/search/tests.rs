@@ -2,8 +2,8 @@
 
 use super::{CandidateSet, Grid, SearchRequest, SearchResult, search, search_with_margin};
 use crate::Contract;
-use crate::trial::{Measured, Trial, TrialError};
-use crate::tune::{Row, Study, tune};
+use crate::evaluator::{Evaluator, Measurement, TrialError};
+use crate::tune::{Study, Trial, tune};
 use crate::utility::Utility;
 use lamina_model::{Cost, GenerationParams, Invalid, Quality, Representation, ViewError};
 use std::time::Duration;
@@ -70,7 +70,7 @@ impl Response {
     }
 }
 
-impl Trial for Response {
+impl Evaluator for Response {
     fn step(&self) -> u64 {
         3
     }
@@ -94,17 +94,17 @@ impl Trial for Response {
         &mut self,
         all: &[GenerationParams],
         batches: u32,
-    ) -> Result<Vec<Result<Measured, Invalid>>, TrialError> {
+    ) -> Result<Vec<Result<Measurement, Invalid>>, TrialError> {
         let batches = batches.min(16);
         self.takes_time().await;
         self.measured += usize::from(batches == 0) * all.len();
         self.batches += batches as usize * all.len();
-        Ok(all.iter().map(|p| Ok(Measured { cost: self.cost(p), quality: self.quality(p, batches) })).collect())
+        Ok(all.iter().map(|p| Ok(Measurement { cost: self.cost(p), quality: self.quality(p, batches) })).collect())
     }
 }
 
 fn papers() -> Vec<GenerationParams> {
-    Grid::paper().candidates(&GenerationParams::new(1, 0.0).unwrap()).unwrap()
+    Grid::paper().candidates(&GenerationParams::vdi(1, 0.0).unwrap()).unwrap()
 }
 
 /// A search among some parameters without end.
@@ -114,7 +114,7 @@ async fn searched(response: &mut Response, contract: &Contract, all: Vec<Generat
 
 /// Volumes and the VDIs of the paper's grid.
 fn both() -> CandidateSet {
-    CandidateSet::new(512, &Representation::ALL, &Grid::paper(), &GenerationParams::new(1, 0.0).unwrap()).unwrap()
+    CandidateSet::new(512, &Representation::ALL, &Grid::paper(), &GenerationParams::vdi(1, 0.0).unwrap()).unwrap()
 }
 
 async fn exhaustive(contract: &Contract) -> Study {
@@ -146,7 +146,7 @@ async fn a_few_trials_find_what_thirteen_hundred_find() {
         assert!(response.measured <= 24, "{text}: {} trials", response.measured);
         assert_eq!(response.marches, usize::from(text.contains("size") || text == "psnr >= 36dB"), "{text}");
         // Once something keeps a limit on generation, what breaks it is not encoded.
-        let fast = |r: &&Row| contract.excess(&r.measured.cost, f64::NAN) <= 0.0;
+        let fast = |r: &&Trial| contract.excess(&r.measured.cost, f64::NAN) <= 0.0;
         let first = found.study.rows.iter().position(|r| fast(&r)).unwrap();
         assert!(text != "time <= 8ms" || (response.timed > 0 && found.study.rows[first..].iter().all(|r| fast(&r))));
         assert_eq!(row.measured.quality.batches(), 16, "{text}: the winner is measured on all pixels");
@@ -155,7 +155,7 @@ async fn a_few_trials_find_what_thirteen_hundred_find() {
 
 #[tokio::test]
 async fn where_no_volume_can_stand_for_the_step_none_is_tried() {
-    let base = GenerationParams::new(1, 0.0).unwrap();
+    let base = GenerationParams::vdi(1, 0.0).unwrap();
     let mut response = Response { irreducible: true, ..Response::default() };
     let of = |kinds: &[Representation]| CandidateSet::new(response.longest_side(), kinds, &Grid::paper(), &base);
     let (all, none) = (of(&Representation::ALL), of(&[Representation::Volume]).unwrap_err());
@@ -226,7 +226,7 @@ async fn timing_is_for_what_may_be_too_slow() {
         let contract: Contract = text.parse().unwrap();
         let mut response = Response { dearer: 6, ..Response::default() };
         let kinds = if to_beat { &Representation::ALL[..] } else { &[Representation::Vdi] };
-        let base = GenerationParams::new(1, 0.0).unwrap();
+        let base = GenerationParams::vdi(1, 0.0).unwrap();
         let all = CandidateSet::new(512, kinds, &Grid::paper(), &base).unwrap().all(&mut response).await.unwrap();
         let found = searched(&mut response, &contract, all.clone()).await;
         let row = found.study.best.map(|n| found.study.rows[n].clone()).unwrap();
@@ -244,7 +244,7 @@ async fn timing_is_for_what_may_be_too_slow() {
 
 #[tokio::test]
 async fn parameters_in_use_are_measured_with_the_others() {
-    let in_use = GenerationParams::new(333, 0.0123).unwrap();
+    let in_use = GenerationParams::vdi(333, 0.0123).unwrap();
     let contract = Contract::size(200_000);
     let mut all = papers().into();
     let request = SearchRequest { in_use: Some(&in_use), ..SearchRequest::new(&contract, &mut all) };
@@ -278,13 +278,13 @@ async fn the_representation_that_serves_better_wins_and_the_other_is_soon_known_
 
 #[tokio::test]
 async fn gammas_come_from_the_data_where_none_are_stated() {
-    let base = GenerationParams::new(1, 0.0).unwrap();
+    let base = GenerationParams::vdi(1, 0.0).unwrap();
     let vdis = [Representation::Vdi];
     let mut set = CandidateSet::new(512, &vdis, &Grid::default(), &base).unwrap();
     let all = set.all(&mut Response::default()).await.unwrap();
     assert_eq!((all.len(), set.count()), (22 * 40, 22 * 40));
     assert!(set.spans(&all[77]) && !set.spans(&all[77].with_resolution(800).unwrap()));
-    assert!(!set.spans(&all[77].with_representation(Representation::Volume)));
+    assert!(!set.spans(&GenerationParams::volume(all[77].resolution(), all[77].gamma()).unwrap()));
     let gammas: Vec<f64> = all[..40].iter().map(GenerationParams::gamma).collect();
     assert!(gammas.is_sorted() && gammas[0] < 0.001 && gammas[39] > 0.26, "{gammas:?}");
 }
@@ -296,7 +296,7 @@ async fn a_search_ends_in_time_with_the_best_so_far() {
     let takes = Duration::from_millis(10);
     for calls in [1, 2, 5, 12, 1_000_000] {
         let (mut response, mut first) = (Response { takes, ..Response::default() }, None);
-        let progress = |row: &Row| _ = first.get_or_insert(row.clone());
+        let progress = |row: &Trial| _ = first.get_or_insert(row.clone());
         let until = Instant::now() + calls * takes + takes / 2;
         let mut all = both();
         let request =

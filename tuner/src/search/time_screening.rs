@@ -12,20 +12,20 @@ const MOST: usize = 24;
 const ONE_IN_HUNDRED: f64 = 2.3;
 
 /// Generation times taken by themselves, and the limit they have to keep.
-pub struct TimeScreening {
+pub(super) struct TimeScreening {
     limit_ms: Option<f64>,
     known: Vec<(GenerationParams, f64)>,
 }
 
 impl TimeScreening {
     /// None yet, of candidates that are all of one representation.
-    pub fn new(contract: &Contract, representation: Representation) -> Self {
+    pub(super) fn new(contract: &Contract, representation: Representation) -> Self {
         Self { limit_ms: contract.generation_limit_ms(representation), known: Vec::new() }
     }
 
     /// True if `params` should be timed before they are measured: where a model predicts the logarithm of their milliseconds, if
     /// it leaves it open that they break the limit.
-    pub fn want(&self, params: &GenerationParams, predicted: Option<Prediction>) -> bool {
+    pub(super) fn want(&self, params: &GenerationParams, predicted: Option<Prediction>) -> bool {
         let surely_fast = |limit: f64| predicted.is_some_and(|p| p.mean + ONE_IN_HUNDRED * p.deviation <= limit.ln());
         self.can_be_timed(params) && self.limit_ms.is_some_and(|limit| !surely_fast(limit))
     }
@@ -35,18 +35,18 @@ impl TimeScreening {
     }
 
     /// Takes in how long generation with `params` took.
-    pub fn add(&mut self, params: &GenerationParams, time: Duration) {
+    pub(super) fn add(&mut self, params: &GenerationParams, time: Duration) {
         self.known.push((*params, 1e3 * time.as_secs_f64()));
     }
 
     /// True if `params` were timed and break the limit.
-    pub fn too_slow(&self, params: &GenerationParams) -> bool {
+    pub(super) fn too_slow(&self, params: &GenerationParams) -> bool {
         self.of(params).zip(self.limit_ms).is_some_and(|(ms, limit_ms)| ms > limit_ms)
     }
 
     /// The logarithm of milliseconds to go by where `predicted` is what a model says; `None` for what is too slow. As timing
     /// costs little, what can still be timed counts as fast enough if it may be, so that the best of those is timed first.
-    pub fn expected(&self, params: &GenerationParams, predicted: Prediction) -> Option<Prediction> {
+    pub(super) fn expected(&self, params: &GenerationParams, predicted: Prediction) -> Option<Prediction> {
         let Some(limit) = self.limit_ms.map(f64::ln) else { return Some(predicted) };
         let exactly = |mean| Prediction { mean, deviation: 0.0 };
         if let Some(ms) = self.of(params) {
@@ -61,12 +61,12 @@ impl TimeScreening {
     }
 
     /// The fastest of those timed.
-    pub fn fastest(&self) -> Option<GenerationParams> {
+    pub(super) fn fastest(&self) -> Option<GenerationParams> {
         self.known.iter().min_by(|a, b| a.1.total_cmp(&b.1)).map(|(params, _)| *params)
     }
 
     /// Where they were taken, and milliseconds.
-    pub fn all(&self) -> impl Iterator<Item = (ParamPoint, f64)> {
+    pub(super) fn all(&self) -> impl Iterator<Item = (ParamPoint, f64)> {
         self.known.iter().map(|(params, ms)| (param_point(params), *ms))
     }
 
@@ -80,7 +80,7 @@ mod tests {
     use super::*;
 
     fn params(r: u32) -> GenerationParams {
-        GenerationParams::new(r, 0.02).unwrap()
+        GenerationParams::vdi(r, 0.02).unwrap()
     }
 
     #[test]
@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn nothing_is_timed_where_generation_alone_is_not_limited() {
-        let volume = params(64).with_representation(Representation::Volume);
+        let volume = GenerationParams::volume(64, 0.02).unwrap();
         for (contract, params) in
             [("size <= 20kB", params(64)), ("time+encoding <= 20ms", params(64)), ("time <= 20ms", volume)]
         {

@@ -2,8 +2,8 @@
 
 use super::request::{SearchRequest, SearchResult, search};
 use crate::Contract;
-use crate::trial::{Trial, TrialError};
-use crate::tune::{Row, Study};
+use crate::evaluator::{Evaluator, TrialError};
+use crate::tune::{Study, Trial};
 
 /// Searches under what the contract of `request` [aims](Contract::aim) at, and if nothing comes up to that, under the contract
 /// itself; see [`search`] for the rest. Trials of both are passed to `progress`.
@@ -11,9 +11,9 @@ use crate::tune::{Row, Study};
 /// # Errors
 /// Those of [`search`].
 pub async fn search_with_margin(
-    trial: &mut impl Trial,
+    trial: &mut impl Evaluator,
     mut request: SearchRequest<'_>,
-    mut progress: impl FnMut(&Row) + Send,
+    mut progress: impl FnMut(&Trial) + Send,
 ) -> Result<SearchResult, TrialError> {
     let contract = request.contract;
     let aim = contract.aim();
@@ -31,7 +31,7 @@ pub async fn search_with_margin(
     // What the first one measured is known all the same.
     let mut study = nearer.study;
     let new = found.study.rows.into_iter().filter(|row| study.rows.iter().all(|known| known.params != row.params));
-    let new: Vec<Row> = new.collect();
+    let new: Vec<Trial> = new.collect();
     study.rows.extend(new);
     Ok(SearchResult { study: judged(study, contract), ..nearer })
 }

@@ -1,13 +1,14 @@
 //! One run's folder: `run.json`, `steps.csv`, and `step_000012.vdi` for every step; `step_000012.row` while its quality is to be
 //! measured.
 
-use super::{Measured, Run, StepRow, StoreError};
+use super::{QualityStatus, Run, StepRow, StoreError};
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// An open folder, ready for more steps.
-pub struct Folder {
+#[derive(Debug)]
+pub(super) struct Folder {
     path: PathBuf,
     csv: File,
 }
@@ -19,7 +20,7 @@ fn failed(path: &Path) -> impl Fn(std::io::Error) -> StoreError {
 
 impl Folder {
     /// The folder of `run` below `root`, made if there is none, and the steps recorded in it.
-    pub fn open(root: &Path, run: &Run) -> Result<(Self, Vec<StepRow>), StoreError> {
+    pub(super) fn open(root: &Path, run: &Run) -> Result<(Self, Vec<StepRow>), StoreError> {
         let path = root.join(&run.id);
         fs::create_dir_all(&path).map_err(failed(&path))?;
         let description = path.join("run.json");
@@ -39,7 +40,7 @@ impl Folder {
     }
 
     /// The run in `root` whose description is youngest; `None` if there is none.
-    pub fn newest(root: &Path) -> Result<Option<(Run, Self, Vec<StepRow>)>, StoreError> {
+    pub(super) fn newest(root: &Path) -> Result<Option<(Run, Self, Vec<StepRow>)>, StoreError> {
         fs::create_dir_all(root).map_err(failed(root))?;
         let mut newest = None;
         for entry in fs::read_dir(root).map_err(failed(root))?.flatten() {
@@ -64,14 +65,14 @@ impl Folder {
 
     /// Writes the step's bytes, then its row: in a file of its own while more is to come, in `steps.csv` otherwise. A folder that
     /// was removed is made again.
-    pub fn record(&mut self, row: &StepRow, bytes: &[u8]) -> Result<(), StoreError> {
+    pub(super) fn record(&mut self, row: &StepRow, bytes: &[u8]) -> Result<(), StoreError> {
         if !self.path.exists() {
             fs::create_dir_all(&self.path).map_err(failed(&self.path))?;
             self.csv = open_rows(&self.path)?.1;
         }
         let path = self.vdi_path(row.step);
         replace(&path, bytes).map_err(failed(&path))?;
-        if row.measured == Measured::Pending {
+        if row.measured == QualityStatus::Pending {
             let path = row_path(&self.path, row.step);
             return replace(&path, row.to_csv().as_bytes()).map_err(failed(&path));
         }
@@ -79,7 +80,7 @@ impl Folder {
     }
 
     /// Writes the row of a step that was pending to `steps.csv`.
-    pub fn settle(&mut self, row: &StepRow) -> Result<(), StoreError> {
+    pub(super) fn settle(&mut self, row: &StepRow) -> Result<(), StoreError> {
         self.append(row)?;
         // Where it stays, it is passed over when the folder is opened again.
         let _ = fs::remove_file(row_path(&self.path, row.step));
@@ -97,7 +98,7 @@ impl Folder {
     }
 
     /// The step's bytes.
-    pub fn read(&self, step: u64) -> Result<Vec<u8>, StoreError> {
+    pub(super) fn read(&self, step: u64) -> Result<Vec<u8>, StoreError> {
         let path = self.vdi_path(step);
         fs::read(&path).map_err(failed(&path))
     }
@@ -116,7 +117,7 @@ fn pending_rows(folder: &Path) -> Vec<StepRow> {
     let files = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let lines = files.filter(|f| f.extension().is_some_and(|e| e == "row")).filter_map(|f| fs::read_to_string(f).ok());
     let rows = lines.filter_map(|line| StepRow::from_csv(&line)).filter(|row| vdi_path(folder, row.step).exists());
-    let mut rows: Vec<StepRow> = rows.map(|row| StepRow { measured: Measured::Skipped, ..row }).collect();
+    let mut rows: Vec<StepRow> = rows.map(|row| StepRow { measured: QualityStatus::Skipped, ..row }).collect();
     rows.sort_by_key(|row| row.step);
     rows
 }
@@ -190,7 +191,7 @@ mod tests {
         // A step that was to be measured when the node was killed.
         folder.record(&StepRow::live(&v1::Frame { step: 8, ..Default::default() }, true), b"vdi").unwrap();
         let (_, rows) = Folder::open(root.path(), &run).unwrap();
-        assert_eq!((steps(&rows), rows[3].measured), (vec![0, 2, 9, 8], Measured::Skipped));
+        assert_eq!((steps(&rows), rows[3].measured), (vec![0, 2, 9, 8], QualityStatus::Skipped));
         let (mut folder, rows) = Folder::open(root.path(), &run).unwrap();
         assert_eq!(steps(&rows), [0, 2, 9, 8], "once");
 

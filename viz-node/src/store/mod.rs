@@ -5,7 +5,7 @@
 mod folder;
 mod row;
 
-pub use row::{Measured, Number, StepRow, ViewPsnr};
+pub use row::{Number, QualityStatus, StepRow, ViewPsnr};
 
 use folder::Folder;
 use lamina_codec::DecodeLimits;
@@ -77,7 +77,7 @@ pub enum Event {
 /// Steps kept decoded and prepared for drawing.
 const DECODED: usize = 4;
 
-#[derive(Default)]
+#[derive(Debug, Default)]
 struct State {
     run: Option<Run>,
     rows: BTreeMap<u64, StepRow>,
@@ -89,6 +89,7 @@ struct State {
 }
 
 /// All steps of the current run.
+#[derive(Debug)]
 pub struct Store {
     root: Option<std::path::PathBuf>,
     memory_bytes: u64,
@@ -174,7 +175,7 @@ impl Store {
 
     fn insert(&self, state: &mut State, row: StepRow) {
         let run_id = state.run.as_ref().map(|r| r.id.clone()).unwrap_or_default();
-        if row.measured == Measured::Pending {
+        if row.measured == QualityStatus::Pending {
             state.pending.insert(row.step);
         } else {
             state.pending.remove(&row.step);
@@ -201,7 +202,7 @@ impl Store {
     pub fn pass_over(&self, step: u64) -> Result<u64, StoreError> {
         let mut state = self.state();
         let pending = state.pending.range(..step).filter_map(|step| state.rows.get(step));
-        let skipped = |row: &StepRow| StepRow { measured: Measured::Skipped, ..row.clone() };
+        let skipped = |row: &StepRow| StepRow { measured: QualityStatus::Skipped, ..row.clone() };
         let passed: Vec<StepRow> = pending.map(skipped).collect();
         let count = passed.len() as u64;
         passed.into_iter().try_for_each(|row| self.update(&mut state, row))?;

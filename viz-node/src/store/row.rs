@@ -1,7 +1,6 @@
 //! The numbers of one step, as the page, `steps.csv` and the report show them.
 
-use lamina_model::{Cost, Limits, Quality, Representation, TuningState, ViewError};
-use lamina_rpc::convert::representation;
+use lamina_model::{Cost, GenerationParams, Limits, Quality, Representation, TuningState, ViewError};
 use lamina_rpc::v1;
 use lamina_vdi_render::QualityEstimate;
 use serde::{Deserialize, Serialize};
@@ -51,7 +50,7 @@ pub struct ViewPsnr {
 /// Whether a step's quality was measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Measured {
+pub enum QualityStatus {
     /// It came without reference samples.
     No,
     /// It waits for processor time.
@@ -62,7 +61,7 @@ pub enum Measured {
     Yes,
 }
 
-lamina_model::named!(Measured, "measured", "neither no, pending, skipped nor yes", No "no", Pending "pending", Skipped "skipped", Yes "yes");
+lamina_model::named!(QualityStatus, "measured", "neither no, pending, skipped nor yes", No "no", Pending "pending", Skipped "skipped", Yes "yes");
 
 /// One recorded step.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -104,7 +103,7 @@ pub struct StepRow {
     /// Half the width of the 95 % interval about the PSNR, decibels.
     pub half_width_db: Option<f64>,
     /// Whether its quality was measured.
-    pub measured: Measured,
+    pub measured: QualityStatus,
     /// Where its parameters come from.
     pub tuning: TuningState,
     /// By which share of its time a step of the simulation takes longer beside the nodes, where that is measured.
@@ -116,13 +115,13 @@ pub struct StepRow {
 impl StepRow {
     /// A live step that has just arrived; its quality is to be measured where it `has_reference`.
     pub fn live(frame: &v1::Frame, has_reference: bool) -> Self {
-        let measured = if has_reference { Measured::Pending } else { Measured::No };
+        let measured = if has_reference { QualityStatus::Pending } else { QualityStatus::No };
         Self { measured, ..Self::new(frame, None) }
     }
 
     /// A trial and its measured quality.
     pub fn trial(frame: &v1::Frame, quality: &Quality) -> Self {
-        Self { measured: Measured::Yes, ..Self::new(frame, Some(quality)) }
+        Self { measured: QualityStatus::Yes, ..Self::new(frame, Some(quality)) }
     }
 
     /// The same step, measured. It breaks a limit on quality only where the whole interval lies below.
@@ -134,14 +133,14 @@ impl StepRow {
             psnr_db: psnr(quality),
             half_width_db: Some(*half_width_db).filter(|w| w.is_finite()),
             views: views(quality),
-            measured: Measured::Yes,
+            measured: QualityStatus::Yes,
             limit_kept: self.limit_kept && surely_kept,
             ..self.clone()
         }
     }
 
     fn new(frame: &v1::Frame, quality: Option<&Quality>) -> Self {
-        let params = frame.params.unwrap_or_default();
+        let params = GenerationParams::try_from(frame.params.unwrap_or_default()).unwrap_or_default();
         let cost = Cost::from(frame.cost.unwrap_or_default());
         let limits = Limits::from(frame.limits.unwrap_or_default());
         // A step whose quality was not measured breaks no limit on it.
@@ -149,8 +148,8 @@ impl StepRow {
         Self {
             step: frame.step,
             time: frame.time,
-            resolution: params.resolution,
-            gamma: params.gamma,
+            resolution: params.resolution(),
+            gamma: params.gamma(),
             size_bytes: cost.size_bytes,
             generation_ms: 1e3 * cost.generation.as_secs_f64(),
             psnr_db: quality.and_then(psnr),
@@ -163,9 +162,9 @@ impl StepRow {
             limit_kept,
             psnr_limit_db: limits.psnr_db,
             views: quality.map(views).unwrap_or_default(),
-            representation: representation(&params).unwrap_or_default(),
+            representation: params.representation(),
             half_width_db: None,
-            measured: Measured::No,
+            measured: QualityStatus::No,
             tuning: frame.tuning_state().into(),
             overhead: frame.overhead,
             throttle: frame.throttle,
@@ -218,7 +217,7 @@ impl StepRow {
         }
         // Before measuring had a share of the processor.
         if fields.len() == 16 {
-            let measured = if fields[6].is_empty() { Measured::No } else { Measured::Yes };
+            let measured = if fields[6].is_empty() { QualityStatus::No } else { QualityStatus::Yes };
             fields.extend(["", measured.name(), TuningState::None.name(), "", "0"]);
         }
         let [

@@ -9,7 +9,7 @@ use std::fmt::Write;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// All figures of this viz-node.
-pub async fn metrics(State(web): State<Web>) -> impl IntoResponse {
+pub(super) async fn metrics(State(web): State<Web>) -> impl IntoResponse {
     let mut text = String::new();
     let mut say = |name: &str, kind: &str, help: &str, value: f64| {
         // Writing to a String cannot fail.

@@ -25,7 +25,7 @@ use std::sync::mpsc::TryRecvError;
 
 /// What the handlers share.
 #[derive(Clone)]
-pub struct Web {
+pub(crate) struct Web {
     store: Arc<Store>,
     painter: Arc<Painter>,
     intake: Arc<Intake>,
@@ -34,13 +34,13 @@ pub struct Web {
 
 impl Web {
     /// Serves from `store`; draws with `backend`.
-    pub fn new(store: Arc<Store>, backend: Backend, intake: Arc<Intake>, connected: Arc<AtomicBool>) -> Self {
+    pub(crate) fn new(store: Arc<Store>, backend: Backend, intake: Arc<Intake>, connected: Arc<AtomicBool>) -> Self {
         let painter = Arc::new(Painter::new(store.clone(), backend));
         Self { store, painter, intake, connected }
     }
 
     /// All routes.
-    pub fn router(self) -> Router {
+    pub(crate) fn router(self) -> Router {
         let file =
             |mime: &'static str, body: &'static str| get(move || async move { ([(header::CONTENT_TYPE, mime)], body) });
         let script = |body| file("text/javascript; charset=utf-8", body);
@@ -66,7 +66,7 @@ impl Web {
 }
 
 /// Answers what no route does, in the caller's way.
-pub async fn nowhere(headers: HeaderMap) -> Response {
+pub(crate) async fn nowhere(headers: HeaderMap) -> Response {
     let kind = headers.get(header::CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
     if kind.is_some_and(|kind| kind.starts_with("application/grpc")) {
         return tonic::Status::unimplemented("no such service").into_http::<Body>();

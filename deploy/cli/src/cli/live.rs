@@ -12,7 +12,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 /// Options of `lamina live`.
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct Live {
     /// Grid cells per side of the example simulation
     #[arg(long, default_value_t = 96, value_name = "N")]
@@ -33,7 +33,7 @@ pub struct Live {
     pub watch: Watch,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
+#[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum Term {
     Gravity,
     Cooling,
@@ -42,7 +42,7 @@ pub enum Term {
 }
 
 /// Options of `lamina replay`.
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct Replay {
     /// .pvd, .vti, .nhdr, .nrrd, .raw or .raw.gz
     #[arg(value_name = "SERIES")]
@@ -71,7 +71,7 @@ impl FromStr for Pace {
 }
 
 /// How a run is watched.
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct Watch {
     /// Stop after N steps
     #[arg(long, value_name = "N")]

@@ -17,7 +17,7 @@ use std::path::PathBuf;
 /// Watch a running simulation at a price you name.
 ///
 /// Without a command: `live`.
-#[derive(Parser)]
+#[derive(Debug, Parser)]
 #[command(name = "lamina", version)]
 pub struct Cli {
     /// The command; `None` is `live` with its defaults.
@@ -26,7 +26,7 @@ pub struct Cli {
 }
 
 /// The commands of `lamina`.
-#[derive(Subcommand)]
+#[derive(Debug, Subcommand)]
 pub enum Command {
     /// Run the example simulation (a blast into clumps) and watch it
     Live(Live),
@@ -58,7 +58,7 @@ impl Default for Command {
 }
 
 /// Properties of a raw file that the file itself does not state.
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct Raw {
     /// Voxels per side of a raw file, x fastest
     #[arg(long, value_name = "NXxNYxNZ")]
@@ -72,7 +72,7 @@ pub struct Raw {
 }
 
 /// One volume of a file, the scene it is shown under, and the backend that casts its rays.
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct Input {
     /// .pvd, .vti, .nhdr, .nrrd, .raw or .raw.gz
     pub input: PathBuf,

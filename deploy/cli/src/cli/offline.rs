@@ -9,7 +9,7 @@ use lamina_tuner::search::Grid;
 use std::path::PathBuf;
 
 /// Options of `lamina tune`.
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct Tune {
     #[command(flatten)]
     pub input: Input,
@@ -25,7 +25,7 @@ pub struct Tune {
 }
 
 /// The view and file of one picture.
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct View {
     /// Rotation about +y through the target, degrees
     #[arg(long, default_value_t = 0.0, value_name = "DEG", allow_negative_numbers = true)]
@@ -39,7 +39,7 @@ pub struct View {
 }
 
 /// Options of `lamina raycast`.
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct Raycast {
     #[command(flatten)]
     pub input: Input,
@@ -48,7 +48,7 @@ pub struct Raycast {
 }
 
 /// Options of `lamina generate`.
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct Generate {
     #[command(flatten)]
     pub input: Input,
@@ -80,13 +80,13 @@ pub struct Generate {
     pub out: PathBuf,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
+#[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum LayoutName {
     Columns,
     Plain,
 }
 
-#[derive(Clone, Copy, ValueEnum, PartialEq)]
+#[derive(Debug, Clone, Copy, ValueEnum, PartialEq)]
 pub enum CodecName {
     ContextMixing,
     Bzip2,
@@ -94,7 +94,7 @@ pub enum CodecName {
 }
 
 /// Options of `lamina render`.
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct Render {
     /// A Volumetric Depth Image or reduced volume, as `generate` writes them
     #[arg(value_name = "FILE")]
@@ -107,7 +107,7 @@ pub struct Render {
 }
 
 /// Options of `lamina compare`.
-#[derive(Args)]
+#[derive(Debug, Args)]
 pub struct Compare {
     /// A picture: .png or .pfm
     pub a: PathBuf,

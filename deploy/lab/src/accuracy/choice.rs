@@ -3,13 +3,13 @@
 use super::curve::Point;
 
 /// Of the points that reach `psnr_db`, the one of the least `cost`.
-pub fn cheapest(points: &[Point], psnr_db: f64, cost: impl Fn(&Point) -> Option<f64>) -> Option<&Point> {
+pub(super) fn cheapest(points: &[Point], psnr_db: f64, cost: impl Fn(&Point) -> Option<f64>) -> Option<&Point> {
     let reaching = points.iter().filter(|p| p.decibels() >= psnr_db).filter_map(|p| Some((cost(p)?, p)));
     reaching.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, p)| p)
 }
 
 /// The best there is.
-pub fn best(points: &[Point]) -> Option<&Point> {
+pub(super) fn best(points: &[Point]) -> Option<&Point> {
     points.iter().filter(|p| !p.error.rms.is_nan()).min_by(|a, b| a.error.rms.total_cmp(&b.error.rms))
 }
 

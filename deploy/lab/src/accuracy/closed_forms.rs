@@ -19,7 +19,7 @@ const COLOR: [f64; 3] = [0.9, 0.5, 0.2];
 const OPACITY: f64 = 0.7;
 
 /// A medium whose light is known.
-pub struct ClosedForm {
+pub(super) struct ClosedForm {
     /// What it is, with its formula.
     pub name: &'static str,
     scalars: Scalars,
@@ -29,7 +29,7 @@ pub struct ClosedForm {
 }
 
 /// How a closed form was met.
-pub struct Met {
+pub(super) struct Met {
     /// What it is, with its formula.
     pub name: &'static str,
     /// What is left.
@@ -45,7 +45,7 @@ fn kappa() -> f64 {
 ///
 /// # Errors
 /// Never.
-pub fn all() -> Result<[ClosedForm; 3], Invalid> {
+pub(super) fn all() -> Result<[ClosedForm; 3], Invalid> {
     let white = |at, opacity| ControlPoint { at, color: COLOR, opacity };
     let lit = |at| ControlPoint { at, color: [at; 3], opacity: OPACITY };
     Ok([
@@ -95,7 +95,7 @@ fn rays() -> Vec<Ray> {
 
 impl ClosedForm {
     /// What is left between the closed form and what `colors` gives for the same rays.
-    pub fn error(&self, colors: impl Fn(&Integrator, &[Ray]) -> Vec<[f64; 3]>) -> Error {
+    pub(super) fn error(&self, colors: impl Fn(&Integrator, &[Ray]) -> Vec<[f64; 3]>) -> Error {
         let optics = Optics::new(&self.scene.transfer, 1.0);
         let rays = rays();
         // The box is one high: a ray's length in it is one over its slope.
@@ -108,7 +108,7 @@ impl ClosedForm {
 ///
 /// # Errors
 /// If it misses one by more than the agreement that it is to reach.
-pub fn check() -> anyhow::Result<Vec<Met>> {
+pub(super) fn check() -> anyhow::Result<Vec<Met>> {
     let meet = |form: ClosedForm| {
         let error = form.error(|integrator, rays| Reference::converged(integrator, rays).colors);
         let db = error.decibels();

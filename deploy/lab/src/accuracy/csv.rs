@@ -9,7 +9,7 @@ const HEADER: &str = "knob,value,source,pre_integrated,step_voxels,opacity_cutof
     time_ms,encode_ms,draw_ms,size_bytes,ms_per_db,kb_per_db,order,level_from\n";
 
 /// Writes it.
-pub fn write(folder: &Path, findings: &Findings) -> anyhow::Result<()> {
+pub(super) fn write(folder: &Path, findings: &Findings) -> anyhow::Result<()> {
     let mut text = HEADER.to_owned();
     for curve in &findings.curves {
         let convergence = findings.convergence(curve);

@@ -1,7 +1,7 @@
 //! What was measured of one knob, and what is read off it: the observed order of convergence, and marginal prices.
 
 use super::error::Error;
-use lamina_model::GenerationParams;
+use lamina_model::VdiParams;
 
 /// An error within this factor of a curve's least is level with it: 1 dB.
 const LEVEL: f64 = 1.122;
@@ -10,7 +10,7 @@ const FITTED: usize = 4;
 
 /// What a figure was taken from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Source {
+pub(super) enum Source {
     /// The product's ray caster: time of a whole picture.
     Raycast,
     /// The product's VDI: time of its generation.
@@ -25,7 +25,7 @@ pub enum Source {
 
 impl Source {
     /// As it stands in files.
-    pub fn name(self) -> &'static str {
+    pub(super) fn name(self) -> &'static str {
         match self {
             Self::Raycast => "raycast",
             Self::Vdi => "vdi",
@@ -38,7 +38,7 @@ impl Source {
 
 /// Something that can be set finer or coarser.
 #[derive(Debug, Clone, Copy)]
-pub struct Knob {
+pub(super) struct Knob {
     /// Its name in files.
     pub key: &'static str,
     /// Its name for people.
@@ -57,11 +57,11 @@ pub struct Knob {
 
 /// One setting, measured.
 #[derive(Debug, Clone)]
-pub struct Point {
+pub(super) struct Point {
     /// The knob's value.
     pub value: f64,
     /// With what the VDI was generated, if one was.
-    pub params: Option<GenerationParams>,
+    pub params: Option<VdiParams>,
     /// Whether the product integrated the transfer function over each step.
     pub pre_integrated: bool,
     /// Against the converged reference.
@@ -80,23 +80,23 @@ pub struct Point {
 
 impl Point {
     /// What was measured of `value`, with nothing stored.
-    pub fn new(value: f64, error: Error, time_ms: f64) -> Self {
+    pub(super) fn new(value: f64, error: Error, time_ms: f64) -> Self {
         let (params, pre_integrated, alone, encode_ms, draw_ms, size_bytes) = Default::default();
         Self { value, params, pre_integrated, error, alone, time_ms, encode_ms, draw_ms, size_bytes }
     }
     /// PSNR against the converged reference.
-    pub fn decibels(&self) -> f64 {
+    pub(super) fn decibels(&self) -> f64 {
         self.error.decibels()
     }
     /// Size in kilobytes.
-    pub fn kilobytes(&self) -> Option<f64> {
+    pub(super) fn kilobytes(&self) -> Option<f64> {
         self.size_bytes.map(|b| b as f64 / 1e3)
     }
 }
 
 /// What one more decibel costs, beside the next cheaper point that nothing beats.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Price {
+pub(super) struct Price {
     /// Milliseconds.
     pub ms_per_db: Option<f64>,
     /// Kilobytes.
@@ -105,7 +105,7 @@ pub struct Price {
 
 /// How an error falls with its knob.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Convergence {
+pub(super) struct Convergence {
     /// Slope of ln(error) against ln(h) over the finest points that are not level; none of fewer than three.
     pub order: Option<f64>,
     /// The coarsest value from which on the curve is level, to within 1 dB.
@@ -113,7 +113,7 @@ pub struct Convergence {
 }
 
 /// A knob with its points, coarsest first.
-pub struct Curve {
+pub(super) struct Curve {
     /// What was turned.
     pub knob: Knob,
     /// What was measured.
@@ -122,7 +122,7 @@ pub struct Curve {
 
 impl Curve {
     /// How the error falls; what is below `trusted` rms is the reference's own error and counts as level.
-    pub fn convergence(&self, trusted: f64) -> Convergence {
+    pub(super) fn convergence(&self, trusted: f64) -> Convergence {
         let of = |p: &Point| ((self.knob.coarseness)(p.value), p.error.rms.max(trusted));
         // A knob that is off has no h, and an error of 0 no logarithm.
         let mut all: Vec<(f64, (f64, f64))> =
@@ -138,7 +138,7 @@ impl Curve {
     }
 
     /// The price of each point, in their order: between neighbours on the knob's own front.
-    pub fn prices(&self) -> Vec<Price> {
+    pub(super) fn prices(&self) -> Vec<Price> {
         let mut prices = vec![Price::default(); self.points.len()];
         if !self.knob.priced {
             return prices;
@@ -172,7 +172,7 @@ fn marginal(points: &[Point], costs: &[(f64, f64)]) -> Vec<(usize, f64)> {
 }
 
 /// Of (cost, error) those that nothing beats, cheapest first; costs that are no number are none of them.
-pub fn front(costs: &[(f64, f64)]) -> Vec<usize> {
+pub(super) fn front(costs: &[(f64, f64)]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..costs.len()).filter(|&n| !costs[n].0.is_nan() && !costs[n].1.is_nan()).collect();
     order.sort_by(|&a, &b| costs[a].0.total_cmp(&costs[b].0).then(costs[a].1.total_cmp(&costs[b].1)));
     let mut least = f64::INFINITY;

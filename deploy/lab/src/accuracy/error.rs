@@ -4,7 +4,7 @@ use lamina_model::decibels;
 
 /// Differences over pixels and channels.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Error {
+pub(super) struct Error {
     /// Root of the mean square.
     pub rms: f64,
     /// The greatest.
@@ -13,7 +13,7 @@ pub struct Error {
 
 impl Error {
     /// Between two lists of colours.
-    pub fn between<A: Copy + Into<f64>, B: Copy + Into<f64>>(a: &[[A; 3]], b: &[[B; 3]]) -> Self {
+    pub(super) fn between<A: Copy + Into<f64>, B: Copy + Into<f64>>(a: &[[A; 3]], b: &[[B; 3]]) -> Self {
         let differences = || a.iter().flatten().zip(b.iter().flatten()).map(|(&a, &b)| (a.into() - b.into()).abs());
         let squares: f64 = differences().map(|d| d * d).sum();
         let count = 3 * a.len().min(b.len());
@@ -21,7 +21,7 @@ impl Error {
     }
 
     /// As PSNR, peak 1: infinite where nothing differs.
-    pub fn decibels(&self) -> f64 {
+    pub(super) fn decibels(&self) -> f64 {
         decibels(self.rms * self.rms)
     }
 }

@@ -8,7 +8,7 @@ use lamina_report::panel::{CLASSES, PlotLine};
 
 /// What is along the horizontal axis.
 #[derive(Clone, Copy)]
-pub enum Across {
+pub(super) enum Across {
     /// The knob itself.
     Knob,
     /// Time, milliseconds.
@@ -28,7 +28,7 @@ impl Across {
 }
 
 /// The curves as lines.
-pub fn lines(curves: &[&Curve], across: Across) -> Vec<PlotLine> {
+pub(super) fn lines(curves: &[&Curve], across: Across) -> Vec<PlotLine> {
     let line = |(n, curve): (usize, &&Curve)| {
         let point = |p: &Point| {
             let x = across.of(curve, p)?;
@@ -41,7 +41,7 @@ pub fn lines(curves: &[&Curve], across: Across) -> Vec<PlotLine> {
 }
 
 /// The greatest error anywhere, in decibels of its own.
-pub fn greatest(curve: &Curve, across: Across) -> PlotLine {
+pub(super) fn greatest(curve: &Curve, across: Across) -> PlotLine {
     let point = |p: &Point| {
         let max = p.error.max;
         Some((across.of(curve, p)?, decibels(max * max), format!("at most {max:.1e} anywhere")))
@@ -56,7 +56,7 @@ fn words(curve: &Curve, p: &Point) -> String {
 }
 
 /// What nothing beats among `trials`, and all of them as dots.
-pub fn front_lines(trials: &[Point], across: Across) -> [PlotLine; 2] {
+pub(super) fn front_lines(trials: &[Point], across: Across) -> [PlotLine; 2] {
     let cost = |p: &Point| match across {
         Across::Size => p.kilobytes().unwrap_or(f64::NAN),
         Across::Knob | Across::Time => p.time_ms,
@@ -70,7 +70,7 @@ pub fn front_lines(trials: &[Point], across: Across) -> [PlotLine; 2] {
 }
 
 /// The generation parameters of a trial, for people.
-pub fn setting(p: &Point) -> String {
+pub(super) fn setting(p: &Point) -> String {
     let Some(params) = p.params else { return String::new() };
     let cutoff = match params.opacity_cutoff() {
         1.0 => String::new(),
@@ -82,7 +82,7 @@ pub fn setting(p: &Point) -> String {
 }
 
 /// A figure with its caption.
-pub fn figure(title: &str, note: &str, drawing: &str) -> String {
+pub(super) fn figure(title: &str, note: &str, drawing: &str) -> String {
     let (title, note) = (escape(title), escape(note));
     format!("<figure><figcaption><b>{title}</b><span class=\"note\">{note}</span></figcaption>{drawing}</figure>")
 }

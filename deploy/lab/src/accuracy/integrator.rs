@@ -14,7 +14,7 @@ const FLOOR: f64 = 1e-12;
 
 /// How a ray is integrated.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Method {
+pub(super) struct Method {
     /// Sampling step in voxels.
     pub step_voxels: f64,
     /// Between sample points.
@@ -27,13 +27,13 @@ pub struct Method {
 
 impl Method {
     /// The midpoint rule on the trilinear field in double precision.
-    pub fn midpoint(step_voxels: f64) -> Self {
+    pub(super) fn midpoint(step_voxels: f64) -> Self {
         Self { step_voxels, interpolation: Interpolation::Trilinear, preintegrated: false, single: false }
     }
 }
 
 /// A field seen under a scene.
-pub struct Integrator<'a> {
+pub(super) struct Integrator<'a> {
     scalars: &'a Scalars,
     optics: &'a Optics,
     bounds: Aabb,
@@ -44,18 +44,18 @@ pub struct Integrator<'a> {
 
 impl<'a> Integrator<'a> {
     /// `scalars` under `scene`.
-    pub fn new(scalars: &'a Scalars, optics: &'a Optics, scene: &Scene) -> Self {
+    pub(super) fn new(scalars: &'a Scalars, optics: &'a Optics, scene: &Scene) -> Self {
         let (bounds, voxel_length) = (scalars.grid().bounds(), scalars.grid().voxel_length());
         Self { scalars, optics, bounds, voxel_length, background: scene.background.map(f64::from) }
     }
 
     /// The same box and steps, filled by `scalars`.
-    pub fn with(&self, scalars: &'a Scalars) -> Self {
+    pub(super) fn with(&self, scalars: &'a Scalars) -> Self {
         Self { scalars, ..*self }
     }
 
     /// What is seen along each ray.
-    pub fn colors(&self, rays: &[Ray], method: &Method) -> Vec<[f64; 3]> {
+    pub(super) fn colors(&self, rays: &[Ray], method: &Method) -> Vec<[f64; 3]> {
         let color = |ray| if method.single { self.along::<f32>(ray, method) } else { self.along::<f64>(ray, method) };
         rays.par_iter().with_min_len(16).map(color).collect()
     }

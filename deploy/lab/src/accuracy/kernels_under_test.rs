@@ -5,7 +5,7 @@ use super::error::Error;
 use super::requantize;
 use super::views::Views;
 use lamina_codec::{DecodeLimits, EncodeOptions};
-use lamina_model::{Camera, GenerationParams, ParamsKey, Scene, Segmentation, Vdi, Volume};
+use lamina_model::{Camera, GenerationParams, ParamsKey, Scene, Segmentation, Vdi, VdiParams, Volume};
 use lamina_raycast::{Backend, Field};
 use lamina_vdi_render::{self as viz, Detail, PreparedVdi};
 use std::collections::HashMap;
@@ -14,12 +14,12 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// How often everything is measured.
-pub const ROUNDS: usize = 3;
+pub(super) const ROUNDS: usize = 3;
 /// What takes longer is measured once.
 const PATIENCE: Duration = Duration::from_secs(3);
 
 /// The median time of three measurements in milliseconds, or of one that takes long by itself; and what came of the last.
-pub fn median_ms<T>(mut work: impl FnMut() -> anyhow::Result<(T, Duration)>) -> anyhow::Result<(T, f64)> {
+pub(super) fn median_ms<T>(mut work: impl FnMut() -> anyhow::Result<(T, Duration)>) -> anyhow::Result<(T, f64)> {
     let (mut made, first) = work()?;
     let mut times = vec![first];
     while times.len() < ROUNDS && first < PATIENCE {
@@ -37,35 +37,35 @@ fn median(times: &[Duration]) -> f64 {
 }
 
 /// `work` with the wall time it took.
-pub fn timed<T>(work: impl FnOnce() -> anyhow::Result<T>) -> anyhow::Result<(T, Duration)> {
+pub(super) fn timed<T>(work: impl FnOnce() -> anyhow::Result<T>) -> anyhow::Result<(T, Duration)> {
     let start = Instant::now();
     let made = work()?;
     Ok((made, start.elapsed()))
 }
 
 /// A point, and the colours it was measured by.
-pub type Shot = (Point, Vec<[f32; 3]>);
+pub(super) type Shot = (Point, Vec<[f32; 3]>);
 
 /// A VDI's times, round by round, and what does not change with them.
 #[derive(Default)]
-struct Trial {
+struct KernelTimings {
     shot: Option<Shot>,
     generation: Vec<Duration>,
     drawing: Vec<Duration>,
 }
 
 /// Both nodes' kernels on one volume.
-pub struct Product<'a> {
+pub(super) struct Product<'a> {
     field: &'a Field,
     backends: &'a (Backend, viz::Backend),
     views: &'a Views,
     reference: &'a [[f64; 3]],
-    trials: HashMap<ParamsKey, Trial>,
+    trials: HashMap<ParamsKey, KernelTimings>,
 }
 
 impl<'a> Product<'a> {
     /// Measures on `field`, against the colours `reference` of the rays of `views`.
-    pub fn new(
+    pub(super) fn new(
         field: &'a Field,
         backends: &'a (Backend, viz::Backend),
         views: &'a Views,
@@ -75,7 +75,7 @@ impl<'a> Product<'a> {
     }
 
     /// Ray casting with another step. The step is the field's, which is made anew.
-    pub fn raycast(&self, volume: &Volume, step_voxels: f64) -> anyhow::Result<Shot> {
+    pub(super) fn raycast(&self, volume: &Volume, step_voxels: f64) -> anyhow::Result<Shot> {
         let scene = Scene { step_voxels, ..self.field.scene().clone() };
         let field = Field::new(volume.clone(), &scene);
         let (backend, size) = (&self.backends.0, self.views.size());
@@ -87,8 +87,8 @@ impl<'a> Product<'a> {
 
     /// A VDI generated and drawn once more; encoded too the first time, which then is what is drawn and compared. Rounds of
     /// all settings follow one another, so that whatever else the machine does meets all alike.
-    pub fn round(&mut self, params: &GenerationParams) -> anyhow::Result<()> {
-        let mut trial = self.trials.remove(&params.key()).unwrap_or_default();
+    pub(super) fn round(&mut self, params: &VdiParams) -> anyhow::Result<()> {
+        let mut trial = self.trials.remove(&GenerationParams::from(*params).key()).unwrap_or_default();
         if trial.generation.first().is_none_or(|&first| first < PATIENCE) {
             let (vdi, time) = self.backends.0.generate(self.field, params, Segmentation::Fitted)?;
             trial.generation.push(time);
@@ -103,7 +103,7 @@ impl<'a> Product<'a> {
             let draw = || Ok(self.backends.1.render_vdi(&prepared, self.views.middle(), size, size, Detail::Cubic)?);
             trial.drawing.push(timed(draw)?.1);
         }
-        self.trials.insert(params.key(), trial);
+        self.trials.insert(GenerationParams::from(*params).key(), trial);
         Ok(())
     }
 
@@ -117,20 +117,20 @@ impl<'a> Product<'a> {
     }
 
     /// What the rounds gave for `params`, as the point of `value`.
-    pub fn vdi(&self, value: f64, params: &GenerationParams) -> Option<Shot> {
-        let trial = self.trials.get(&params.key())?;
+    pub(super) fn vdi(&self, value: f64, params: &VdiParams) -> Option<Shot> {
+        let trial = self.trials.get(&GenerationParams::from(*params).key())?;
         let (point, seen) = trial.shot.as_ref()?;
         let (time_ms, draw_ms) = (median(&trial.generation), Some(median(&trial.drawing)));
         Some((Point { value, time_ms, draw_ms, ..point.clone() }, seen.clone()))
     }
 
     /// The VDI of `params`.
-    pub fn generate(&self, params: &GenerationParams) -> anyhow::Result<Vdi> {
+    pub(super) fn generate(&self, params: &VdiParams) -> anyhow::Result<Vdi> {
         Ok(self.backends.0.generate(self.field, params, Segmentation::Fitted)?.0)
     }
 
     /// `vdi` through the codec and drawn as it comes back.
-    pub fn encoded(&self, value: f64, vdi: &Vdi) -> anyhow::Result<Shot> {
+    pub(super) fn encoded(&self, value: f64, vdi: &Vdi) -> anyhow::Result<Shot> {
         Ok(self.through_codec(value, vdi)?.1)
     }
 
@@ -141,7 +141,7 @@ impl<'a> Product<'a> {
     }
 
     /// What `vdi` looks like drawn with `detail`; the time is that of drawing a whole picture.
-    pub fn drawn(&self, value: f64, vdi: &PreparedVdi<&Vdi>, detail: Detail) -> anyhow::Result<Shot> {
+    pub(super) fn drawn(&self, value: f64, vdi: &PreparedVdi<&Vdi>, detail: Detail) -> anyhow::Result<Shot> {
         let size = self.views.size();
         let (point, seen) = self.seen(value, vdi, detail)?;
         let draw = || Ok(self.backends.1.render_vdi(vdi, self.views.middle(), size, size, detail)?);
@@ -150,7 +150,7 @@ impl<'a> Product<'a> {
     }
 
     /// `vdi`, its colour and opacity rounded to `bits`.
-    pub fn with_color_bits(&self, vdi: &Vdi, bits: u32) -> anyhow::Result<Shot> {
+    pub(super) fn with_color_bits(&self, vdi: &Vdi, bits: u32) -> anyhow::Result<Shot> {
         // The codec stores eight bits: what has more is drawn as it is.
         let rounded = requantize::with_color_bits(vdi, bits)?;
         if bits <= 8 {
@@ -166,13 +166,13 @@ impl<'a> Product<'a> {
     }
 
     /// Everything generated so far.
-    pub fn trials(&self) -> Vec<Point> {
+    pub(super) fn trials(&self) -> Vec<Point> {
         let all = self.trials.values().filter_map(|t| t.shot.as_ref()?.0.params);
         all.filter_map(|params| Some(self.vdi(0.0, &params)?.0)).collect()
     }
 
     /// RMS error of whole pictures of side `size`, all views, as the product measures it; and the time that takes.
-    pub fn whole_pictures(&self, vdi: &PreparedVdi<&Vdi>, size: u32) -> anyhow::Result<(Error, f64)> {
+    pub(super) fn whole_pictures(&self, vdi: &PreparedVdi<&Vdi>, size: u32) -> anyhow::Result<(Error, f64)> {
         let cameras: Vec<Camera> = self.views.cameras().to_vec();
         let measure = || {
             timed(|| {

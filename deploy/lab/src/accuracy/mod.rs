@@ -31,7 +31,7 @@ use integrator::Integrator;
 use kernels_under_test::Product;
 use lamina::offline::{open, prepare};
 use lamina::say;
-use lamina_model::{Effects, GenerationParams, Image, Scene, Volume};
+use lamina_model::{Effects, Image, Scene, VdiParams, Volume};
 use lamina_raycast::{Backend, Field};
 use lamina_vdi_render as viz;
 use optics::Optics;
@@ -42,9 +42,9 @@ use std::time::Instant;
 use views::Views;
 
 /// Everything that was found.
-pub struct Findings {
+pub(crate) struct Findings {
     /// The setting around which knobs are turned.
-    base: GenerationParams,
+    base: VdiParams,
     /// Side of the pictures.
     size: u32,
     /// Rays compared.
@@ -74,8 +74,8 @@ impl Findings {
 }
 
 /// `lamina-lab accuracy`.
-pub fn accuracy(arguments: &cli::Accuracy) -> anyhow::Result<()> {
-    let base = GenerationParams::new(arguments.resolution, arguments.gamma)?;
+pub(crate) fn accuracy(arguments: &cli::Accuracy) -> anyhow::Result<()> {
+    let base = VdiParams::new(arguments.resolution, arguments.gamma)?;
     Image::check_size(arguments.size, arguments.size)?;
     ensure!(
         arguments.size >= 16,
@@ -121,7 +121,7 @@ fn measure(
     arguments: &cli::Accuracy,
     volume: &Volume,
     field: &Field,
-    base: GenerationParams,
+    base: VdiParams,
     backends: (Backend, viz::Backend),
 ) -> anyhow::Result<Findings> {
     let start = Instant::now();

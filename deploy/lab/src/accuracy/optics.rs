@@ -8,7 +8,7 @@ use lamina_model::composite::optical_depth_from_opacity;
 use lamina_model::{ControlPoint, TransferFunction};
 
 /// Straight colour, and extinction per world length.
-pub type Medium = ([f64; 3], f64);
+pub(super) type Medium = ([f64; 3], f64);
 
 const EMPTY: Medium = ([0.0; 3], 0.0);
 /// Rows of the integrals, less one.
@@ -19,7 +19,7 @@ const POINTS: usize = 8;
 const OPAQUE: f64 = 1e4;
 
 /// A transfer function whose opacities refer to a world length.
-pub struct Optics {
+pub(super) struct Optics {
     points: Vec<ControlPoint>,
     unit_length: f64,
     /// From 0 to each row: extinction, and red, green, blue times extinction.
@@ -28,7 +28,7 @@ pub struct Optics {
 
 impl Optics {
     /// `transfer`, its opacities referring to `unit_length`.
-    pub fn new(transfer: &TransferFunction, unit_length: f64) -> Self {
+    pub(super) fn new(transfer: &TransferFunction, unit_length: f64) -> Self {
         let mut optics = Self { points: transfer.points().to_vec(), unit_length, integrals: vec![[0.0; 4]] };
         let mut sum = [0.0; 4];
         for n in 0..BINS * POINTS {
@@ -43,7 +43,7 @@ impl Optics {
 
     /// The medium at position `u` of the range; NaN is empty.
     #[inline]
-    pub fn at(&self, u: f64) -> Medium {
+    pub(super) fn at(&self, u: f64) -> Medium {
         if u.is_nan() {
             return EMPTY;
         }
@@ -61,7 +61,7 @@ impl Optics {
     }
 
     /// The mean medium between positions `a` and `b`.
-    pub fn between(&self, a: f64, b: f64) -> Medium {
+    pub(super) fn between(&self, a: f64, b: f64) -> Medium {
         if a.is_nan() || b.is_nan() {
             return EMPTY;
         }

@@ -73,7 +73,7 @@ const GROUPS: [(&str, &str, &[&str]); 11] = [
 ];
 
 /// Writes the page and the picture.
-pub fn write(folder: &Path, findings: &Findings, volume: &Volume, command: &str) -> anyhow::Result<()> {
+pub(super) fn write(folder: &Path, findings: &Findings, volume: &Volume, command: &str) -> anyhow::Result<()> {
     let mut parts = vec![heading(findings, volume, command), trust(findings), across(findings)];
     for (title, words, keys) in GROUPS {
         let curves: Vec<&Curve> = keys.iter().filter_map(|key| findings.curve(key)).collect();
@@ -114,7 +114,7 @@ fn heading(findings: &Findings, volume: &Volume, command: &str) -> String {
 }
 
 /// What the reference is worth, in a sentence.
-pub fn reference_words(reference: &Reference) -> String {
+pub(super) fn reference_words(reference: &Reference) -> String {
     let order = if reference.order.is_finite() { significant(reference.order, 2) } else { "unknown".to_owned() };
     let reached = if reference.is_converged() { "converged" } else { "not converged" };
     format!(

@@ -5,14 +5,14 @@ use super::integrator::{Integrator, Method};
 use lamina_model::{Ray, decibels};
 
 /// Successive pictures that agree this well are converged.
-pub const AGREEMENT_DB: f64 = 110.0;
+pub(super) const AGREEMENT_DB: f64 = 110.0;
 /// Where the first picture starts.
 const COARSEST_VOXELS: f64 = 0.5;
 /// Where the halving ends, converged or not.
 const FINEST_VOXELS: f64 = 1.0 / 128.0;
 
 /// Colours with what is known of their own error.
-pub struct Reference {
+pub(super) struct Reference {
     /// Per ray.
     pub colors: Vec<[f64; 3]>,
     /// The step they were made with.
@@ -25,7 +25,7 @@ pub struct Reference {
 
 impl Reference {
     /// Halves the step along `rays` until the colours stay as they are.
-    pub fn converged(integrator: &Integrator, rays: &[Ray]) -> Self {
+    pub(super) fn converged(integrator: &Integrator, rays: &[Ray]) -> Self {
         let mut step_voxels = COARSEST_VOXELS;
         let mut colors = integrator.colors(rays, &Method::midpoint(step_voxels));
         let mut before: Option<Error> = None;
@@ -43,19 +43,19 @@ impl Reference {
     }
 
     /// Whether the agreement asked for was reached.
-    pub fn is_converged(&self) -> bool {
+    pub(super) fn is_converged(&self) -> bool {
         self.agreement.decibels() >= AGREEMENT_DB
     }
 
     /// The error that is left by Richardson's estimate: what the last halving changed, over 2^order - 1.
-    pub fn own_rms(&self) -> f64 {
+    pub(super) fn own_rms(&self) -> f64 {
         // An order that was not observed, or is better than the rule's own by chance, is not relied on.
         let order = if self.order.is_finite() { self.order.clamp(0.5, 2.0) } else { 1.0 };
         self.agreement.rms / (order.exp2() - 1.0)
     }
 
     /// The same as PSNR.
-    pub fn own_db(&self) -> f64 {
+    pub(super) fn own_db(&self) -> f64 {
         decibels(self.own_rms() * self.own_rms())
     }
 }

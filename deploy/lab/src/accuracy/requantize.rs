@@ -7,7 +7,7 @@ use lamina_model::{Invalid, Supersegment, Vdi, VdiHeader};
 ///
 /// # Errors
 /// Never for bits of 1 to 24.
-pub fn with_color_bits(vdi: &Vdi, bits: u32) -> Result<Vdi, Invalid> {
+pub(super) fn with_color_bits(vdi: &Vdi, bits: u32) -> Result<Vdi, Invalid> {
     let most = f64::from(2_u32.pow(bits) - 1);
     let round = |x: f64| (most * x).round() / most;
     let rounded = |s: &Supersegment| {
@@ -23,7 +23,7 @@ pub fn with_color_bits(vdi: &Vdi, bits: u32) -> Result<Vdi, Invalid> {
 }
 
 /// Bits that the depths of `header`'s longest ray take.
-pub fn depth_bits(header: &VdiHeader) -> u32 {
+pub(super) fn depth_bits(header: &VdiHeader) -> u32 {
     header.steps(header.bounds.size().length()).next_power_of_two().ilog2()
 }
 
@@ -33,7 +33,7 @@ pub fn depth_bits(header: &VdiHeader) -> u32 {
 ///
 /// # Errors
 /// If the steps are too long to be valid.
-pub fn with_depth_bits(vdi: &Vdi, bits: u32) -> Result<Vdi, Invalid> {
+pub(super) fn with_depth_bits(vdi: &Vdi, bits: u32) -> Result<Vdi, Invalid> {
     let every = 2_u32.pow(depth_bits(vdi.header()).saturating_sub(bits));
     let header = VdiHeader { step_length: vdi.header().step_length * f64::from(every), ..*vdi.header() };
     let (mut offsets, mut segments) = (vec![0], Vec::with_capacity(vdi.segments().len()));
@@ -91,14 +91,14 @@ fn behind(front: &Supersegment, back: &Supersegment) -> Supersegment {
 mod tests {
     use super::*;
     use glam::DVec3;
-    use lamina_model::{Aabb, Camera, GenerationParams};
+    use lamina_model::{Aabb, Camera, VdiParams};
 
     fn vdi(segments: Vec<Supersegment>) -> Vdi {
         let header = VdiHeader {
             camera: Camera::new(DVec3::new(0.0, 0.0, 5.0), DVec3::ZERO, DVec3::Y, 30.0).unwrap(),
             bounds: Aabb::new(-DVec3::ONE, DVec3::ONE).unwrap(),
             step_length: 0.02,
-            params: GenerationParams::new(1, 0.0).unwrap(),
+            params: VdiParams::new(1, 0.0).unwrap(),
             transfer_id: 0,
             background: [0.0; 3],
         };

@@ -8,7 +8,7 @@ use super::requantize;
 use super::scalars::{Interpolation, Scalars};
 use super::sweeps;
 use super::views::Views;
-use lamina_model::{GenerationParams, Ray, Volume};
+use lamina_model::{Ray, VdiParams, Volume};
 use lamina_vdi_render::{Detail, PreparedVdi};
 
 /// Points with what they add by themselves, against the last, the finest.
@@ -20,20 +20,20 @@ fn curve<A: Copy + Into<f64>>(knob: Knob, shots: Vec<(Point, Vec<[A; 3]>)>) -> C
 }
 
 /// The product's ray caster by its step, which takes `values`.
-pub fn raycast(product: &Product, volume: &Volume, knob: Knob, values: &[f64]) -> anyhow::Result<Curve> {
+pub(super) fn raycast(product: &Product, volume: &Volume, knob: Knob, values: &[f64]) -> anyhow::Result<Curve> {
     let shots = values.iter().map(|&step| product.raycast(volume, step));
     Ok(curve(knob, shots.collect::<anyhow::Result<Vec<Shot>>>()?))
 }
 
 /// One generation parameter, of which rounds have been measured.
-pub fn generation(product: &Product, base: &GenerationParams, turned: &sweeps::Turned) -> anyhow::Result<Curve> {
+pub(super) fn generation(product: &Product, base: &VdiParams, turned: &sweeps::Turned) -> anyhow::Result<Curve> {
     let shot = |&v: &f64| Ok(product.vdi(v, &(turned.set)(*base, v)?));
     let shots = turned.values.iter().map(shot).collect::<anyhow::Result<Vec<Option<Shot>>>>()?;
     Ok(curve(turned.knob, shots.into_iter().flatten().collect()))
 }
 
 /// The base's VDI with fewer bits of colour, and with fewer of depth; generation is the base's.
-pub fn bits(product: &Product, base: &GenerationParams) -> anyhow::Result<[Curve; 2]> {
+pub(super) fn bits(product: &Product, base: &VdiParams) -> anyhow::Result<[Curve; 2]> {
     let vdi = product.generate(base)?;
     let time_ms = product.vdi(0.0, base).map_or(f64::NAN, |(point, _)| point.time_ms);
     let of_base = |(point, seen): Shot| (Point { time_ms, params: Some(*base), ..point }, seen);
@@ -46,7 +46,7 @@ pub fn bits(product: &Product, base: &GenerationParams) -> anyhow::Result<[Curve
 }
 
 /// The base's VDI, drawn by the nearest of its rays and by those around, blended.
-pub fn blended(product: &Product, base: &GenerationParams) -> anyhow::Result<Curve> {
+pub(super) fn blended(product: &Product, base: &VdiParams) -> anyhow::Result<Curve> {
     let vdi = product.generate(base)?;
     let vdi = PreparedVdi::new(&vdi);
     let shot = |(rays, detail)| {
@@ -58,7 +58,7 @@ pub fn blended(product: &Product, base: &GenerationParams) -> anyhow::Result<Cur
 }
 
 /// The plain integrator on the sampled rays.
-pub struct Plain<'a> {
+pub(super) struct Plain<'a> {
     /// The volume under the scene.
     pub integrator: Integrator<'a>,
     /// Its voxels.
@@ -79,7 +79,7 @@ impl Plain<'_> {
     }
 
     /// Midpoint in double and in single precision, and pre-integration, by the step; and how far apart the first two are.
-    pub fn steps(&self, base: &GenerationParams) -> anyhow::Result<([Curve; 3], Error)> {
+    pub(super) fn steps(&self, base: &VdiParams) -> anyhow::Result<([Curve; 3], Error)> {
         let sweep = |single, preintegrated| {
             let method = |v| Method { single, preintegrated, ..Method::midpoint(v) };
             let shots = sweeps::steps(base).into_iter().map(|v| self.shot(&self.integrator, v, &method(v)));
@@ -97,7 +97,7 @@ impl Plain<'_> {
     }
 
     /// Interpolations, of all voxels and of every second, fourth and eighth.
-    pub fn interpolations(&self, base: &GenerationParams, tricubic: bool) -> anyhow::Result<Vec<Curve>> {
+    pub(super) fn interpolations(&self, base: &VdiParams, tricubic: bool) -> anyhow::Result<Vec<Curve>> {
         let how = [
             (sweeps::NEAREST, Interpolation::Nearest),
             (sweeps::TRILINEAR, Interpolation::Trilinear),
@@ -122,7 +122,7 @@ impl Plain<'_> {
 }
 
 /// Whole pictures of smaller sides: how far the RMS error that they tell is from that of pictures of the full side.
-pub fn sample(product: &Product, views: &Views, base: &GenerationParams) -> anyhow::Result<Curve> {
+pub(super) fn sample(product: &Product, views: &Views, base: &VdiParams) -> anyhow::Result<Curve> {
     let vdi = product.generate(base)?;
     let vdi = PreparedVdi::new(&vdi);
     let (whole, _) = product.whole_pictures(&vdi, views.size())?;

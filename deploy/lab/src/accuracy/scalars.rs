@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 /// How a value between sample points is made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Interpolation {
+pub(super) enum Interpolation {
     /// The nearest sample point's.
     Nearest,
     /// Linear along each axis: what the product draws.
@@ -19,7 +19,7 @@ pub enum Interpolation {
 }
 
 /// Voxels under a range, to be sampled anywhere.
-pub struct Scalars {
+pub(super) struct Scalars {
     grid: Grid,
     voxels: Voxels,
     lo: f64,
@@ -28,7 +28,7 @@ pub struct Scalars {
 
 impl Scalars {
     /// The voxels of `volume` under `range`.
-    pub fn new(volume: Volume, range: &ScalarRange) -> Self {
+    pub(super) fn new(volume: Volume, range: &ScalarRange) -> Self {
         let grid = *volume.grid();
         let (lo, hi) = (range.lo(), range.hi());
         if range.scale() == Scale::Linear {
@@ -47,7 +47,7 @@ impl Scalars {
     ///
     /// # Errors
     /// Never for `every` of 1 or more.
-    pub fn thinned(&self, every: usize) -> Result<Self, Invalid> {
+    pub(super) fn thinned(&self, every: usize) -> Result<Self, Invalid> {
         let dims = self.grid.dims();
         let fewer = dims.map(|d| d.div_ceil(every));
         let grid = Grid::new(fewer, self.grid.spacing() * every as f64, self.grid.origin())?;
@@ -60,13 +60,13 @@ impl Scalars {
     }
 
     /// Where the sample points lie.
-    pub fn grid(&self) -> &Grid {
+    pub(super) fn grid(&self) -> &Grid {
         &self.grid
     }
 
     /// The position in the range at `index` (units of sample points), which is clamped into the grid.
     #[inline]
-    pub fn at(&self, index: DVec3, how: Interpolation) -> f64 {
+    pub(super) fn at(&self, index: DVec3, how: Interpolation) -> f64 {
         let dims = self.grid.dims();
         let value = match how {
             Interpolation::Nearest => {

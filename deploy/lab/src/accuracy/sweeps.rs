@@ -1,7 +1,7 @@
 //! What is turned, and how far.
 
 use super::curve::{Knob, Source};
-use lamina_model::{GenerationParams, Invalid, Scene};
+use lamina_model::{GenerationParams, Invalid, Scene, VdiParams};
 
 /// Sampling steps in voxels.
 const STEPS: [f64; 6] = [4.0, 2.0, 1.0, 0.5, 0.25, 0.125];
@@ -12,11 +12,11 @@ const GAMMAS: [f64; 8] = [0.16, 0.08, 0.04, 0.02, 0.01, 0.005, 0.0025, 0.00125];
 /// Rays per side, over those of the base.
 const RESOLUTIONS: [f64; 8] = [0.25, 0.375, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0];
 /// Bits of each channel; the codec stores 8.
-pub const COLOR_BITS: [u32; 8] = [3, 4, 5, 6, 7, 8, 10, 12];
+pub(super) const COLOR_BITS: [u32; 8] = [3, 4, 5, 6, 7, 8, 10, 12];
 /// The fewest bits of depth.
-pub const FEWEST_DEPTH_BITS: u32 = 3;
+pub(super) const FEWEST_DEPTH_BITS: u32 = 3;
 /// Distances of sample points, voxels.
-pub const SPACINGS: [usize; 4] = [8, 4, 2, 1];
+pub(super) const SPACINGS: [usize; 4] = [8, 4, 2, 1];
 
 fn itself(value: f64) -> f64 {
     value
@@ -39,44 +39,46 @@ const fn knob(key: &'static str, title: &'static str, unit: &'static str, source
     Knob { key, title, unit, source, coarseness: itself, plotted: itself, priced: true }
 }
 
-pub const RAYCAST_STEP: Knob = knob("raycast_step", "Sampling step", "voxels", Source::Raycast);
-pub const STEP: Knob = knob("step", "Sampling step", "voxels", Source::Vdi);
+pub(super) const RAYCAST_STEP: Knob = knob("raycast_step", "Sampling step", "voxels", Source::Raycast);
+pub(super) const STEP: Knob = knob("step", "Sampling step", "voxels", Source::Vdi);
 /// The same of the kernels that integrate the transfer function over each step.
-pub const RAYCAST_INTEGRATED: Knob =
+pub(super) const RAYCAST_INTEGRATED: Knob =
     knob("raycast_step_integrated", "Sampling step, pre-integrated", "voxels", Source::Raycast);
-pub const STEP_INTEGRATED: Knob = knob("step_integrated", "Sampling step, pre-integrated", "voxels", Source::Vdi);
-pub const CUTOFF: Knob = Knob {
+pub(super) const STEP_INTEGRATED: Knob =
+    knob("step_integrated", "Sampling step, pre-integrated", "voxels", Source::Vdi);
+pub(super) const CUTOFF: Knob = Knob {
     coarseness: one_less,
     plotted: one_less,
     ..knob("opacity_cutoff", "Opacity cut-off", "1 - opacity", Source::Vdi)
 };
-pub const GAMMA: Knob = knob("gamma", "Gamma", "", Source::Vdi);
-pub const RESOLUTION: Knob =
+pub(super) const GAMMA: Knob = knob("gamma", "Gamma", "", Source::Vdi);
+pub(super) const RESOLUTION: Knob =
     Knob { coarseness: inverse, ..knob("resolution", "Resolution r", "rays a side", Source::Vdi) };
-pub const COLOR: Knob =
+pub(super) const COLOR: Knob =
     Knob { coarseness: halved_each, ..knob("color_bits", "Bits of colour and opacity", "bits a channel", Source::Vdi) };
-pub const DEPTH: Knob = Knob { coarseness: halved_each, ..knob("depth_bits", "Bits of depth", "bits", Source::Vdi) };
-pub const BLENDED: Knob =
+pub(super) const DEPTH: Knob =
+    Knob { coarseness: halved_each, ..knob("depth_bits", "Bits of depth", "bits", Source::Vdi) };
+pub(super) const BLENDED: Knob =
     Knob { coarseness: inverse, ..knob("blended", "Rays of the VDI for one of the picture", "rays", Source::Drawing) };
-pub const NEAREST: Knob =
+pub(super) const NEAREST: Knob =
     Knob { priced: false, coarseness: thinned, ..knob("nearest", "Nearest", "voxels apart", Source::Plain) };
-pub const TRILINEAR: Knob =
+pub(super) const TRILINEAR: Knob =
     Knob { priced: false, coarseness: thinned, ..knob("trilinear", "Trilinear", "voxels apart", Source::Plain) };
-pub const TRICUBIC: Knob =
+pub(super) const TRICUBIC: Knob =
     Knob { priced: false, coarseness: thinned, ..knob("tricubic", "Tricubic", "voxels apart", Source::Plain) };
-pub const MIDPOINT: Knob = knob("midpoint_f64", "Midpoint, f64", "voxels", Source::Plain);
-pub const MIDPOINT_SINGLE: Knob = knob("midpoint_f32", "Midpoint, f32", "voxels", Source::Plain);
-pub const PREINTEGRATED: Knob = knob("preintegrated", "Pre-integrated", "voxels", Source::Plain);
-pub const SAMPLE: Knob = Knob {
+pub(super) const MIDPOINT: Knob = knob("midpoint_f64", "Midpoint, f64", "voxels", Source::Plain);
+pub(super) const MIDPOINT_SINGLE: Knob = knob("midpoint_f32", "Midpoint, f32", "voxels", Source::Plain);
+pub(super) const PREINTEGRATED: Knob = knob("preintegrated", "Pre-integrated", "voxels", Source::Plain);
+pub(super) const SAMPLE: Knob = Knob {
     coarseness: inverse,
     ..knob("sample_px", "Picture that quality is taken from", "pixels a side", Source::Sample)
 };
 
 /// How a value of a generation parameter is set.
-pub type Set = fn(GenerationParams, f64) -> Result<GenerationParams, Invalid>;
+pub(super) type Set = fn(VdiParams, f64) -> Result<VdiParams, Invalid>;
 
 /// A generation parameter and the values it takes.
-pub struct Turned {
+pub(super) struct Turned {
     /// What is turned.
     pub knob: Knob,
     /// Coarsest first.
@@ -86,8 +88,8 @@ pub struct Turned {
 }
 
 /// The generation parameters that are turned around `base`.
-pub fn of_generation(base: &GenerationParams) -> [Turned; 4] {
-    let most = f64::from(GenerationParams::MAX_RESOLUTION);
+pub(super) fn of_generation(base: &VdiParams) -> [Turned; 4] {
+    let most = f64::from(VdiParams::MAX_RESOLUTION);
     let rays = RESOLUTIONS.map(|share| (share * f64::from(base.resolution())).round().clamp(1.0, most));
     let turned = |knob: Knob, values: &[f64], at_base, set| Turned {
         knob,
@@ -103,13 +105,13 @@ pub fn of_generation(base: &GenerationParams) -> [Turned; 4] {
 }
 
 /// The sampling step, of kernels that integrate the transfer function over it: none longer than those take.
-pub fn of_integration(base: &GenerationParams, scene: &Scene) -> Turned {
+pub(super) fn of_integration(base: &VdiParams, scene: &Scene) -> Turned {
     let mut values = steps(base);
     values.retain(|&step| scene.effects.check_step(step).is_ok());
     Turned { knob: STEP_INTEGRATED, values, set: with_step }
 }
 
-fn with_step(params: GenerationParams, step: f64) -> Result<GenerationParams, Invalid> {
+fn with_step(params: VdiParams, step: f64) -> Result<VdiParams, Invalid> {
     params.with_step_voxels(step)
 }
 
@@ -117,25 +119,25 @@ fn with_step(params: GenerationParams, step: f64) -> Result<GenerationParams, In
 ///
 /// # Errors
 /// Never for a valid `base`.
-pub fn settings(base: &GenerationParams, turned: &[Turned]) -> Result<Vec<GenerationParams>, Invalid> {
+pub(super) fn settings(base: &VdiParams, turned: &[Turned]) -> Result<Vec<VdiParams>, Invalid> {
     let one = turned.iter().flat_map(|t| t.values.iter().map(|&v| (t.set)(*base, v)));
     let mut all = one.collect::<Result<Vec<_>, _>>()?;
     all.extend(combined(base)?);
-    all.sort_by_key(GenerationParams::key);
+    all.sort_by_key(|p| GenerationParams::from(*p).key());
     all.dedup();
     Ok(all)
 }
 
 /// Sampling steps, the base's among them, longest first.
-pub fn steps(base: &GenerationParams) -> Vec<f64> {
+pub(super) fn steps(base: &VdiParams) -> Vec<f64> {
     around(&STEPS, base.step_voxels(), STEP.coarseness)
 }
 
 /// Several generation parameters turned at once.
-fn combined(base: &GenerationParams) -> Result<Vec<GenerationParams>, Invalid> {
+fn combined(base: &VdiParams) -> Result<Vec<VdiParams>, Invalid> {
     let mut all = Vec::new();
     for share in [0.5, 1.0, 2.0] {
-        let most = f64::from(GenerationParams::MAX_RESOLUTION);
+        let most = f64::from(VdiParams::MAX_RESOLUTION);
         let r = (share * f64::from(base.resolution())).round().clamp(1.0, most) as u32;
         for gamma in [0.08, 0.02, 0.005] {
             for steps in [4.0, 2.0, 1.0] {
@@ -162,7 +164,7 @@ mod tests {
 
     #[test]
     fn the_base_is_among_the_values_and_the_coarsest_comes_first() {
-        let base = GenerationParams::new(100, 0.03).unwrap().with_step_voxels(0.7).unwrap();
+        let base = VdiParams::new(100, 0.03).unwrap().with_step_voxels(0.7).unwrap();
         let turned = of_generation(&base);
         for Turned { knob, values, set } in &turned {
             let h: Vec<f64> = values.iter().map(|&v| (knob.coarseness)(v)).collect();

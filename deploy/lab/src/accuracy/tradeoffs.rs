@@ -9,7 +9,7 @@ use lamina_report::numbers::{fixed, significant};
 use lamina_report::panel::{PlotLine, drawing};
 
 /// The knobs of a VDI, each through the base, with the front of everything tried.
-pub fn overview(findings: &Findings, across: Across) -> Vec<PlotLine> {
+pub(super) fn overview(findings: &Findings, across: Across) -> Vec<PlotLine> {
     let keys = [sweeps::STEP.key, sweeps::CUTOFF.key, sweeps::GAMMA.key, sweeps::RESOLUTION.key];
     let curves: Vec<&Curve> = keys.iter().filter_map(|key| findings.curve(key)).collect();
     let [trials, front] = figures::front_lines(&findings.trials, across);
@@ -17,7 +17,7 @@ pub fn overview(findings: &Findings, across: Across) -> Vec<PlotLine> {
 }
 
 /// The cheapest settings that reach the quality asked for, a line each.
-pub fn cheapest(findings: &Findings) -> Vec<String> {
+pub(super) fn cheapest(findings: &Findings) -> Vec<String> {
     let db = findings.psnr_db;
     let (vdis, cast) = (&findings.trials, findings.curve(sweeps::RAYCAST_STEP.key).map_or(&[][..], |c| &c.points));
     let vdi = |what: &str, p: Option<&Point>| match (p, best(vdis)) {
@@ -58,7 +58,7 @@ pub fn cheapest(findings: &Findings) -> Vec<String> {
 }
 
 /// What all knobs offer together.
-pub fn across(findings: &Findings) -> String {
+pub(super) fn across(findings: &Findings) -> String {
     let drawn = |title: &str, name: &str, across| {
         figures::figure(title, "all VDIs tried", &drawing(title, name, &overview(findings, across)))
     };
@@ -114,6 +114,6 @@ fn from_base(findings: &Findings) -> String {
 }
 
 /// A number that there may be none of.
-pub fn optional(value: Option<f64>) -> String {
+pub(super) fn optional(value: Option<f64>) -> String {
     value.map_or_else(|| "–".to_owned(), |v| fixed(v, 1))
 }

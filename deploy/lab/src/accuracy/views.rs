@@ -6,7 +6,7 @@ use lamina_model::{Camera, Invalid, Ray, SamplePlan, Scene};
 const BLOCKS: u32 = 16;
 
 /// The sampled pixels of the test views of a scene.
-pub struct Views {
+pub(super) struct Views {
     plan: SamplePlan,
     cameras: Vec<Camera>,
     pixels: Vec<Vec<(u32, u32)>>,
@@ -17,7 +17,7 @@ impl Views {
     ///
     /// # Errors
     /// If the size is out of bounds.
-    pub fn new(scene: &Scene, size: u32) -> Result<Self, Invalid> {
+    pub(super) fn new(scene: &Scene, size: u32) -> Result<Self, Invalid> {
         let tile = size.div_ceil(BLOCKS).max(1);
         let batches = if tile == 1 { 1 } else { 2 };
         let plan = SamplePlan { image_size: size, tile, batches, ..SamplePlan::default() }.check()?;
@@ -27,25 +27,25 @@ impl Views {
     }
 
     /// Side of the pictures.
-    pub fn size(&self) -> u32 {
+    pub(super) fn size(&self) -> u32 {
         self.plan.image_size
     }
     /// The test cameras.
-    pub fn cameras(&self) -> &[Camera] {
+    pub(super) fn cameras(&self) -> &[Camera] {
         &self.cameras
     }
     /// The camera that whole pictures are timed from.
-    pub fn middle(&self) -> &Camera {
+    pub(super) fn middle(&self) -> &Camera {
         &self.cameras[self.cameras.len() / 2]
     }
     /// Whole pictures that as many rays as are sampled would fill.
-    pub fn pictures(&self) -> f64 {
+    pub(super) fn pictures(&self) -> f64 {
         let rays: usize = self.pixels.iter().map(Vec::len).sum();
         rays as f64 / f64::from(self.size()).powi(2)
     }
 
     /// The rays of all sampled pixels, view by view.
-    pub fn rays(&self) -> Vec<Ray> {
+    pub(super) fn rays(&self) -> Vec<Ray> {
         let of = |(camera, pixels): (&Camera, &Vec<(u32, u32)>)| -> Vec<Ray> {
             pixels.iter().map(|&(i, j)| camera.pixel_ray(i, j, self.size(), self.size())).collect()
         };
@@ -56,7 +56,7 @@ impl Views {
     ///
     /// # Errors
     /// As `see` fails.
-    pub fn gather(
+    pub(super) fn gather(
         &self,
         see: impl Fn(&Camera, &[(u32, u32)]) -> anyhow::Result<Vec<[f32; 3]>>,
     ) -> anyhow::Result<Vec<[f32; 3]>> {

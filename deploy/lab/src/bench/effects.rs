@@ -4,7 +4,7 @@ use crate::cli;
 use lamina::offline::open;
 use lamina::say;
 use lamina_model::effects::{ClipPlane, ColorField, DepthCue, Effects, Isosurface, Shading};
-use lamina_model::{GenerationParams, Image, Scale, Scene, Segmentation, Volume, psnr};
+use lamina_model::{Image, Scale, Scene, Segmentation, VdiParams, Volume, psnr};
 use lamina_raycast::{Backend, Field};
 use std::time::{Duration, Instant};
 
@@ -48,7 +48,7 @@ struct Cost {
 }
 
 fn cost(arguments: &cli::Bench, backend: &Backend, volume: &Volume, scene: &Scene) -> anyhow::Result<Cost> {
-    let params = GenerationParams::new(arguments.resolution, arguments.gamma)?.with_step_voxels(scene.step_voxels)?;
+    let params = VdiParams::new(arguments.resolution, arguments.gamma)?.with_step_voxels(scene.step_voxels)?;
     let (size, camera) = (arguments.size[0], &scene.camera);
     let mut times = [Vec::new(), Vec::new(), Vec::new()];
     let mut last = None;
@@ -77,7 +77,7 @@ fn cost(arguments: &cli::Bench, backend: &Backend, volume: &Volume, scene: &Scen
 }
 
 /// Prints the table: medians, and the PSNR of each picture against the one without effects.
-pub fn print(arguments: &cli::Bench) -> anyhow::Result<()> {
+pub(super) fn print(arguments: &cli::Bench) -> anyhow::Result<()> {
     let (volume, scene) = open(&arguments.input)?;
     let itself = volume.voxels().clone();
     let volume = volume.with_color_field(ITSELF, itself)?;

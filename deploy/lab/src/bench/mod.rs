@@ -12,7 +12,7 @@ use lamina::offline::{open, prepare};
 use lamina::process::{self, Used};
 use lamina::say;
 use lamina_codec::{DecodeLimits, EncodeOptions};
-use lamina_model::{GenerationParams, Grid, Image, Scene, Segmentation, Supersegment, Vdi, Volume, Voxels, suggest};
+use lamina_model::{Grid, Image, Scene, Segmentation, Supersegment, Vdi, VdiParams, Volume, Voxels, suggest};
 use lamina_raycast::simd::{self, Shot};
 use lamina_raycast::{Backend, Field};
 use lamina_vdi_render::{self as viz, Detail, PreparedVdi};
@@ -27,7 +27,7 @@ const NOVEL_ANGLE_DEG: f64 = 30.0;
 const PAPER_GAMMAS: u32 = 65;
 
 /// `lamina-lab bench`.
-pub fn bench(arguments: &cli::Bench) -> anyhow::Result<()> {
+pub(crate) fn bench(arguments: &cli::Bench) -> anyhow::Result<()> {
     for &size in &arguments.size {
         Image::check_size(size, size)?;
     }
@@ -60,8 +60,8 @@ fn read_vdi(path: &Path) -> anyhow::Result<Vec<u8>> {
     std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))
 }
 
-fn params(arguments: &cli::Bench, resolution: u32, scene: &Scene) -> anyhow::Result<GenerationParams> {
-    Ok(GenerationParams::new(resolution, arguments.gamma)?.with_step_voxels(scene.step_voxels)?)
+fn params(arguments: &cli::Bench, resolution: u32, scene: &Scene) -> anyhow::Result<VdiParams> {
+    Ok(VdiParams::new(resolution, arguments.gamma)?.with_step_voxels(scene.step_voxels)?)
 }
 
 /// The generator-node's kernels; the VDI encoded.
@@ -124,10 +124,10 @@ fn viewer_round(clock: &mut Clock, bytes: &[u8], sizes: &[u32]) -> anyhow::Resul
 #[derive(Default)]
 struct Clock {
     warm: bool,
-    measured: Vec<Measured>,
+    measured: Vec<Timings>,
 }
 
-struct Measured {
+struct Timings {
     name: String,
     wall_ms: Vec<f64>,
     cpu_ms: Vec<f64>,
@@ -149,7 +149,7 @@ impl Clock {
         let (wall, used) = (wall.elapsed(), cpu.secs());
         if self.warm {
             let at = self.measured.iter().position(|m| m.name == name).unwrap_or_else(|| {
-                self.measured.push(Measured { name, wall_ms: Vec::new(), cpu_ms: Vec::new() });
+                self.measured.push(Timings { name, wall_ms: Vec::new(), cpu_ms: Vec::new() });
                 self.measured.len() - 1
             });
             self.measured[at].wall_ms.push(1e3 * wall.as_secs_f64());
@@ -226,8 +226,7 @@ fn memory_at_first(backend: &Backend) -> anyhow::Result<u64> {
     let grid = Grid::new([2; 3], DVec3::ONE, DVec3::ZERO)?;
     let volume = Volume::new(grid, Voxels::F32((0..8_u8).map(f32::from).collect()))?;
     let scene = suggest::suggest(&[&volume])?;
-    let (vdi, _) =
-        backend.generate(&Field::new(volume, &scene), &GenerationParams::new(1, 0.0)?, Segmentation::Greedy)?;
+    let (vdi, _) = backend.generate(&Field::new(volume, &scene), &VdiParams::new(1, 0.0)?, Segmentation::Greedy)?;
     let vdi = lamina_codec::decode(&lamina_codec::encode(&vdi, &EncodeOptions::default())?, &DecodeLimits::default())?;
     PreparedVdi::new(&vdi).render(&scene.camera, 1, 1)?;
     Ok(process::memory()?.0)

@@ -2,7 +2,7 @@
 
 /// One encoded volume.
 #[derive(Debug, Clone)]
-pub struct Sample {
+pub(super) struct Sample {
     /// Bytes.
     pub bytes: u64,
     /// PSNR over all views; may be infinite.
@@ -15,7 +15,7 @@ pub struct Sample {
 
 /// All samples of one coding.
 #[derive(Debug, Clone)]
-pub struct Curve {
+pub(super) struct Curve {
     /// What the coding is called.
     pub coding: String,
     /// By rising bytes.
@@ -27,19 +27,19 @@ type Corner = (f64, f64);
 
 impl Curve {
     /// `samples` of `coding`, in any order.
-    pub fn new(coding: impl Into<String>, mut samples: Vec<Sample>) -> Self {
+    pub(super) fn new(coding: impl Into<String>, mut samples: Vec<Sample>) -> Self {
         samples.sort_by_key(|s| s.bytes);
         Self { coding: coding.into(), samples }
     }
 
     /// Takes in one more.
-    pub fn add(&mut self, sample: Sample) {
+    pub(super) fn add(&mut self, sample: Sample) {
         let place = self.samples.partition_point(|s| s.bytes <= sample.bytes);
         self.samples.insert(place, sample);
     }
 
     /// The samples that no other of at most as many bytes is as good as, by rising bytes and decibels.
-    pub fn front(&self) -> Vec<&Sample> {
+    pub(super) fn front(&self) -> Vec<&Sample> {
         let mut best = f64::NEG_INFINITY;
         let better = |s: &&Sample| {
             let better = s.psnr_db > best;
@@ -63,7 +63,7 @@ impl Curve {
     }
 
     /// Bytes for so many decibels, between the two samples beside it; `None` if the front does not reach there.
-    pub fn bytes_at(&self, psnr_db: f64) -> Option<f64> {
+    pub(super) fn bytes_at(&self, psnr_db: f64) -> Option<f64> {
         at(&self.corners(), psnr_db).map(f64::exp)
     }
 }
@@ -90,7 +90,7 @@ fn mean(corners: &[Corner], from: f64, to: f64) -> f64 {
 /// How one curve compares with another where both reach (G. Bjontegaard, Calculation of Average PSNR Differences between
 /// RD-curves, VCEG-M33, 2001; with straight lines between samples, as fronts are not cubic).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Difference {
+pub(super) struct Difference {
     /// Mean change of bytes at equal decibels, percent: -50 is half of them.
     pub rate_percent: f64,
     /// Mean change of decibels at equal bytes.
@@ -100,7 +100,7 @@ pub struct Difference {
 }
 
 /// `curve` against `anchor`; `None` if they have no decibels or no bytes in common.
-pub fn difference(curve: &Curve, anchor: &Curve) -> Option<Difference> {
+pub(super) fn difference(curve: &Curve, anchor: &Curve) -> Option<Difference> {
     let [a, b] = [curve, anchor].map(Curve::corners);
     let common = |a: &[Corner], b: &[Corner]| {
         let (from, to) = (a.first()?.0.max(b.first()?.0), a.last()?.0.min(b.last()?.0));

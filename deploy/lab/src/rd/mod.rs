@@ -13,7 +13,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use lamina::offline::{open, prepare};
 use lamina::say;
 use lamina_codec::{Codec, DecodeLimits, EncodeOptions, Layout};
-use lamina_model::{GenerationParams, Intermediate, ReferenceSamples, Representation, SamplePlan, Segmentation};
+use lamina_model::{GenerationParams, Intermediate, ReferenceSamples, SamplePlan, Segmentation, VdiParams};
 use lamina_raycast::{Backend, Field, most_points};
 use lamina_report::numbers::significant;
 use lamina_report::panel::{CLASSES, PlotLine, file, panel};
@@ -126,7 +126,7 @@ impl Bench {
         let first = results.curves.len();
         results.curves.extend([WHOLE, "volume"].map(|name| Curve::new(name, Vec::new())));
         let side = f64::from(self.field.grid().longest_side());
-        let base = base.with_representation(Representation::Volume);
+        let base = GenerationParams::volume(base.resolution(), base.gamma())?;
         for share in SHARES {
             let params = base.with_resolution((side * share).round().max(2.0) as u32)?;
             let start = Instant::now();
@@ -164,7 +164,7 @@ impl Results<'_> {
 }
 
 /// `lamina-lab rd`.
-pub fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
+pub(crate) fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
     let (volume, scene) = open(&arguments.input)?;
     ensure!(
         arguments.peers.is_none() || scene.effects.color_field.is_none(),
@@ -181,7 +181,7 @@ pub fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
     let style = ProgressStyle::with_template("{bar:30} {pos}/{len} encodings  {elapsed}  {eta} to go")?;
     bar.set_style(style);
     let bench = Bench { field, backend, viewer, reference, bar };
-    let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
+    let base = VdiParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?.into();
     let mut results = Results { curves: Vec::new(), out: &arguments.out };
     bench.vdis(&base, &mut results)?;
     if most_points(&bench.field) > 0 {

@@ -16,7 +16,7 @@ const HEADER: &str = "coding,how,bytes,psnr_db,volume";
 ///
 /// # Errors
 /// If the table or a volume cannot be read or used.
-pub fn curves(table: &Path, bench: &Bench) -> anyhow::Result<Vec<Curve>> {
+pub(super) fn curves(table: &Path, bench: &Bench) -> anyhow::Result<Vec<Curve>> {
     let name = table.display();
     let text = std::fs::read_to_string(table).with_context(|| format!("{name}: cannot be read"))?;
     let mut lines = text.lines();

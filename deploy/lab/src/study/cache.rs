@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Goes into the key: raised when what is measured changes its meaning.
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 
 /// A trial as a line of the file.
 #[derive(Serialize, Deserialize)]
@@ -64,14 +64,15 @@ impl From<Line> for RecordedTrial {
 }
 
 /// Trials by their parameters, each a line of a file.
-pub struct Cache {
+#[derive(Debug)]
+pub(super) struct Cache {
     path: PathBuf,
     file: File,
     trials: HashMap<ParamsKey, RecordedTrial>,
 }
 
 /// What the trials of one file have in common, as 16 hexadecimal digits.
-pub fn fingerprint(volume: &Volume, scene: &Scene, plan: &SamplePlan, kernel: &str) -> anyhow::Result<String> {
+pub(super) fn fingerprint(volume: &Volume, scene: &Scene, plan: &SamplePlan, kernel: &str) -> anyhow::Result<String> {
     let mut hash = Sha256::new();
     hash.update(VERSION.to_le_bytes());
     let grid = volume.grid();
@@ -95,7 +96,7 @@ impl Cache {
     ///
     /// # Errors
     /// If the file cannot be read or written.
-    pub fn open(path: &Path) -> anyhow::Result<Self> {
+    pub(super) fn open(path: &Path) -> anyhow::Result<Self> {
         let text = match fs::read(path) {
             Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
@@ -154,7 +155,7 @@ mod tests {
     fn trial(resolution: u32) -> RecordedTrial {
         let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![1e-3, 0.1 + 0.2] }] };
         let cost = Cost { size_bytes: 7, elements: 3, ..Cost::default() };
-        let params = GenerationParams::new(resolution, 0.013).unwrap();
+        let params = GenerationParams::vdi(resolution, 0.013).unwrap();
         RecordedTrial { params, cost, timed: 1, quality, spent: SpentTime::default() }
     }
 

@@ -1,11 +1,11 @@
 //! What a study writes for other programs.
 
-use super::Measured;
+use super::StepStudy;
 use super::choices::{Limits, best, transfers};
 use super::recorded_search::Outcome;
 use anyhow::Context;
 use lamina_tuner::Contract;
-use lamina_tuner::tune::Row;
+use lamina_tuner::tune::Trial;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -17,7 +17,7 @@ fn write(folder: &Path, name: &str, text: &str) -> anyhow::Result<()> {
 /// Resolution, gamma, size, times and quality, as they stand in every file.
 const ROW: &str = "resolution,gamma,size_bytes,generation_ms,encode_ms,psnr_db";
 
-fn row(row: &Row) -> String {
+fn row(row: &Trial) -> String {
     let (params, cost) = (&row.params, &row.measured.cost);
     let ms = |time: std::time::Duration| 1e3 * time.as_secs_f64();
     format!(
@@ -32,7 +32,7 @@ fn row(row: &Row) -> String {
 }
 
 /// `measurements.csv`: every trial; one column for each view at the end.
-pub fn measurements(folder: &Path, all: &[Measured]) -> anyhow::Result<()> {
+pub(super) fn measurements(folder: &Path, all: &[StepStudy]) -> anyhow::Result<()> {
     let first = all.iter().flat_map(|m| &m.rows).next();
     let mut text = format!("scene,step,{ROW}");
     for view in first.iter().flat_map(|r| &r.measured.quality.views) {
@@ -50,7 +50,7 @@ pub fn measurements(folder: &Path, all: &[Measured]) -> anyhow::Result<()> {
 }
 
 /// `best_size.csv` and `best_time.csv`: the choice under each limit; empty where nothing keeps it.
-pub fn choices(folder: &Path, all: &[Measured], limits: &Limits) -> anyhow::Result<()> {
+pub(super) fn choices(folder: &Path, all: &[StepStudy], limits: &Limits) -> anyhow::Result<()> {
     let table = |unit: &str, contracts: &[Contract], limit: fn(&Contract) -> f64| {
         let mut text = format!("scene,step,{unit},{ROW}\n");
         for (m, contract) in all.iter().flat_map(|m| contracts.iter().map(move |c| (m, c))) {
@@ -59,12 +59,12 @@ pub fn choices(folder: &Path, all: &[Measured], limits: &Limits) -> anyhow::Resu
         }
         text
     };
-    write(folder, "best_size.csv", &table("limit_bytes", &limits.size, |c| c.size_bytes.unwrap_or(0) as f64))?;
-    write(folder, "best_time.csv", &table("limit_ms", &limits.time, |c| c.time_ms.unwrap_or(0.0)))
+    write(folder, "best_size.csv", &table("limit_bytes", &limits.size, |c| c.limits.size_bytes.unwrap_or(0) as f64))?;
+    write(folder, "best_time.csv", &table("limit_ms", &limits.time, |c| c.limits.time_ms.unwrap_or(0.0)))
 }
 
 /// `cross.csv`: choices of one step, used on another.
-pub fn cross(folder: &Path, all: &[Measured], limits: &Limits) -> anyhow::Result<()> {
+pub(super) fn cross(folder: &Path, all: &[StepStudy], limits: &Limits) -> anyhow::Result<()> {
     let mut text = format!("scene,from_step,to_step,limit,{ROW},excess_percent,loss_db\n");
     for contracts in [&limits.size, &limits.time] {
         for t in transfers(all, contracts) {
@@ -78,12 +78,12 @@ pub fn cross(folder: &Path, all: &[Measured], limits: &Limits) -> anyhow::Result
 }
 
 /// `search.csv`: what the search found beside the exhaustive choice.
-pub fn search(folder: &Path, outcomes: &[Outcome]) -> anyhow::Result<()> {
+pub(super) fn search(folder: &Path, outcomes: &[Outcome]) -> anyhow::Result<()> {
     let mut text = String::from(
         "scene,step,limit,best_resolution,best_gamma,best_psnr_db,found_resolution,found_gamma,regret_db,excess_percent,trials,cpu_s,exhaustive_cpu_s\n",
     );
     for o in outcomes {
-        let params = |row: &Option<Row>| {
+        let params = |row: &Option<Trial>| {
             row.as_ref().map_or_else(|| ",".to_owned(), |r| format!("{},{}", r.params.resolution(), r.params.gamma()))
         };
         let best_db = o.best.as_ref().map_or_else(String::new, |r| format!("{:.4}", r.measured.quality.psnr_db()));

@@ -1,13 +1,13 @@
 //! The paper's Fig. 7, 8 and 9 as drawings: what was measured, and what is best under which limit.
 
-use super::Measured;
+use super::StepStudy;
 use super::choices::best;
 use lamina_report::color_at;
 use lamina_report::html::escape;
 use lamina_report::numbers::{bytes, decibels, finite_range, fixed, significant};
 use lamina_report::svg::{self, Axis};
 use lamina_tuner::Contract;
-use lamina_tuner::tune::Row;
+use lamina_tuner::tune::Trial;
 
 const WIDTH: f64 = 480.0;
 const HEIGHT: f64 = 340.0;
@@ -16,12 +16,12 @@ const RIGHT: f64 = WIDTH - 12.0;
 const BOTTOM: f64 = HEIGHT - 42.0;
 const TOP: f64 = 16.0;
 
-fn ms(row: &Row) -> f64 {
+fn ms(row: &Trial) -> f64 {
     1e3 * row.measured.cost.generation.as_secs_f64()
 }
 
 /// gamma to the right, r upwards, room for the largest circle on all sides.
-fn axes(rows: &[Row], room: f64) -> (Axis, Axis) {
+fn axes(rows: &[Trial], room: f64) -> (Axis, Axis) {
     let gammas = finite_range(rows.iter().map(|r| r.params.gamma())).unwrap_or((0.0, 0.0));
     let resolutions = finite_range(rows.iter().map(|r| f64::from(r.params.resolution()))).unwrap_or((0.0, 0.0));
     (Axis::linear(gammas, LEFT + room, RIGHT - room), Axis::linear(resolutions, BOTTOM - room, TOP + room))
@@ -38,16 +38,16 @@ fn figure(title: &str, note: &str, drawing: &str) -> String {
 }
 
 /// Fig. 7: a circle for each trial, whose area is sigma, fill q and edge tau; of a fine grid every few.
-pub fn measurements(m: &Measured) -> String {
+pub(super) fn measurements(m: &StepStudy) -> String {
     let [every_r, every_gamma] = strides(&m.rows);
-    let shown: Vec<&Row> = every(&m.rows, every_r, every_gamma);
+    let shown: Vec<&Trial> = every(&m.rows, every_r, every_gamma);
     let room = 15.0;
     let (x, y) = axes(&m.rows, room);
     let largest = shown.iter().map(|r| r.measured.cost.size_bytes).max().unwrap_or(1) as f64;
     let quality = finite_range(shown.iter().map(|r| r.measured.quality.psnr_db())).unwrap_or((0.0, 1.0));
     let times = finite_range(shown.iter().map(|r| ms(r))).unwrap_or((0.0, 1.0));
     let share = |value: f64, (low, high): (f64, f64)| ((value - low) / (high - low).max(1e-12)).clamp(0.0, 1.0);
-    let circle = |row: &&Row| {
+    let circle = |row: &&Trial| {
         let size = row.measured.cost.size_bytes as f64;
         let q = row.measured.quality.psnr_db();
         let edge = 0.4 + 3.6 * share(ms(row), times);
@@ -79,7 +79,7 @@ pub fn measurements(m: &Measured) -> String {
 }
 
 /// Of how many resolutions and gammas one is shown, so that circles stay apart.
-fn strides(rows: &[Row]) -> [usize; 2] {
+fn strides(rows: &[Trial]) -> [usize; 2] {
     let mut resolutions: Vec<u32> = rows.iter().map(|r| r.params.resolution()).collect();
     let mut gammas: Vec<u64> = rows.iter().map(|r| r.params.gamma().to_bits()).collect();
     resolutions.sort_unstable();
@@ -89,19 +89,19 @@ fn strides(rows: &[Row]) -> [usize; 2] {
     [resolutions.len().div_ceil(10), gammas.len().div_ceil(17)]
 }
 
-fn every(rows: &[Row], r: usize, gamma: usize) -> Vec<&Row> {
+fn every(rows: &[Trial], r: usize, gamma: usize) -> Vec<&Trial> {
     let by_resolution = rows.chunk_by(|a, b| a.params.resolution() == b.params.resolution());
     by_resolution.step_by(r.max(1)).flat_map(|line| line.iter().step_by(gamma.max(1))).collect()
 }
 
 /// Fig. 8 and 9: where the best under each rising limit lies, limit by limit, and what it gives.
-pub fn best_under(m: &Measured, contracts: &[Contract]) -> String {
-    let chosen: Vec<(&Contract, &Row)> =
+pub(super) fn best_under(m: &StepStudy, contracts: &[Contract]) -> String {
+    let chosen: Vec<(&Contract, &Trial)> =
         contracts.iter().filter_map(|c| best(&m.rows, c).map(|n| (c, &m.rows[n]))).collect();
-    let of = |value: fn(&Row) -> f64| finite_range(chosen.iter().map(|(_, row)| value(row))).unwrap_or((0.0, 0.0));
+    let of = |value: fn(&Trial) -> f64| finite_range(chosen.iter().map(|(_, row)| value(row))).unwrap_or((0.0, 0.0));
     let x = Axis::fitting(of(|r| r.params.gamma()), LEFT + 24.0, RIGHT - 24.0);
     let y = Axis::linear(of(|r| f64::from(r.params.resolution())), BOTTOM - 24.0, TOP + 24.0);
-    let place = |row: &Row| (x.at(row.params.gamma()), y.at(f64::from(row.params.resolution())));
+    let place = |row: &Trial| (x.at(row.params.gamma()), y.at(f64::from(row.params.resolution())));
     let path: Vec<(f64, f64)> = chosen.iter().map(|(_, row)| place(row)).collect();
     let mut parts = frame(&x, &y) + &svg::line("path", &path);
     let mut lines = String::new();
@@ -136,8 +136,8 @@ pub fn best_under(m: &Measured, contracts: &[Contract]) -> String {
 }
 
 /// The one limit of a contract, for people.
-pub fn limit(contract: &Contract) -> String {
-    match (contract.size_bytes, contract.time_ms) {
+pub(super) fn limit(contract: &Contract) -> String {
+    match (contract.limits.size_bytes, contract.limits.time_ms) {
         (Some(size), _) => bytes(size as f64),
         (None, Some(time)) => format!("{} ms", significant(time, 4)),
         (None, None) => contract.to_string(),

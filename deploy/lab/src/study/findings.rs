@@ -2,7 +2,7 @@
 
 use super::choices::{Limits, best};
 use lamina_report::numbers::{fixed, significant};
-use lamina_tuner::tune::Row;
+use lamina_tuner::tune::Trial;
 
 /// What one quantity does along one parameter, over all pairs of neighbours on the grid.
 #[derive(Debug, PartialEq)]
@@ -17,10 +17,10 @@ struct Trend {
 impl Trend {
     /// Of `value`, which should rise (or fall: `sign` -1) with `along` among rows of the same `group`.
     fn of(
-        rows: &[Row],
-        group: impl Fn(&Row) -> f64,
-        along: impl Fn(&Row) -> f64 + Copy,
-        value: impl Fn(&Row) -> f64,
+        rows: &[Trial],
+        group: impl Fn(&Trial) -> f64,
+        along: impl Fn(&Trial) -> f64 + Copy,
+        value: impl Fn(&Trial) -> f64,
         sign: f64,
     ) -> Self {
         let mut points: Vec<[f64; 3]> = rows.iter().map(|r| [group(r), along(r), value(r)]).collect();
@@ -52,7 +52,7 @@ impl Trend {
 }
 
 /// The heads of [`row`].
-pub const HEAD: [&str; 6] = [
+pub(super) const HEAD: [&str; 6] = [
     "q falls or stays as gamma grows",
     "size falls or stays as gamma grows",
     "size grows or stays with r",
@@ -62,11 +62,11 @@ pub const HEAD: [&str; 6] = [
 ];
 
 /// What `rows` say, in the order of [`HEAD`].
-pub fn row(rows: &[Row], limits: &Limits) -> [String; 6] {
-    let r = |row: &Row| f64::from(row.params.resolution());
-    let gamma = |row: &Row| row.params.gamma();
-    let q = |row: &Row| row.measured.quality.psnr_db();
-    let size = |row: &Row| (row.measured.cost.size_bytes as f64).ln();
+pub(super) fn row(rows: &[Trial], limits: &Limits) -> [String; 6] {
+    let r = |row: &Trial| f64::from(row.params.resolution());
+    let gamma = |row: &Trial| row.params.gamma();
+    let q = |row: &Trial| row.measured.quality.psnr_db();
+    let size = |row: &Trial| (row.measured.cost.size_bytes as f64).ln();
     let db = |off: f64| format!("{} dB", fixed(off, 2));
     let percent = |share: f64| format!("{} %", fixed(100.0 * share, 1));
     let (growth, loss) = (|off: f64| percent(off.exp_m1()), |off: f64| percent(-(-off).exp_m1()));
@@ -96,7 +96,7 @@ mod tests {
     use lamina_model::Cost;
     use lamina_model::{GenerationParams, Quality, ViewError};
     use lamina_tuner::Contract;
-    use lamina_tuner::trial::Measured;
+    use lamina_tuner::evaluator::Measurement;
     use std::time::Duration;
 
     #[test]
@@ -116,10 +116,10 @@ mod tests {
             let batch_mse = vec![10_f64.powf(-db / 10.0)];
             let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse }] };
             let cost = Cost { size_bytes, generation: Duration::from_millis(ms), ..Cost::default() };
-            let params = GenerationParams::new(r, gamma).unwrap();
-            Row { params, measured: Measured { cost, quality }, cost: 0.0 }
+            let params = GenerationParams::vdi(r, gamma).unwrap();
+            Trial { params, measured: Measurement { cost, quality }, cost: 0.0 }
         };
-        let rows: Vec<Row> = measured.iter().map(row_of).collect();
+        let rows: Vec<Trial> = measured.iter().map(row_of).collect();
         let limits = Limits { size: [50, 95, 160].map(Contract::size).into(), time: Vec::new() };
         // Gamma 0.2 is missing at r = 30: its neighbours are none of each other's.
         let expected = [

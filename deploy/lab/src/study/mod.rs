@@ -19,12 +19,12 @@ use indicatif::{ProgressBar, ProgressStyle};
 use lamina::in_process::{InProcessEvaluator, encode_options};
 use lamina::say;
 use lamina::source::{read_options, scene_of, with_colors};
-use lamina_model::{GenerationParams, Representation, SamplePlan, Scene, Segmentation, Volume};
+use lamina_model::{GenerationParams, Representation, SamplePlan, Scene, Segmentation, VdiParams, Volume};
 use lamina_raycast::Backend;
 use lamina_tuner::Contract;
+use lamina_tuner::evaluator::Evaluator as _;
 use lamina_tuner::search::{CandidateSet, Grid};
-use lamina_tuner::trial::Trial as _;
-use lamina_tuner::tune::{Row, tune};
+use lamina_tuner::tune::{Trial, tune};
 use lamina_vdi_render as viz;
 use lamina_volume_io::Series;
 
@@ -35,19 +35,19 @@ const TIMES: u32 = 3;
 const BESIDES: u64 = 4;
 
 /// One step of one input, measured.
-pub struct Measured {
+pub(crate) struct StepStudy {
     /// The input's name.
     pub name: String,
     /// Which step of it.
     pub step: u64,
     /// Every trial, gamma by gamma within a resolution.
-    pub rows: Vec<Row>,
+    pub rows: Vec<Trial>,
     /// What can measure more of it.
     pub trial: InProcessEvaluator,
 }
 
 /// `lamina-lab study`.
-pub fn study(arguments: &cli::Study) -> anyhow::Result<()> {
+pub(crate) fn study(arguments: &cli::Study) -> anyhow::Result<()> {
     std::fs::create_dir_all(&arguments.out)
         .with_context(|| format!("{}: cannot be created", arguments.out.display()))?;
     let backends = (Backend::open(arguments.backend)?, viz::Backend::open(arguments.backend)?);
@@ -113,8 +113,8 @@ fn measure(
     scene: &Scene,
     mut trial: InProcessEvaluator,
     grid: &Grid,
-) -> anyhow::Result<Measured> {
-    let base = GenerationParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?;
+) -> anyhow::Result<StepStudy> {
+    let base = VdiParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?.into();
     let runtime = tokio::runtime::Builder::new_current_thread().build()?;
     let mut candidates = CandidateSet::new(trial.longest_side(), &[Representation::Vdi], grid, &base)?;
     let candidates = runtime.block_on(candidates.all(&mut trial))?;
@@ -144,7 +144,7 @@ fn measure(
     }
     bar.finish_and_clear();
     ensure!(!study.rows.is_empty(), "{name}, step {step}: none of the grid's parameters could be measured");
-    Ok(Measured { name, step: trial.step(), rows: study.rows, trial })
+    Ok(StepStudy { name, step: trial.step(), rows: study.rows, trial })
 }
 
 fn bar(what: &str, candidates: &[GenerationParams]) -> ProgressBar {

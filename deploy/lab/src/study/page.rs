@@ -2,7 +2,7 @@
 
 use super::choices::{Limits, Transfer, best, transfers};
 use super::recorded_search::Outcome;
-use super::{Measured, figures, findings};
+use super::{StepStudy, figures, findings};
 use anyhow::Context;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -12,7 +12,7 @@ use lamina_report::html::{self, escape};
 use lamina_report::numbers::{bytes, decibels, fixed, kilobytes, significant};
 use lamina_tuner::Contract;
 use lamina_tuner::pareto::{front, offers};
-use lamina_tuner::tune::Row;
+use lamina_tuner::tune::Trial;
 use lamina_vdi_render::{self as viz, Detail};
 use lamina_viz_node::painter::png;
 use std::path::Path;
@@ -23,14 +23,14 @@ const ANGLES_DEG: [f64; 7] = [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0];
 const PICTURE: u32 = 256;
 
 /// Writes the page.
-pub fn write(
+pub(super) fn write(
     folder: &Path,
-    all: &[Measured],
+    all: &[StepStudy],
     limits: &Limits,
     outcomes: &[Outcome],
     command: &str,
 ) -> anyhow::Result<()> {
-    let plots = |title: &str, words: &str, draw: &dyn Fn(&Measured) -> String| {
+    let plots = |title: &str, words: &str, draw: &dyn Fn(&StepStudy) -> String| {
         let drawn: String = all.iter().map(draw).collect();
         html::section(title, &format!("<p>{}</p><div class=\"plots\">{drawn}</div>", escape(words)))
     };
@@ -62,7 +62,7 @@ pub fn write(
     std::fs::write(&path, page).with_context(|| format!("{}: cannot be written", path.display()))
 }
 
-fn heading(all: &[Measured], command: &str) -> String {
+fn heading(all: &[StepStudy], command: &str) -> String {
     let trials: usize = all.iter().map(|m| m.rows.len()).sum();
     let scenes: Vec<String> = all.iter().map(|m| format!("{} step {}", m.name, m.step)).collect();
     let entry = |name: &str, text: &str| format!("<dt>{name}</dt><dd>{}</dd>", escape(text));
@@ -75,13 +75,13 @@ fn heading(all: &[Measured], command: &str) -> String {
 }
 
 /// What the pictures are made with: the best under the middle limit that something keeps.
-fn pictured<'a>(m: &'a Measured, limits: &Limits) -> Option<(&'a Row, String)> {
+fn pictured<'a>(m: &'a StepStudy, limits: &Limits) -> Option<(&'a Trial, String)> {
     let kept: Vec<(&Contract, usize)> = limits.size.iter().filter_map(|c| best(&m.rows, c).map(|n| (c, n))).collect();
     kept.get(kept.len() / 2).map(|(c, n)| (&m.rows[*n], figures::limit(c)))
 }
 
 /// The VDI's pictures above the ray-cast ones, q under each.
-fn strip(m: &Measured, limits: &Limits) -> anyhow::Result<String> {
+fn strip(m: &StepStudy, limits: &Limits) -> anyhow::Result<String> {
     let Some((row, limit)) = pictured(m, limits) else { return Ok(String::new()) };
     let shown = m.trial.decoded(&row.params)?;
     let mut cells = String::new();
@@ -113,9 +113,9 @@ fn strip(m: &Measured, limits: &Limits) -> anyhow::Result<String> {
 }
 
 /// What the paper says of its data, on this.
-fn trends(all: &[Measured], limits: &Limits) -> String {
+fn trends(all: &[StepStudy], limits: &Limits) -> String {
     let head = ["input", "step"].iter().chain(&findings::HEAD).map(|h| (*h).to_owned());
-    let line = |m: &Measured| {
+    let line = |m: &StepStudy| {
         let cells = [m.name.clone(), m.step.to_string()].into_iter().chain(findings::row(&m.rows, limits));
         (cells.collect(), false)
     };
@@ -125,7 +125,7 @@ fn trends(all: &[Measured], limits: &Limits) -> String {
 }
 
 /// Table 1: choices of one step, used on another.
-fn cross(all: &[Measured], limits: &Limits) -> String {
+fn cross(all: &[StepStudy], limits: &Limits) -> String {
     let found: Vec<Transfer> = [&limits.size, &limits.time].into_iter().flat_map(|c| transfers(all, c)).collect();
     if found.is_empty() {
         return String::new();
@@ -161,7 +161,7 @@ fn cross(all: &[Measured], limits: &Limits) -> String {
 }
 
 /// What nothing beats, and what more would buy.
-fn front_section(all: &[Measured], limits: &Limits) -> String {
+fn front_section(all: &[StepStudy], limits: &Limits) -> String {
     let mut content = String::new();
     for m in all {
         let on_front = front(&m.rows);

@@ -1,21 +1,21 @@
 //! The search beside the exhaustive study: it asks for trials that the study has measured, and each is charged the processor
 //! time that measuring it took. So both see the same noise, and a limit on time is kept or broken by the same figure.
 
-use super::Measured;
+use super::StepStudy;
 use super::choices::{best, excess};
 use lamina::in_process::InProcessEvaluator;
 use lamina::process::Used;
 use lamina_model::Cost;
 use lamina_model::{GenerationParams, Invalid, ParamsKey};
 use lamina_tuner::Contract;
+use lamina_tuner::evaluator::{self, Evaluator, TrialError};
 use lamina_tuner::search::{CandidateSet, SearchRequest, search};
-use lamina_tuner::trial::{self, Trial, TrialError};
-use lamina_tuner::tune::Row;
+use lamina_tuner::tune::Trial;
 use std::collections::{HashMap, HashSet};
 use std::time::Duration;
 
 /// What a search found under one contract, beside the best of all.
-pub struct Outcome {
+pub(super) struct Outcome {
     /// The input's name.
     pub name: String,
     /// Which step of it.
@@ -23,9 +23,9 @@ pub struct Outcome {
     /// The contract.
     pub contract: Contract,
     /// The exhaustive choice.
-    pub best: Option<Row>,
+    pub best: Option<Trial>,
     /// The search's, as the exhaustive study measured it.
-    pub found: Option<Row>,
+    pub found: Option<Trial>,
     /// Trials it took, those included that ended once generation was timed.
     pub trials: usize,
     /// Processor time of what it measured, and its own, seconds.
@@ -36,13 +36,13 @@ pub struct Outcome {
 
 impl Outcome {
     /// Decibels that the search's choice lacks.
-    pub fn regret_db(&self) -> Option<f64> {
-        let db = |row: &Row| row.measured.quality.psnr_db();
+    pub(super) fn regret_db(&self) -> Option<f64> {
+        let db = |row: &Trial| row.measured.quality.psnr_db();
         self.best.as_ref().zip(self.found.as_ref()).map(|(best, found)| db(best) - db(found))
     }
 
     /// By which share the search's choice exceeds the limit; see [`excess`].
-    pub fn excess(&self) -> Option<f64> {
+    pub(super) fn excess(&self) -> Option<f64> {
         self.found.as_ref().map(|row| excess(&self.contract, row))
     }
 }
@@ -59,7 +59,7 @@ struct Replay<'a> {
     spent_secs: f64,
 }
 
-impl Trial for Replay<'_> {
+impl Evaluator for Replay<'_> {
     fn step(&self) -> u64 {
         self.study.step()
     }
@@ -98,13 +98,13 @@ impl Trial for Replay<'_> {
         &mut self,
         params: &[GenerationParams],
         batches: u32,
-    ) -> Result<Vec<Result<trial::Measured, Invalid>>, TrialError> {
+    ) -> Result<Vec<Result<evaluator::Measurement, Invalid>>, TrialError> {
         Ok(params.iter().map(|p| self.one(p, batches)).collect())
     }
 }
 
 impl Replay<'_> {
-    fn one(&mut self, params: &GenerationParams, batches: u32) -> Result<trial::Measured, Invalid> {
+    fn one(&mut self, params: &GenerationParams, batches: u32) -> Result<evaluator::Measurement, Invalid> {
         let trial = self.study.trial(params).ok_or_else(unmeasured)?;
         let (spent, key) = (&trial.spent, params.key());
         let before = self.given.get(&key).copied();
@@ -121,7 +121,7 @@ impl Replay<'_> {
         ns += spent.quality_ns as f64 * f64::from(wanted - before.unwrap_or(0)) / f64::from(all.max(1));
         self.spent_secs += 1e-9 * ns;
         self.given.insert(key, wanted);
-        Ok(trial::Measured { cost: trial.cost, quality: trial.quality.first(wanted as usize) })
+        Ok(evaluator::Measurement { cost: trial.cost, quality: trial.quality.first(wanted as usize) })
     }
 }
 
@@ -130,7 +130,7 @@ fn unmeasured() -> Invalid {
 }
 
 /// Searches every measured step under each contract.
-pub fn outcomes(all: &mut [Measured], contracts: &[&Contract]) -> anyhow::Result<Vec<Outcome>> {
+pub(super) fn outcomes(all: &mut [StepStudy], contracts: &[&Contract]) -> anyhow::Result<Vec<Outcome>> {
     let runtime = tokio::runtime::Builder::new_current_thread().build()?;
     let mut outcomes = Vec::new();
     for m in all {
@@ -168,7 +168,7 @@ pub fn outcomes(all: &mut [Measured], contracts: &[&Contract]) -> anyhow::Result
 }
 
 /// The searches in one sentence.
-pub fn summary(outcomes: &[Outcome]) -> String {
+pub(super) fn summary(outcomes: &[Outcome]) -> String {
     let feasible: Vec<&Outcome> = outcomes.iter().filter(|o| o.best.is_some()).collect();
     let regret = feasible.iter().filter_map(|o| o.regret_db()).fold(0.0, f64::max);
     let missed = feasible.iter().filter(|o| o.found.is_none()).count();

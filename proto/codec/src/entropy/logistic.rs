@@ -13,14 +13,14 @@ const LIMIT: i32 = 2047;
 
 /// Lookup tables of the logistic function (`squash`) and of its inverse (`stretch`).
 #[derive(Debug)]
-pub struct LogisticTables {
+pub(crate) struct LogisticTables {
     squash: [u16; 2 * LIMIT as usize + 1],
     stretch: [i16; 4096],
 }
 
 impl LogisticTables {
     /// The tables, computed at the first call and shared from then on.
-    pub fn get() -> &'static Self {
+    pub(crate) fn get() -> &'static Self {
         static TABLES: LazyLock<LogisticTables> = LazyLock::new(LogisticTables::new);
         &TABLES
     }
@@ -35,13 +35,13 @@ impl LogisticTables {
 
     /// ln(p / (1 - p)), in units of 1 / [`UNIT`], of a probability in 1/4096.
     #[inline(always)]
-    pub fn stretch(&self, probability: u32) -> i16 {
+    pub(crate) fn stretch(&self, probability: u32) -> i16 {
         self.stretch[(probability & 4095) as usize]
     }
 
     /// The probability in 1/65536, 32..=65504, whose ln(p / (1 - p)) is `x` (in units of 1 / [`UNIT`]).
     #[inline(always)]
-    pub fn squash(&self, x: i32) -> u32 {
+    pub(crate) fn squash(&self, x: i32) -> u32 {
         u32::from(self.squash[(x.clamp(-LIMIT, LIMIT) + LIMIT) as usize])
     }
 }
@@ -64,7 +64,7 @@ fn logistic(x: i32, powers: &[f64]) -> u16 {
 /// Adaptive probability of one binary decision. At first it is the mean of the bits seen, later an exponential average
 /// with a fixed rate. The highest 22 bits hold the probability of a set bit, the lowest ten count the bits seen.
 #[derive(Debug, Clone, Copy)]
-pub struct BitModel(u32);
+pub(crate) struct BitModel(u32);
 
 /// Adaptation rate after n bits: 16384 / (n + 1.5) / 2.
 const RATES: [u16; 256] = rates();
@@ -96,13 +96,13 @@ impl BitModel {
 
     /// Probability of a set bit in 1/4096.
     #[inline(always)]
-    pub fn probability_12bit(self) -> u32 {
+    pub(crate) fn probability_12bit(self) -> u32 {
         self.0 >> 20
     }
 
     /// Moves the probability towards `bit`. The rate falls with each bit until `count_limit` of them were seen.
     #[inline(always)]
-    pub fn update(&mut self, bit: bool, count_limit: u8) {
+    pub(crate) fn update(&mut self, bit: bool, count_limit: u8) {
         let count = (self.0 & 255) as u8;
         let goal = if bit { (1 << 22) - 1 } else { 0 };
         let change = ((goal - (self.0 >> 10) as i32) >> 3).wrapping_mul(i32::from(RATES[usize::from(count)]));
@@ -113,7 +113,7 @@ impl BitModel {
 
 /// Codes or reads one bit with the probability of a single model, and updates the model. Returns the bit.
 #[inline]
-pub fn code_bit<C: Coder>(coder: &mut C, model: &mut BitModel, bit: bool) -> bool {
+pub(crate) fn code_bit<C: Coder>(coder: &mut C, model: &mut BitModel, bit: bool) -> bool {
     let bit = coder.code_bit(model.probability(), bit);
     model.update(bit, COUNT_LIMIT);
     bit

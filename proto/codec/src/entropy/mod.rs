@@ -1,11 +1,11 @@
 //! Binary arithmetic coding with adaptive probabilities, shared by the VDI codec and the volume codec.
 
-pub mod logistic;
-pub mod range_coder;
+pub(crate) mod logistic;
+pub(crate) mod range_coder;
 
 /// Why entropy-coded bytes cannot be decoded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum EntropyError {
+pub(crate) enum EntropyError {
     /// The decoded sizes exceed what this machine can address.
     #[error("the decoded sizes exceed the address space")]
     SizeOverflow,

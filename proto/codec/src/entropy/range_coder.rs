@@ -5,7 +5,7 @@
 
 /// The operations that encoder and decoder have in common, so that one body of model code serves both: an encoder writes
 /// the value that is passed, a decoder ignores it and returns the value read.
-pub trait Coder {
+pub(crate) trait Coder {
     /// Codes `bit`, whose probability of being set is `probability` in 1/65536 (32..=65504). Returns the bit.
     fn code_bit(&mut self, probability: u32, bit: bool) -> bool;
 
@@ -18,7 +18,7 @@ const MIN_RANGE: u64 = 1 << 32;
 
 /// Range encoder: codes bits into a byte vector.
 #[derive(Debug)]
-pub struct Encoder {
+pub(crate) struct Encoder {
     low: u64,
     range: u64,
     out: Vec<u8>,
@@ -57,7 +57,7 @@ impl Encoder {
     }
 
     /// Ends the stream and returns the bytes of all bits coded.
-    pub fn finish(mut self) -> Vec<u8> {
+    pub(crate) fn finish(mut self) -> Vec<u8> {
         // Choose the number inside the interval with the most trailing zero bytes: a decoder reads zeros beyond the end.
         for zeros in (0..64).step_by(8).rev() {
             let below = (1_u64 << zeros) - 1;
@@ -100,7 +100,7 @@ impl Coder for Encoder {
 
 /// Range decoder. Reads zeros beyond the end of its bytes.
 #[derive(Debug)]
-pub struct Decoder<'a> {
+pub(crate) struct Decoder<'a> {
     /// Position of the coded number within the interval.
     code: u64,
     range: u64,
@@ -109,7 +109,7 @@ pub struct Decoder<'a> {
 
 impl<'a> Decoder<'a> {
     /// A decoder at the first bit of `bytes`.
-    pub fn new(bytes: &'a [u8]) -> Self {
+    pub(crate) fn new(bytes: &'a [u8]) -> Self {
         let mut decoder = Self { code: 0, range: u64::MAX, bytes };
         decoder.code = decoder.next_word() << 32 | decoder.next_word();
         decoder

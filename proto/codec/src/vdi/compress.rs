@@ -21,7 +21,7 @@ pub(super) enum ByteCompressor {
 
 impl ByteCompressor {
     /// The compressor of `codec`; `None` for a codec that does not work on bytes.
-    pub fn of(codec: Codec) -> Option<Self> {
+    pub(super) fn of(codec: Codec) -> Option<Self> {
         match codec {
             Codec::Bzip2 => Some(Self::Bzip2),
             Codec::Zstd => Some(Self::Zstd),

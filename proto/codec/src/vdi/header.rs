@@ -6,7 +6,7 @@
 use super::{Codec, EncodedHeader, Layout};
 use crate::error::{CodecError, invalid};
 use lamina_model::camera::CameraFields;
-use lamina_model::{Aabb, Camera, GenerationParams, Invalid, VdiHeader};
+use lamina_model::{Aabb, Camera, Invalid, VdiHeader, VdiParams};
 use serde::{Deserialize, Serialize};
 
 /// Bytes of an encoded header.
@@ -95,7 +95,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Contents, CodecError> {
 }
 
 fn model_header(f: &HeaderFields) -> Result<VdiHeader, Invalid> {
-    let params = GenerationParams::new(f.resolution, f.gamma)?
+    let params = VdiParams::new(f.resolution, f.gamma)?
         .with_opacity_cutoff(f.opacity_cutoff)?
         .with_step_voxels(f.step_voxels)?;
     VdiHeader {

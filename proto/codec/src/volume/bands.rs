@@ -24,7 +24,7 @@ fn bands([nx, ny, nz]: [usize; 3]) -> Vec<Range<usize>> {
 ///
 /// # Panics
 /// If `dims` do not multiply to the number of values.
-pub fn encode(
+pub(super) fn encode(
     values: &[f32],
     dims: [usize; 3],
     bound: f32,
@@ -45,7 +45,7 @@ pub fn encode(
 ///
 /// # Errors
 /// If the lengths of bands do not fit the bytes, or a value is impossible.
-pub fn decode(bytes: &[u8], dims: [usize; 3], bound: f32) -> Result<Vec<f32>, EntropyError> {
+pub(super) fn decode(bytes: &[u8], dims: [usize; 3], bound: f32) -> Result<Vec<f32>, EntropyError> {
     let plane = dims[0].checked_mul(dims[1]).ok_or(EntropyError::SizeOverflow)?;
     let voxels = plane.checked_mul(dims[2]).ok_or(EntropyError::SizeOverflow)?;
     let bands = bands(dims);

@@ -5,7 +5,7 @@ use crate::entropy::range_coder::Coder;
 
 /// The flags of one level.
 #[derive(Debug)]
-pub struct BlockFlags {
+pub(super) struct BlockFlags {
     /// Number of blocks along x, y, z.
     pub grid: Lattice,
     /// Whether each block has nonzero residuals.
@@ -14,25 +14,31 @@ pub struct BlockFlags {
 
 impl BlockFlags {
     /// Cleared flags for all blocks of a lattice.
-    pub fn none(lattice: Lattice) -> Self {
+    pub(super) fn none(lattice: Lattice) -> Self {
         let grid = lattice.blocks();
         Self { grid, active: vec![false; grid.count()] }
     }
 
     /// Flags of the blocks along the row of points at `y`, `z` of a class.
     #[inline]
-    pub fn row(&self, y: usize, z: usize) -> &[bool] {
+    pub(super) fn row(&self, y: usize, z: usize) -> &[bool] {
         &self.active[self.grid.row(y / BLOCK, z / BLOCK)..][..self.grid.dims[0]]
     }
 
     /// The same flags, mutable.
     #[inline]
-    pub fn row_mut(&mut self, y: usize, z: usize) -> &mut [bool] {
+    pub(super) fn row_mut(&mut self, y: usize, z: usize) -> &mut [bool] {
         &mut self.active[self.grid.row(y / BLOCK, z / BLOCK)..][..self.grid.dims[0]]
     }
 
     /// Codes the flags, or reads them. `above` are those of the next coarser level, whose blocks are twice as wide.
-    pub fn code(&mut self, models: &mut VolumeModels, coder: &mut impl Coder, above: Option<&Self>, level: usize) {
+    pub(super) fn code(
+        &mut self,
+        models: &mut VolumeModels,
+        coder: &mut impl Coder,
+        above: Option<&Self>,
+        level: usize,
+    ) {
         let nx = self.grid.dims[0];
         for (y, z) in self.grid.rows() {
             for x in 0..nx {

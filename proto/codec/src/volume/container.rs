@@ -8,7 +8,7 @@ use crate::DecodeLimits;
 use crate::envelope::{CRC_BYTES, checked_body, take_version, too_short};
 use crate::error::{CodecError, invalid};
 use lamina_message::{required, v1};
-use lamina_model::{GenerationParams, Grid, ReducedVolume, Representation, Scene};
+use lamina_model::{Grid, ReducedVolume, Scene, VdiParams, VolumeParams};
 use prost::Message;
 
 /// First bytes of every file.
@@ -52,7 +52,7 @@ pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ReducedVolume, Code
 pub(crate) struct Head<'a> {
     grid: Grid,
     scene: Scene,
-    params: GenerationParams,
+    params: VolumeParams,
     values: &'a [u8],
 }
 
@@ -81,26 +81,25 @@ pub(crate) fn read_head<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<He
 /// The header's code for the representation.
 const VOLUME: u32 = 1;
 
-fn params_message(params: &GenerationParams) -> v1::VolumeParams {
+fn params_message(params: &VolumeParams) -> v1::VolumeParams {
     v1::VolumeParams {
-        longest_side: params.resolution(),
-        error_bound: params.gamma(),
-        opacity_cutoff: params.opacity_cutoff(),
-        step_voxels: params.step_voxels(),
+        longest_side: params.longest_side(),
+        error_bound: params.error_bound(),
+        // The format has room for what only VDIs have.
+        opacity_cutoff: 1.0,
+        step_voxels: VdiParams::DEFAULT_STEP_VOXELS,
         representation: VOLUME,
     }
 }
 
-fn params_of(message: v1::VolumeParams) -> Result<GenerationParams, CodecError> {
+fn params_of(message: v1::VolumeParams) -> Result<VolumeParams, CodecError> {
     if message.representation != VOLUME {
         return Err(invalid("a volume's parameters name another representation"));
     }
-    let params = GenerationParams::new(message.longest_side, message.error_bound)?;
-    let params = params.with_opacity_cutoff(message.opacity_cutoff)?.with_step_voxels(message.step_voxels)?;
-    Ok(params.with_representation(Representation::Volume))
+    Ok(VolumeParams::new(message.longest_side, message.error_bound)?)
 }
 
 /// The error bound in single precision, at least 1e-6, below which single precision has no digits.
-fn bound(params: &GenerationParams) -> f32 {
-    (params.gamma() as f32).max(1e-6)
+fn bound(params: &VolumeParams) -> f32 {
+    (params.error_bound() as f32).max(1e-6)
 }

@@ -13,7 +13,7 @@ use crate::entropy::range_coder::Decoder;
 
 /// Decodes the values of a volume of `dims` voxels (x fastest) coded with `bound`. Corrupt bytes give other finite values or
 /// an error, in the time and memory that a volume of `dims` takes.
-pub fn decode(bytes: &[u8], dims: [usize; 3], bound: f32) -> Result<Vec<f32>, EntropyError> {
+pub(super) fn decode(bytes: &[u8], dims: [usize; 3], bound: f32) -> Result<Vec<f32>, EntropyError> {
     let count = dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d)).ok_or(EntropyError::SizeOverflow)?;
     if count > isize::MAX as usize / 16 {
         return Err(EntropyError::SizeOverflow);

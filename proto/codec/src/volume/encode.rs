@@ -18,7 +18,12 @@ use crate::entropy::range_coder::Encoder;
 ///
 /// # Panics
 /// If `dims` do not multiply to the number of values.
-pub fn encode(values: &[f32], dims: [usize; 3], bound: f32, free: impl Fn(usize) -> Option<(f32, f32)>) -> Vec<u8> {
+pub(super) fn encode(
+    values: &[f32],
+    dims: [usize; 3],
+    bound: f32,
+    free: impl Fn(usize) -> Option<(f32, f32)>,
+) -> Vec<u8> {
     assert_eq!(dims.iter().product::<usize>(), values.len(), "a volume has as many values as voxels");
     debug_assert!(values.iter().all(|v| v.is_finite()), "values are finite");
     let Some(&first) = values.first() else { return Vec::new() };

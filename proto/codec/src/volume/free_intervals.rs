@@ -11,7 +11,7 @@ use lamina_model::{ReducedVolume, Scene};
 use rayon::prelude::*;
 
 /// For each sample point, the transparent part of the range in which it and its surroundings lie.
-pub struct FreeIntervals<'a> {
+pub(super) struct FreeIntervals<'a> {
     units: &'a [f32],
     bound: f32,
     parts: Vec<[f32; 2]>,
@@ -24,7 +24,7 @@ const VISIBLE: u8 = u8::MAX;
 
 impl<'a> FreeIntervals<'a> {
     /// The free intervals of `volume`, whose values may be off by `bound` in any case.
-    pub fn new(volume: &'a ReducedVolume, bound: f32) -> Self {
+    pub(super) fn new(volume: &'a ReducedVolume, bound: f32) -> Self {
         let (scene, dims) = (volume.scene(), volume.grid().dims());
         let mut parts = scene.transfer.transparent_parts();
         for surface in &scene.effects.isosurfaces {
@@ -49,7 +49,7 @@ impl<'a> FreeIntervals<'a> {
     }
 
     /// The interval of values that point `n` may take; `None` if only the bound applies.
-    pub fn at(&self, n: usize) -> Option<(f32, f32)> {
+    pub(super) fn at(&self, n: usize) -> Option<(f32, f32)> {
         let [lo, hi] = *self.parts.get(usize::from(self.part[n]))?;
         let unit = self.units[n];
         Some((lo.min(unit - self.bound), hi.max(unit + self.bound)))

@@ -1,18 +1,18 @@
 //! Lattices of halving stride, and the classes of points that each lattice adds to the coarser one.
 
 /// Points per side of a block of a class; one flag declares all residuals of a block zero.
-pub const BLOCK: usize = 4;
+pub(super) const BLOCK: usize = 4;
 
 /// Dimensions of a volume or of a lattice of its points, x fastest.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Lattice {
+pub(super) struct Lattice {
     /// Number of points along x, y, z.
     pub dims: [usize; 3],
 }
 
 /// New points of a lattice that share the axes on which their coordinates are odd.
 #[derive(Debug, Clone, Copy)]
-pub struct PointClass {
+pub(super) struct PointClass {
     /// Axes on which coordinates are odd.
     pub odd: [bool; 3],
     /// Index of the class within its level, 0..7.
@@ -32,45 +32,45 @@ const CLASSES: [[bool; 3]; 7] = [
 
 impl Lattice {
     /// Number of points.
-    pub fn count(&self) -> usize {
+    pub(super) fn count(&self) -> usize {
         self.dims.iter().product()
     }
 
     /// Index of the first point of row (`y`, `z`).
     #[inline]
-    pub fn row(&self, y: usize, z: usize) -> usize {
+    pub(super) fn row(&self, y: usize, z: usize) -> usize {
         (z * self.dims[1] + y) * self.dims[0]
     }
 
     /// Number of levels: at stride 2^levels the lattice is the first voxel alone.
-    pub fn levels(&self) -> u32 {
+    pub(super) fn levels(&self) -> u32 {
         let longest = self.dims.iter().copied().max().unwrap_or(1);
         longest.next_power_of_two().trailing_zeros()
     }
 
     /// The lattice of stride 2^`level`; level 0 is the volume itself.
-    pub fn lattice(&self, level: usize) -> Self {
+    pub(super) fn lattice(&self, level: usize) -> Self {
         Self { dims: self.dims.map(|n| n.div_ceil(1 << level)) }
     }
 
     /// Dimensions of the part whose coordinates are odd on the axes `odd` and even on the others.
-    pub fn part(&self, odd: [bool; 3]) -> Self {
+    pub(super) fn part(&self, odd: [bool; 3]) -> Self {
         Self { dims: std::array::from_fn(|a| if odd[a] { self.dims[a] / 2 } else { self.dims[a].div_ceil(2) }) }
     }
 
     /// Classes of this lattice that are not empty.
-    pub fn classes(self) -> impl Iterator<Item = PointClass> {
+    pub(super) fn classes(self) -> impl Iterator<Item = PointClass> {
         let classes = CLASSES.into_iter().enumerate().map(|(number, odd)| PointClass { odd, number });
         classes.filter(move |c| self.part(c.odd).count() > 0)
     }
 
     /// Number of blocks along each axis.
-    pub fn blocks(&self) -> Self {
+    pub(super) fn blocks(&self) -> Self {
         Self { dims: self.dims.map(|n| n.div_ceil(2 * BLOCK)) }
     }
 
     /// All (y, z), y fastest.
-    pub fn rows(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
+    pub(super) fn rows(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
         let [_, ny, nz] = self.dims;
         (0..nz).flat_map(move |z| (0..ny).map(move |y| (y, z)))
     }
@@ -78,17 +78,17 @@ impl Lattice {
 
 impl PointClass {
     /// Number of odd axes, 1..=3.
-    pub fn odd_axes(&self) -> usize {
+    pub(super) fn odd_axes(&self) -> usize {
         self.odd.iter().filter(|&&o| o).count()
     }
 
     /// Index of its part of the lattice, 1..8.
-    pub fn part(&self) -> usize {
+    pub(super) fn part(&self) -> usize {
         part(self.odd)
     }
 }
 
 /// Index, 0..8, of the part whose coordinates are odd on the axes `odd`.
-pub fn part(odd: [bool; 3]) -> usize {
+pub(super) fn part(odd: [bool; 3]) -> usize {
     (0..3).map(|a| usize::from(odd[a]) << a).sum()
 }

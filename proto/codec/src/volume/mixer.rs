@@ -4,7 +4,7 @@ use crate::entropy::logistic::{BitModel, LogisticTables};
 use crate::entropy::range_coder::Coder;
 
 /// Models that are mixed for each bit.
-pub const INPUTS: usize = 5;
+pub(super) const INPUTS: usize = 5;
 /// Bits after which the adaptation rate of each model stays constant.
 const COUNT_LIMIT: [u8; INPUTS] = [60, 90, 40, 90, 60];
 /// Fixed-point weight of one.
@@ -16,7 +16,7 @@ const RATE: u32 = 12;
 
 /// Weights of the inputs for one kind of bit.
 #[derive(Debug, Clone)]
-pub struct Mixer([i32; INPUTS]);
+pub(super) struct Mixer([i32; INPUTS]);
 
 impl Default for Mixer {
     fn default() -> Self {
@@ -26,7 +26,7 @@ impl Default for Mixer {
 
 /// Codes or reads one bit with the mean of the `models`' predictions, weighted by `mixer`; updates both. Returns the bit.
 #[inline(always)]
-pub fn code_mixed_bit(
+pub(super) fn code_mixed_bit(
     coder: &mut impl Coder,
     tables: &LogisticTables,
     mixer: &mut Mixer,

@@ -5,7 +5,7 @@ use super::predict::WEIGHTS;
 
 /// The part of the volume known so far.
 #[derive(Debug)]
-pub struct MultigridField {
+pub(super) struct MultigridField {
     /// Parts of the current lattice; the first one is the whole coarser lattice.
     pub parts: [LatticePart; 8],
     /// Dimensions of the current lattice.
@@ -16,7 +16,7 @@ pub struct MultigridField {
 
 /// Points whose coordinates are odd on the same axes.
 #[derive(Debug, Default)]
-pub struct LatticePart {
+pub(super) struct LatticePart {
     /// Dimensions.
     pub grid: Lattice,
     /// Values as a decoder reconstructs them; 0 where not yet coded.
@@ -27,7 +27,7 @@ pub struct LatticePart {
 
 /// Parameters of a level.
 #[derive(Debug, Clone)]
-pub struct LevelParams {
+pub(super) struct LevelParams {
     /// 0 for the finest level.
     pub number: usize,
     /// Quantizer step: distance between reconstruction points.
@@ -42,7 +42,7 @@ pub struct LevelParams {
 
 /// `value` clamped to a range; NaN gives the least value.
 #[inline(always)]
-pub fn within([low, high]: [f32; 2], value: f32) -> f32 {
+pub(super) fn within([low, high]: [f32; 2], value: f32) -> f32 {
     // Not by `max` and `min`, whose choice between -0 and 0 depends on the machine.
     if value >= low { if value <= high { value } else { high } } else { low }
 }
@@ -54,20 +54,20 @@ impl LatticePart {
 
     /// Values of row (y, z).
     #[inline]
-    pub fn row(&self, [y, z]: [usize; 2]) -> &[f32] {
+    pub(super) fn row(&self, [y, z]: [usize; 2]) -> &[f32] {
         self.values.get(self.grid.row(y, z)..).map_or(&[], |values| &values[..self.grid.dims[0]])
     }
 
     /// Residuals of row (y, z).
     #[inline]
-    pub fn residuals(&self, [y, z]: [usize; 2]) -> &[i8] {
+    pub(super) fn residuals(&self, [y, z]: [usize; 2]) -> &[i8] {
         self.residuals.get(self.grid.row(y, z)..).map_or(&[], |residuals| &residuals[..self.grid.dims[0]])
     }
 }
 
 impl MultigridField {
     /// The lattice that consists of the first voxel alone.
-    pub fn new(first: f32, range: [f32; 2]) -> Self {
+    pub(super) fn new(first: f32, range: [f32; 2]) -> Self {
         let lattice = Lattice { dims: [1; 3] };
         let mut parts: [LatticePart; 8] = Default::default();
         parts[0] = LatticePart { grid: lattice, values: vec![first], residuals: vec![0] };
@@ -75,7 +75,7 @@ impl MultigridField {
     }
 
     /// Allocates the new points of the next finer lattice.
-    pub fn begin(&mut self, lattice: Lattice) {
+    pub(super) fn begin(&mut self, lattice: Lattice) {
         self.lattice = lattice;
         for class in lattice.classes() {
             self.parts[class.part()] = LatticePart::new(lattice.part(class.odd));
@@ -83,12 +83,12 @@ impl MultigridField {
     }
 
     /// Moves the part of a class out, to be changed; the caller puts it back.
-    pub fn take(&mut self, class: PointClass) -> LatticePart {
+    pub(super) fn take(&mut self, class: PointClass) -> LatticePart {
         std::mem::take(&mut self.parts[class.part()])
     }
 
     /// Interleaves all parts into the first part of the next finer lattice, and residuals if `residuals`.
-    pub fn end(&mut self, residuals: bool) {
+    pub(super) fn end(&mut self, residuals: bool) {
         let parts = std::mem::take(&mut self.parts);
         let grid = self.lattice;
         let mut values = vec![0.0; grid.count()];

@@ -4,13 +4,13 @@ use super::grid::{PointClass, part};
 use super::multigrid::{LatticePart, LevelParams, MultigridField, within};
 
 /// Largest number of weights of a class.
-pub const WEIGHTS: usize = 7;
+pub(super) const WEIGHTS: usize = 7;
 /// A weight is a multiple of 1 / SCALE.
-pub const SCALE: f32 = 64.0;
+pub(super) const SCALE: f32 = 64.0;
 
 /// Terms of the prediction of one point.
 #[derive(Debug, Clone, Copy)]
-pub struct PredictionTerms {
+pub(super) struct PredictionTerms {
     /// Mean of the nearest neighbors.
     pub base: f32,
     /// Differences, one for each weight.
@@ -20,12 +20,12 @@ pub struct PredictionTerms {
 }
 
 /// Number of weights of a class with `odd_axes` odd axes.
-pub const fn weights(odd_axes: usize) -> usize {
+pub(super) const fn weights(odd_axes: usize) -> usize {
     [0, 2, 4, 7][odd_axes]
 }
 
 /// Weights where none were fitted, in 1 / SCALE: cubic interpolation along each axis, (-1, 9, 9, -1) / 16, averaged.
-pub const fn cubic(odd_axes: usize) -> [i8; WEIGHTS] {
+pub(super) const fn cubic(odd_axes: usize) -> [i8; WEIGHTS] {
     match odd_axes {
         1 => [-8, 0, 0, 0, 0, 0, 0],
         2 => [-4, -4, 0, 0, 0, 0, 0],
@@ -36,7 +36,7 @@ pub const fn cubic(odd_axes: usize) -> [i8; WEIGHTS] {
 impl PredictionTerms {
     /// Base plus weighted terms.
     #[inline(always)]
-    pub fn value<const K: usize>(&self, weights: &[f32; WEIGHTS]) -> f32 {
+    pub(super) fn value<const K: usize>(&self, weights: &[f32; WEIGHTS]) -> f32 {
         let mut sum = self.base;
         for (term, weight) in self.terms.iter().zip(weights).take(self::weights(K)) {
             sum += weight * term;
@@ -47,7 +47,7 @@ impl PredictionTerms {
 
 /// Means of the neighbors of a row of points, and their predictions.
 #[derive(Debug, Default)]
-pub struct PredictionRow {
+pub(super) struct PredictionRow {
     /// Per odd axis: mean of the two nearest points along it.
     near: [Vec<f32>; 3],
     /// Per odd axis: mean of the points three times as far, or the nearest ones where the volume ends in between.
@@ -159,7 +159,13 @@ fn two(part: &LatticePart, axis: usize, [y, z]: [usize; 2], block_range: [usize;
 
 impl PredictionRow {
     /// Computes the means for row (`y`, `z`) of `class`; with `SLOPE` also the differences of nearest neighbors.
-    pub fn compute_means<const SLOPE: bool>(&mut self, field: &MultigridField, class: PointClass, y: usize, z: usize) {
+    pub(super) fn compute_means<const SLOPE: bool>(
+        &mut self,
+        field: &MultigridField,
+        class: PointClass,
+        y: usize,
+        z: usize,
+    ) {
         let n = field.lattice.part(class.odd).dims[0];
         let rows = self.near.iter_mut().chain(&mut self.far).chain(&mut self.more);
         rows.chain([&mut self.slope, &mut self.expected]).for_each(|row| row.resize(n, 0.0));
@@ -255,7 +261,7 @@ impl PredictionRow {
 
     /// Passes index, terms and slope of each point to `see`.
     #[inline(always)]
-    pub fn features<const K: usize>(&self, mut see: impl FnMut(usize, &PredictionTerms, f32)) {
+    pub(super) fn features<const K: usize>(&self, mut see: impl FnMut(usize, &PredictionTerms, f32)) {
         let n = self.slope.len();
         let [n0, n1, n2] = self.near.each_ref().map(|r| &r[..n]);
         let [f0, f1, f2] = self.far.each_ref().map(|r| &r[..n]);
@@ -269,7 +275,7 @@ impl PredictionRow {
     }
 
     /// Computes predictions; with `SLOPE` also the context bits.
-    pub fn predict<const SLOPE: bool>(&mut self, range: [f32; 2], level: &LevelParams, class: PointClass) {
+    pub(super) fn predict<const SLOPE: bool>(&mut self, range: [f32; 2], level: &LevelParams, class: PointClass) {
         match class.odd_axes() {
             1 => self.predict_with::<1, SLOPE>(range, level, class),
             2 => self.predict_with::<2, SLOPE>(range, level, class),

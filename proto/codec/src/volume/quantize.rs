@@ -4,7 +4,7 @@ use super::settings::EncoderSettings;
 use super::symbols::RAW_VALUE;
 
 /// The values to encode, and the freedom in encoding them.
-pub struct QuantizationTarget<'a, F> {
+pub(super) struct QuantizationTarget<'a, F> {
     /// Values in the order of voxels.
     pub values: &'a [f32],
     /// Largest absolute error of a visible value.
@@ -29,13 +29,13 @@ const MOST: f32 = RAW_VALUE as f32 / 2.0;
 
 /// The value that a decoder reconstructs from a prediction and a residual of `steps`.
 #[inline]
-pub fn reconstruct(range: [f32; 2], level: &LevelParams, expected: f32, steps: i32) -> f32 {
+pub(super) fn reconstruct(range: [f32; 2], level: &LevelParams, expected: f32, steps: i32) -> f32 {
     let bias = level.bias * steps.signum() as f32;
     within(range, expected + (steps as f32 * level.step - bias))
 }
 
 /// Chooses residuals.
-pub struct Quantizer<'a, F> {
+pub(super) struct Quantizer<'a, F> {
     /// The values to encode.
     pub wanted: &'a QuantizationTarget<'a, F>,
     /// Least and largest value of the volume.
@@ -47,7 +47,7 @@ pub struct Quantizer<'a, F> {
 impl<F: Fn(usize) -> Option<(f32, f32)>> Quantizer<'_, F> {
     /// The decoded value and the residual, in steps, of the voxel at `at`; the residual is `RAW_VALUE` if none is within bounds.
     #[inline(always)]
-    pub fn steps(&self, level: &LevelParams, at: usize, expected: f32) -> (f32, i32) {
+    pub(super) fn steps(&self, level: &LevelParams, at: usize, expected: f32) -> (f32, i32) {
         let wanted = self.wanted.values[at];
         let error = (wanted - expected) * level.scale;
         let free = (self.wanted.free)(at);

@@ -35,7 +35,7 @@ impl NormalEquations {
 
 /// Fitted weights of `class` in 1 / SCALE; `None` if the sample is too small. `wanted` gives the value of a point, or `None`
 /// where it is invisible.
-pub fn fit(
+pub(super) fn fit(
     field: &MultigridField,
     level: &LevelParams,
     class: PointClass,

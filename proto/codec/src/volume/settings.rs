@@ -3,7 +3,7 @@
 
 /// Parameters of an encoder.
 #[derive(Debug, Clone, Copy)]
-pub struct EncoderSettings {
+pub(super) struct EncoderSettings {
     /// Quantizer step of the finest level in 1/64 of twice the bound, 1..=64; below 64 most values have two residuals to choose from.
     pub step: f32,
     /// Ratio of a level's step to the next coarser level's, which must be finer because more is predicted from it.
@@ -27,7 +27,7 @@ impl Default for EncoderSettings {
 
 impl EncoderSettings {
     /// Quantizer step of a level in 1/64 of twice the bound, 1..=64; level 0 is the finest.
-    pub fn step_parts(&self, level: usize) -> u32 {
+    pub(super) fn step_parts(&self, level: usize) -> u32 {
         let finer = (0..level).fold(1.0, |finer: f32, _| (finer * self.alpha).min(self.beta));
         (self.step / finer).round().clamp(1.0, 64.0) as u32
     }

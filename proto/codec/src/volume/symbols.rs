@@ -8,11 +8,11 @@ use crate::entropy::range_coder::Coder;
 use std::ops::Range;
 
 /// Escape residual: the value itself follows, as an `f32`.
-pub const RAW_VALUE: i32 = 1 << RAW_LENGTH;
+pub(super) const RAW_VALUE: i32 = 1 << RAW_LENGTH;
 /// Residuals are below 2^this.
 const RAW_LENGTH: u32 = 20;
 /// Magnitude at which stored residuals saturate.
-pub const SATURATED: u8 = 127;
+pub(super) const SATURATED: u8 = 127;
 /// Contexts of the first input: magnitudes at the nearest neighbors, and of previous residuals of the class.
 const MAGNITUDE_CONTEXTS: usize = 9 * 8 * 8;
 /// Contexts of the second input: slope and bend of the surroundings.
@@ -31,7 +31,7 @@ type StageModels = [BitModel; STAGES];
 
 /// All models of a band.
 #[derive(Debug)]
-pub struct VolumeModels {
+pub(super) struct VolumeModels {
     tables: &'static LogisticTables,
     by_magnitude: Box<[StageModels; MAGNITUDE_CONTEXTS]>,
     by_smoothness: Box<[StageModels; SMOOTHNESS_CONTEXTS]>,
@@ -48,7 +48,7 @@ pub struct VolumeModels {
 
 /// Contexts of one residual.
 #[derive(Debug)]
-pub struct ResidualContext {
+pub(super) struct ResidualContext {
     at: [usize; INPUTS],
     mixer: usize,
     sign: usize,
@@ -77,7 +77,7 @@ impl Default for VolumeModels {
 impl VolumeModels {
     /// Codes the residual `steps` of a point, or reads one. Returns it.
     #[inline]
-    pub fn residual(&mut self, coder: &mut impl Coder, context: &ResidualContext, steps: i32) -> i32 {
+    pub(super) fn residual(&mut self, coder: &mut impl Coder, context: &ResidualContext, steps: i32) -> i32 {
         let magnitude = self.magnitude(coder, context, steps.unsigned_abs());
         if magnitude == 0 || magnitude == RAW_VALUE as u32 {
             return magnitude as i32;
@@ -126,17 +126,22 @@ impl VolumeModels {
     }
 
     /// Codes whether a block has nonzero residuals; `context` in 0..128.
-    pub fn flag(&mut self, coder: &mut impl Coder, context: usize, active: bool) -> bool {
+    pub(super) fn flag(&mut self, coder: &mut impl Coder, context: usize, active: bool) -> bool {
         code_bit(coder, &mut self.flags[context], active)
     }
 
     /// Codes the lowest `count` bits of `number` as uniform.
-    pub fn bits(&mut self, coder: &mut impl Coder, count: u32, number: u32) -> u32 {
+    pub(super) fn bits(&mut self, coder: &mut impl Coder, count: u32, number: u32) -> u32 {
         code_uniform(coder, count, number)
     }
 
     /// Codes the fitted weights of a class with `odd_axes` odd axes, if it has any. Returns them, or cubic interpolation.
-    pub fn weights(&mut self, coder: &mut impl Coder, odd_axes: usize, own: Option<[i8; WEIGHTS]>) -> [f32; WEIGHTS] {
+    pub(super) fn weights(
+        &mut self,
+        coder: &mut impl Coder,
+        odd_axes: usize,
+        own: Option<[i8; WEIGHTS]>,
+    ) -> [f32; WEIGHTS] {
         let mut weights = own.unwrap_or(cubic(odd_axes));
         if code_bit(coder, &mut self.own, own.is_some()) {
             for weight in &mut weights[..super::predict::weights(odd_axes)] {
@@ -172,7 +177,7 @@ fn sign(x: i32) -> usize {
 
 /// Residuals around the points of a row that are known before the row is coded.
 #[derive(Debug, Default)]
-pub struct ResidualNeighborhood {
+pub(super) struct ResidualNeighborhood {
     /// Sums of the magnitudes at the nearest neighbors, saturated to 255.
     near: Vec<u8>,
     /// Signs of the sums of the residuals at the nearest neighbors, as `sign` gives them.
@@ -185,7 +190,7 @@ pub struct ResidualNeighborhood {
 
 impl ResidualNeighborhood {
     /// Gathers the residuals around row (`y`, `z`) of `class`, whose `part` has been taken out of the field.
-    pub fn gather(&mut self, field: &MultigridField, part: &LatticePart, class: PointClass, [y, z]: [usize; 2]) {
+    pub(super) fn gather(&mut self, field: &MultigridField, part: &LatticePart, class: PointClass, [y, z]: [usize; 2]) {
         let n = part.grid.dims[0];
         [&mut self.near, &mut self.sign_of_sum].into_iter().for_each(|row| row.resize(n, 0));
         let none = |row: &mut Vec<i8>| {
@@ -272,7 +277,7 @@ fn sums<const X: usize, const R: usize>(x: [i16; X], rows: [i16; R]) -> (u8, u8)
 
 /// What the contexts of all points of a class have in common.
 #[derive(Debug, Clone, Copy)]
-pub struct ClassContext {
+pub(super) struct ClassContext {
     odd_axes: usize,
     class: usize,
     level: usize,
@@ -280,7 +285,7 @@ pub struct ClassContext {
 
 impl ClassContext {
     /// The class on level number `level`.
-    pub fn new(class: PointClass, level: usize) -> Self {
+    pub(super) fn new(class: PointClass, level: usize) -> Self {
         Self { odd_axes: class.odd_axes() - 1, class: class.number, level }
     }
 }
@@ -288,7 +293,13 @@ impl ClassContext {
 impl ResidualContext {
     /// Contexts of point `i` of a row. `residual` is that of the point before it, `surroundings` are the row's context bits.
     #[inline(always)]
-    pub fn new(kind: ClassContext, known: &ResidualNeighborhood, i: usize, residual: i8, surroundings: u16) -> Self {
+    pub(super) fn new(
+        kind: ClassContext,
+        known: &ResidualNeighborhood,
+        i: usize,
+        residual: i8,
+        surroundings: u16,
+    ) -> Self {
         // Sum the magnitudes of residuals already coded around the point.
         let (bx, by, bz) = (i32::from(residual), i32::from(known.y[i]), i32::from(known.z[i]));
         let diagonal = i32::from(known.diagonal[i]).unsigned_abs();
@@ -317,12 +328,12 @@ impl ResidualContext {
 
 /// A residual as stored: saturated to -127..=127.
 #[inline]
-pub fn saturated(steps: i32) -> i8 {
+pub(super) fn saturated(steps: i32) -> i8 {
     steps.clamp(-i32::from(SATURATED), i32::from(SATURATED)) as i8
 }
 
 /// Indices of the points of a block on a row of `n` points.
 #[inline]
-pub fn block_range(block: usize, n: usize) -> Range<usize> {
+pub(super) fn block_range(block: usize, n: usize) -> Range<usize> {
     block * BLOCK..n.min((block + 1) * BLOCK)
 }

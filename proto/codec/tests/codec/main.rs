@@ -5,7 +5,7 @@
 use glam::DVec3;
 use lamina_codec::{Codec, CodecError, DecodeLimits, EncodeOptions, Layout, decode, encode, peek, quantize};
 use lamina_model::composite::Accumulator;
-use lamina_model::{Aabb, Camera, GenerationParams, Supersegment, Vdi, VdiHeader};
+use lamina_model::{Aabb, Camera, Supersegment, Vdi, VdiHeader, VdiParams};
 use proptest::prelude::*;
 
 mod golden;
@@ -27,7 +27,7 @@ fn header(resolution: u32) -> VdiHeader {
         camera: Camera::new(DVec3::new(1.0, 2.0, 9.0), DVec3::ZERO, DVec3::Y, 35.0).unwrap(),
         bounds: Aabb::new(DVec3::splat(-2.0), DVec3::splat(2.0)).unwrap(),
         step_length: 0.03,
-        params: GenerationParams::new(resolution, 0.02).unwrap(),
+        params: VdiParams::new(resolution, 0.02).unwrap(),
         transfer_id: 0x0123_4567_89ab_cdef,
         background: [0.0, 0.5, 1.0],
     }

@@ -44,7 +44,7 @@ const AGING: Duration = Duration::from_secs(1);
 
 /// The waiting tickets, and whether one of them is at work.
 #[derive(Debug, Default)]
-pub struct Queue {
+pub(super) struct Queue {
     next_ticket: u64,
     waiting: Vec<Waiting>,
     /// Whether a ticket is at work.
@@ -60,40 +60,40 @@ struct Waiting {
 
 impl Queue {
     /// Adds a waiting ticket and returns it.
-    pub fn join(&mut self, priority: Priority, now: Instant) -> u64 {
+    pub(super) fn join(&mut self, priority: Priority, now: Instant) -> u64 {
         self.next_ticket += 1;
         self.waiting.push(Waiting { ticket: self.next_ticket, priority, since: now });
         self.next_ticket
     }
 
     /// Removes a waiting ticket.
-    pub fn leave(&mut self, ticket: u64) {
+    pub(super) fn leave(&mut self, ticket: u64) {
         self.waiting.retain(|w| w.ticket != ticket);
     }
 
     /// True if no ticket is at work and `ticket` is the first of those waiting.
-    pub fn is_next(&self, ticket: u64, now: Instant) -> bool {
+    pub(super) fn is_next(&self, ticket: u64, now: Instant) -> bool {
         !self.busy && self.first(now) == Some(ticket)
     }
 
     /// True if no ticket is at work or waiting.
-    pub fn is_idle(&self) -> bool {
+    pub(super) fn is_idle(&self) -> bool {
         !self.busy && self.waiting.is_empty()
     }
 
     /// Number of waiting tickets.
-    pub fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.waiting.len()
     }
 
     /// Moves `ticket` from waiting to work.
-    pub fn begin(&mut self, ticket: u64) {
+    pub(super) fn begin(&mut self, ticket: u64) {
         self.leave(ticket);
         self.busy = true;
     }
 
     /// Ends the work in progress.
-    pub fn end(&mut self) {
+    pub(super) fn end(&mut self) {
         self.busy = false;
     }
 

@@ -11,7 +11,7 @@ use thread_priority::{
 
 /// Scheduling of kernel threads relative to other processes' threads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Scheduling {
+pub(super) enum Scheduling {
     /// The system's default.
     Normal,
     /// SCHED_BATCH at nice 5: a thread of nice 0 gets three times the time of one of these on the same core.
@@ -25,7 +25,11 @@ const NICE_5: u8 = 35;
 ///
 /// # Errors
 /// If the system refuses threads.
-pub fn pool(threads: usize, scheduling: Scheduling, name: &'static str) -> Result<ThreadPool, ThreadPoolBuildError> {
+pub(super) fn pool(
+    threads: usize,
+    scheduling: Scheduling,
+    name: &'static str,
+) -> Result<ThreadPool, ThreadPoolBuildError> {
     let lower = move |_| {
         if scheduling == Scheduling::Background
             && let Ok(nice_5) = ThreadPriorityValue::try_from(NICE_5)

@@ -11,7 +11,7 @@ const CAPACITY_SECS: f64 = 1.0;
 
 /// Processor seconds, accruing.
 #[derive(Debug)]
-pub struct TokenBucket {
+pub(super) struct TokenBucket {
     /// Processor seconds per second; infinite without a limit.
     rate: f64,
     level: f64,
@@ -20,7 +20,7 @@ pub struct TokenBucket {
 
 impl TokenBucket {
     /// A full bucket.
-    pub fn new(rate: f64, now: Instant) -> Self {
+    pub(super) fn new(rate: f64, now: Instant) -> Self {
         Self { rate, level: Self::capacity(rate), at: now }
     }
 
@@ -29,20 +29,20 @@ impl TokenBucket {
     }
 
     /// Changes the rate from `now` on.
-    pub fn set_rate(&mut self, rate: f64, now: Instant) {
+    pub(super) fn set_rate(&mut self, rate: f64, now: Instant) {
         self.accrue(now);
         self.rate = rate;
         self.level = self.level.min(Self::capacity(rate));
     }
 
     /// Processor seconds at hand; negative: owed.
-    pub fn level(&mut self, now: Instant) -> f64 {
+    pub(super) fn level(&mut self, now: Instant) -> f64 {
         self.accrue(now);
         self.level
     }
 
     /// Takes `spent` processor time out.
-    pub fn debit(&mut self, spent: Duration, now: Instant) {
+    pub(super) fn debit(&mut self, spent: Duration, now: Instant) {
         self.accrue(now);
         if self.rate.is_finite() {
             self.level -= spent.as_secs_f64();
@@ -50,7 +50,7 @@ impl TokenBucket {
     }
 
     /// How long until the level is positive; zero if it is.
-    pub fn wait(&mut self, now: Instant) -> Duration {
+    pub(super) fn wait(&mut self, now: Instant) -> Duration {
         let level = self.level(now);
         if level > 0.0 {
             return Duration::ZERO;

@@ -1,19 +1,7 @@
 //! Enumeration of GPUs through Vulkan, best first.
 
+use super::AdapterFacts;
 use wgpu::{Adapter, Backends, DeviceType, Instance, InstanceDescriptor};
-
-/// A GPU as its driver describes it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct AdapterFacts {
-    /// The device's name.
-    pub name: String,
-    /// `IntegratedGpu`, `DiscreteGpu`, `Cpu` (a software device), ...
-    pub kind: String,
-    /// The driver and its version.
-    pub driver: String,
-    /// True if the driver runs on the processor.
-    pub software: bool,
-}
 
 /// The best adapter; `None` if the machine has no Vulkan loader or no device.
 pub fn adapter() -> Option<AdapterFacts> {

@@ -1,20 +1,41 @@
 //! GPU access: choice of an adapter, buffers, pipelines, timed passes, read-back; every failure is an error value. No other
 //! crate depends on `wgpu`: kernels bring their WGSL and take the `wgpu` types from here. Knows no volumes and no VDIs.
+//! Without the feature `gpu` there is no device and no `wgpu`: [`Gpu`] has no values.
 
+#[cfg(not(feature = "gpu"))]
+mod absent;
+#[cfg(feature = "gpu")]
 mod adapter;
 mod choice;
+#[cfg(feature = "gpu")]
 mod color_pass;
+#[cfg(feature = "gpu")]
 mod device;
 mod error;
+mod facts;
+#[cfg(feature = "gpu")]
 pub mod layout;
+mod opened;
+#[cfg(feature = "gpu")]
 pub mod pipeline;
+#[cfg(feature = "gpu")]
 mod submit;
+#[cfg(feature = "gpu")]
 pub mod testing;
 
-pub use adapter::{AdapterFacts, adapter};
+#[cfg(not(feature = "gpu"))]
+pub use absent::{Gpu, adapter};
+#[cfg(feature = "gpu")]
+pub use adapter::adapter;
 pub use choice::Choice;
+#[cfg(feature = "gpu")]
 pub use color_pass::ColorPass;
-pub use device::{Gpu, Opened};
+#[cfg(feature = "gpu")]
+pub use device::Gpu;
 pub use error::{DeviceError, KernelError};
+pub use facts::AdapterFacts;
+pub use opened::Opened;
+#[cfg(feature = "gpu")]
 pub use submit::PassResult;
+#[cfg(feature = "gpu")]
 pub use wgpu;

@@ -13,7 +13,7 @@ use lamina_model::Camera;
 
 /// The effects that a kernel is compiled with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct EffectSet {
+pub(super) struct EffectSet {
     any: bool,
     clipped: bool,
     pre_integrated: bool,
@@ -28,7 +28,7 @@ pub struct EffectSet {
 
 impl EffectSet {
     /// The effects of `field`'s scene.
-    pub fn of(field: &Field) -> Self {
+    pub(super) fn of(field: &Field) -> Self {
         let effects = field.effects();
         let volume = effects.and_then(|e| e.volume.as_ref());
         Self {
@@ -45,7 +45,7 @@ impl EffectSet {
     }
 
     /// The values of the shader's override constants.
-    pub fn constants(self) -> [(&'static str, f64); 10] {
+    pub(super) fn constants(self) -> [(&'static str, f64); 10] {
         let on = |b: bool| f64::from(u8::from(b));
         [
             ("EFFECTS", on(self.any)),
@@ -64,7 +64,7 @@ impl EffectSet {
 
 /// The effects' data on the device.
 #[derive(Debug)]
-pub struct EffectResources {
+pub(super) struct EffectResources {
     pub uniform: Buffer,
     pub sums: Buffer,
     pub light: Buffer,
@@ -73,7 +73,7 @@ pub struct EffectResources {
 
 impl EffectResources {
     /// The data for pictures of `camera`, sampled every `step_length` (world units).
-    pub fn new(gpu: &Gpu, field: &Field, resident: &ResidentField, camera: &Camera, step_length: f64) -> Self {
+    pub(super) fn new(gpu: &Gpu, field: &Field, resident: &ResidentField, camera: &Camera, step_length: f64) -> Self {
         let integral = field
             .effects()
             .filter(|e| e.pre_integrated)
@@ -90,7 +90,7 @@ impl EffectResources {
 }
 
 /// The light volume as the kernel reads it, transmittance before openness; a single 0 if there is none.
-pub fn light(field: &Field) -> Vec<f32> {
+pub(super) fn light(field: &Field) -> Vec<f32> {
     let volume = field.effects().and_then(|e| e.volume.as_ref());
     volume.map_or_else(
         || vec![0.0],

@@ -12,7 +12,7 @@ use crate::vdi::assemble::{RowBand, VdiBuilder, header};
 use crate::vdi::segmentation::Segmenter;
 use lamina_compute::gpu::wgpu::{Buffer, BufferUsages};
 use lamina_model::composite::optical_depth_from_opacity;
-use lamina_model::{GenerationParams, Invalid, Segmentation, Supersegment, Vdi, VdiHeader};
+use lamina_model::{Invalid, Segmentation, Supersegment, Vdi, VdiHeader, VdiParams};
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
@@ -30,7 +30,7 @@ impl GpuKernels {
     pub fn generate(
         &self,
         field: &Field,
-        params: &GenerationParams,
+        params: &VdiParams,
         segmentation: Segmentation,
     ) -> Result<(Vdi, Duration), GpuError> {
         let header = header(field, params).map_err(GpuError::Invalid)?;

@@ -22,13 +22,13 @@ macro_rules! march {
     };
 }
 
-pub const RAYCAST: &str = march!("raycast.wgsl", "../../../compute/src/gpu/color_pass.wgsl");
-pub const GENERATE: &str = march!("generate.wgsl");
-pub const SCAN: &str = concat!(include_str!("layout.wgsl"), include_str!("scan.wgsl"));
+pub(super) const RAYCAST: &str = march!("raycast.wgsl", "../../../compute/src/gpu/color_pass.wgsl");
+pub(super) const GENERATE: &str = march!("generate.wgsl");
+pub(super) const SCAN: &str = concat!(include_str!("layout.wgsl"), include_str!("scan.wgsl"));
 
 /// Pipelines that march, for one voxel type and one set of effects.
 #[derive(Debug)]
-pub struct MarchPipelines {
+pub(super) struct MarchPipelines {
     pub kind: VoxelKind,
     pub set: EffectSet,
     pub raycast_rows: ComputePipeline,
@@ -38,7 +38,7 @@ pub struct MarchPipelines {
 
 /// Bind group layouts, and the pipelines that do not depend on the field.
 #[derive(Debug)]
-pub struct Pipelines {
+pub(super) struct Pipelines {
     field: BindGroupLayout,
     effects: BindGroupLayout,
     pub raycast: BindGroupLayout,
@@ -56,7 +56,7 @@ const VOXELS: BindingType = BindingType::Texture {
 
 impl Pipelines {
     /// To be called inside [`Gpu::run`].
-    pub fn new(gpu: &Gpu) -> Self {
+    pub(super) fn new(gpu: &Gpu) -> Self {
         let scan = gpu.layout("scan", &[UNIFORM, WRITE, WRITE]);
         let module = gpu.module("scan", SCAN);
         let pipeline = |entry| gpu.pipeline(&module, entry, &[&scan], &[]);
@@ -72,12 +72,12 @@ impl Pipelines {
     }
 
     /// Compiles the pipelines for one voxel type and one set of effects.
-    pub fn march(&self, gpu: &Gpu, kind: VoxelKind, set: EffectSet) -> MarchPipelines {
+    pub(super) fn march(&self, gpu: &Gpu, kind: VoxelKind, set: EffectSet) -> MarchPipelines {
         self.march_of(gpu, kind, set, RAYCAST)
     }
 
     /// Compiles them with the source `raycast` of the ray caster.
-    pub fn march_of(&self, gpu: &Gpu, kind: VoxelKind, set: EffectSet, raycast: &str) -> MarchPipelines {
+    pub(super) fn march_of(&self, gpu: &Gpu, kind: VoxelKind, set: EffectSet, raycast: &str) -> MarchPipelines {
         let (raycast, generate) = (gpu.module("raycast", raycast), gpu.module("generate", GENERATE));
         let constants: Vec<(&str, f64)> =
             std::iter::once(("KIND", f64::from(kind as u32))).chain(set.constants()).collect();
@@ -92,7 +92,7 @@ impl Pipelines {
     }
 
     /// Group 2 of every pipeline that marches.
-    pub fn bind_effects(&self, gpu: &Gpu, effects: &EffectResources) -> BindGroup {
+    pub(super) fn bind_effects(&self, gpu: &Gpu, effects: &EffectResources) -> BindGroup {
         let resources = [
             effects.uniform.as_entire_binding(),
             effects.sums.as_entire_binding(),
@@ -103,7 +103,13 @@ impl Pipelines {
     }
 
     /// Group 0 of every pipeline that marches.
-    pub fn bind_field(&self, gpu: &Gpu, field: &ResidentField, tables: &ResidentTables, view: &Buffer) -> BindGroup {
+    pub(super) fn bind_field(
+        &self,
+        gpu: &Gpu,
+        field: &ResidentField,
+        tables: &ResidentTables,
+        view: &Buffer,
+    ) -> BindGroup {
         let resources = [
             field.volume.as_entire_binding(),
             view.as_entire_binding(),

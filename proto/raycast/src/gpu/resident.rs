@@ -15,7 +15,7 @@ use lamina_compute::gpu::wgpu::{
 /// Storage of voxels; the shader's KIND.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
-pub enum VoxelKind {
+pub(super) enum VoxelKind {
     Whole,
     Half,
     Single,
@@ -23,7 +23,7 @@ pub enum VoxelKind {
 
 /// A field on the device.
 #[derive(Debug)]
-pub struct ResidentField {
+pub(super) struct ResidentField {
     /// [`Field::id`] of the field.
     pub id: u64,
     pub kind: VoxelKind,
@@ -39,7 +39,7 @@ pub struct ResidentField {
 
 /// Transfer function tables for one step length.
 #[derive(Debug, Clone)]
-pub struct ResidentTables {
+pub(super) struct ResidentTables {
     pub step_length: f64,
     /// Bins of the range, and rows before it.
     pub bins: u32,
@@ -57,7 +57,7 @@ const SLAB_BYTES: usize = 64 << 20;
 
 impl ResidentField {
     /// Uploads `field`. To be called inside [`Gpu::run`], after [`check_size`].
-    pub fn new(gpu: &Gpu, field: &Field) -> Self {
+    pub(super) fn new(gpu: &Gpu, field: &Field) -> Self {
         let (kind, format, bytes): (_, _, &[u8]) = match field.stored() {
             StoredVoxels::U8(v) => (VoxelKind::Whole, TextureFormat::R8Uint, v),
             StoredVoxels::U16(v) => (VoxelKind::Whole, TextureFormat::R16Uint, bytemuck::cast_slice(v)),
@@ -81,7 +81,7 @@ impl ResidentField {
     }
 
     /// The tables for `step_length`, created at first use.
-    pub fn tables(&mut self, gpu: &Gpu, field: &Field, step_length: f64) -> ResidentTables {
+    pub(super) fn tables(&mut self, gpu: &Gpu, field: &Field, step_length: f64) -> ResidentTables {
         if let Some(t) = self.tables.iter().find(|t| t.step_length == step_length) {
             return t.clone();
         }
@@ -105,7 +105,7 @@ impl ResidentField {
 }
 
 /// Succeeds if `field` fits the device.
-pub fn check_size(gpu: &Gpu, field: &Field) -> Result<(), GpuError> {
+pub(super) fn check_size(gpu: &Gpu, field: &Field) -> Result<(), GpuError> {
     let side = field.grid().dims().into_iter().max().unwrap_or(0) as u64;
     let limit = gpu.limits().max_texture_dimension_3d.into();
     if side > limit {

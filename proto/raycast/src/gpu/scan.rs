@@ -10,14 +10,14 @@ const BLOCK: u32 = 1024;
 
 /// Bind groups of the passes that sum one buffer.
 #[derive(Debug)]
-pub struct PrefixSum {
+pub(super) struct PrefixSum {
     /// Bind group and number of blocks per level, from the buffer itself to a single block.
     levels: Vec<(BindGroup, u32)>,
 }
 
 impl PrefixSum {
     /// Prepares the exclusive prefix sum of the first `count` (one or more) numbers of `data`, in place.
-    pub fn new(gpu: &Gpu, pipelines: &Pipelines, data: &Buffer, count: u32) -> Self {
+    pub(super) fn new(gpu: &Gpu, pipelines: &Pipelines, data: &Buffer, count: u32) -> Self {
         let (mut data, mut count) = (data.clone(), count);
         let mut levels = Vec::new();
         loop {
@@ -34,7 +34,7 @@ impl PrefixSum {
     }
 
     /// Records the passes.
-    pub fn record(&self, gpu: &Gpu, pipelines: &Pipelines, pass: &mut ComputePass<'_>) {
+    pub(super) fn record(&self, gpu: &Gpu, pipelines: &Pipelines, pass: &mut ComputePass<'_>) {
         pass.set_pipeline(&pipelines.scan_blocks);
         self.levels.iter().for_each(|level| dispatch(gpu, pass, level));
         pass.set_pipeline(&pipelines.add_sums);

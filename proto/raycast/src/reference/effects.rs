@@ -25,7 +25,7 @@ struct ClippedRay<'a> {
 
 impl RayMarcher<'_> {
     /// As [`RayMarcher::samples`], for a field with `effects`; `integral` is present if they are pre-integrated.
-    pub fn samples_with(
+    pub(super) fn samples_with(
         &self,
         effects: &FieldEffects,
         integral: Option<&PreintegrationTable>,

@@ -5,7 +5,7 @@ use crate::Field;
 use crate::vdi::assemble::{RowBand, VdiBuilder, header, in_order};
 use crate::vdi::segmentation::Segmenter;
 use lamina_model::composite::opacity_from_optical_depth;
-use lamina_model::{GenerationParams, Invalid, Ray, Segmentation, Supersegment, Vdi};
+use lamina_model::{Invalid, Ray, Segmentation, Supersegment, Vdi, VdiParams};
 use std::ops::ControlFlow;
 
 /// Generates the VDI of `field` from the scene's camera with `segmentation`. The paper's R.
@@ -15,7 +15,7 @@ use std::ops::ControlFlow;
 /// # Errors
 /// If the step is so short that rays would have too many of them, or the VDI has 2^32 supersegments or more.
 #[doc(alias = "R")]
-pub fn generate(field: &Field, params: &GenerationParams, segmentation: Segmentation) -> Result<Vdi, Invalid> {
+pub fn generate(field: &Field, params: &VdiParams, segmentation: Segmentation) -> Result<Vdi, Invalid> {
     let header = header(field, params)?;
     let fit = Segmenter::new(&header, segmentation, field.unit_length());
     let params = &params.with_gamma(fit.initial_gamma(params.gamma()))?;
@@ -87,7 +87,7 @@ impl OpenSegment {
     }
 }
 
-fn cluster_ray(march: &RayMarcher, params: &GenerationParams, ray: &Ray, out: &mut Vec<Supersegment>) {
+fn cluster_ray(march: &RayMarcher, params: &VdiParams, ray: &Ray, out: &mut Vec<Supersegment>) {
     let mut open: Option<OpenSegment> = None;
     let mut optical_depth = 0.0;
     let cutoff = params.opacity_cutoff();

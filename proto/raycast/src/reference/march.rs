@@ -7,7 +7,7 @@ use lamina_model::{Aabb, Ray, vdi};
 use std::ops::ControlFlow;
 
 /// A sample in the middle of a step.
-pub struct RaySample {
+pub(super) struct RaySample {
     /// Index of the step, counted from the ray's entry into the box.
     pub step: u32,
     /// World length of the step; shorter than the others for the last one.
@@ -17,7 +17,7 @@ pub struct RaySample {
 }
 
 /// A field sampled at equal steps.
-pub struct RayMarcher<'a> {
+pub(super) struct RayMarcher<'a> {
     pub(super) field: &'a Field,
     pub(super) bounds: Aabb,
     pub(super) unit_length: f64,
@@ -27,7 +27,7 @@ pub struct RayMarcher<'a> {
 
 impl<'a> RayMarcher<'a> {
     /// Samples `field` every `step_length` (world units).
-    pub fn new(field: &'a Field, step_length: f64) -> Self {
+    pub(super) fn new(field: &'a Field, step_length: f64) -> Self {
         let unit_length = field.unit_length();
         let integrated = field.effects().is_some_and(|e| e.pre_integrated);
         let integral = integrated.then(|| PreintegrationTable::new(&field.scene().transfer, unit_length, step_length));
@@ -35,14 +35,14 @@ impl<'a> RayMarcher<'a> {
     }
 
     /// World length that opacities refer to.
-    pub fn unit_length(&self) -> f64 {
+    pub(super) fn unit_length(&self) -> f64 {
         self.unit_length
     }
 
     /// Passes the samples of `ray` that are not transparent to `visit`, front to back until it breaks. Samples lie in the middle
     /// of their steps (second order); the last step is cut at the box, so that the whole length is covered.
     #[inline]
-    pub fn samples(&self, ray: &Ray, mut visit: impl FnMut(RaySample) -> ControlFlow<()>) {
+    pub(super) fn samples(&self, ray: &Ray, mut visit: impl FnMut(RaySample) -> ControlFlow<()>) {
         if let Some(effects) = self.field.effects() {
             return self.samples_with(effects, self.integral.as_ref(), ray, visit);
         }

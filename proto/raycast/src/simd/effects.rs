@@ -19,7 +19,7 @@ use lamina_compute::simd::{
 use lamina_model::Camera;
 
 /// A source of shaded samples: the transfer function alone, or with effects.
-pub trait SampleSource<L: Lanes> {
+pub(super) trait SampleSource<L: Lanes> {
     /// Prepares for the rays of `packet`, which pass through `pixels`; may shorten them.
     fn begin(&mut self, setup: &RaySetup, pixels: &[(u32, u32)], packet: &mut RayPacket<L>);
     /// Shades step `step`, whose middle lies at row `at` of the table; `None` if it is transparent in all lanes of `live`.
@@ -27,7 +27,7 @@ pub trait SampleSource<L: Lanes> {
 }
 
 /// Samples without effects.
-pub struct TransferSource<'a>(pub &'a TransferLut);
+pub(super) struct TransferSource<'a>(pub &'a TransferLut);
 
 impl<L: Lanes> SampleSource<L> for TransferSource<'_> {
     #[inline(always)]
@@ -39,7 +39,7 @@ impl<L: Lanes> SampleSource<L> for TransferSource<'_> {
 }
 
 /// The effects of a field for one camera and step length, in units of the kernels: values in table rows, lengths in steps.
-pub struct LaneEffects<'a> {
+pub(super) struct LaneEffects<'a> {
     effects: &'a FieldEffects,
     integral: Option<LanePreintegration>,
     /// Isosurfaces: level in table rows, color, optical depth.
@@ -69,7 +69,7 @@ struct LanePreintegration {
 
 impl<'a> LaneEffects<'a> {
     /// The effects of `field`; `None` if its scene has none.
-    pub fn new(field: &'a Field, camera: &Camera, table: &'a TransferLut, step_length: f64) -> Option<Self> {
+    pub(super) fn new(field: &'a Field, camera: &Camera, table: &'a TransferLut, step_length: f64) -> Option<Self> {
         let effects = field.effects()?;
         let integral = effects.pre_integrated.then(|| {
             let exact = PreintegrationTable::new(&field.scene().transfer, field.unit_length(), step_length);
@@ -106,7 +106,7 @@ impl<'a> LaneEffects<'a> {
 }
 
 /// Samples with effects.
-pub struct EffectsSource<'a, L: Lanes, V> {
+pub(super) struct EffectsSource<'a, L: Lanes, V> {
     sampler: &'a VolumeSampler<'a, V>,
     effects: &'a LaneEffects<'a>,
     /// Ends of the part of each ray that is not clipped, in steps from its entry.
@@ -120,7 +120,7 @@ pub struct EffectsSource<'a, L: Lanes, V> {
 impl<'a, L: Lanes, V: Pair> EffectsSource<'a, L, V> {
     /// Samples of `sampler`'s field with `effects`.
     #[inline(always)]
-    pub fn new(sampler: &'a VolumeSampler<'a, V>, effects: &'a LaneEffects<'a>) -> Self {
+    pub(super) fn new(sampler: &'a VolumeSampler<'a, V>, effects: &'a LaneEffects<'a>) -> Self {
         let zero = L::F::splat(0.0);
         Self { sampler, effects, kept: [zero; 2], entry: zero, half: [zero; 3] }
     }

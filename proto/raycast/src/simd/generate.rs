@@ -12,18 +12,13 @@ use lamina_compute::simd::{
     Lanes, Level, Pair, SMALL_OPTICAL_DEPTH, SimdF32, SimdI32, SimdKernel, SimdMask, WIDTH, opacity, small_opacity,
 };
 use lamina_model::composite::optical_depth_from_opacity;
-use lamina_model::{GenerationParams, Invalid, Segmentation, Supersegment, Vdi, VdiHeader};
+use lamina_model::{Invalid, Segmentation, Supersegment, Vdi, VdiHeader, VdiParams};
 
 /// Generates the VDI of `field`, which must [fit](super::march::fits), with `segmentation`.
 ///
 /// # Errors
 /// As [`crate::Backend::generate`].
-pub fn generate(
-    level: Level,
-    field: &Field,
-    params: &GenerationParams,
-    segmentation: Segmentation,
-) -> Result<Vdi, Invalid> {
+pub fn generate(level: Level, field: &Field, params: &VdiParams, segmentation: Segmentation) -> Result<Vdi, Invalid> {
     let header = header(field, params)?;
     let fit = Segmenter::new(&header, segmentation, field.unit_length());
     let table = TransferLut::new(&field.scene().transfer, field.unit_length(), header.step_length);
@@ -46,7 +41,7 @@ pub fn generate(
 }
 
 /// The rays of a VDI.
-pub struct VdiRays {
+pub(super) struct VdiRays {
     /// Their directions.
     pub setup: RaySetup,
     /// Optical depth at which a ray ends; infinite without a cutoff.
@@ -56,7 +51,7 @@ pub struct VdiRays {
 
 impl VdiRays {
     /// The rays of the VDI with `header`.
-    pub fn new(field: &Field, header: &VdiHeader) -> Self {
+    pub(super) fn new(field: &Field, header: &VdiHeader) -> Self {
         let (resolution, cutoff) = (header.params.resolution(), header.params.opacity_cutoff());
         Self {
             setup: RaySetup::new(field, &header.camera, [resolution; 2], header.step_length),
@@ -66,19 +61,19 @@ impl VdiRays {
     }
 
     /// Number of pairs of rows.
-    pub fn bands(&self) -> usize {
+    pub(super) fn bands(&self) -> usize {
         self.resolution.div_ceil(Tile::ROWS) as usize
     }
 
     /// The tiles of the pair of rows that starts at `first_row`.
     #[inline(always)]
-    pub fn tiles(&self, first_row: u32) -> impl Iterator<Item = Tile> + use<> {
+    pub(super) fn tiles(&self, first_row: u32) -> impl Iterator<Item = Tile> + use<> {
         Tile::across(self.resolution, first_row, Tile::ROWS.min(self.resolution - first_row))
     }
 }
 
 /// Color and opacity of one sample of each ray.
-pub struct ShadedSample<L: Lanes> {
+pub(super) struct ShadedSample<L: Lanes> {
     /// Lanes in which the sample is not transparent.
     pub shown: L::M,
     /// Premultiplied color of one unit length.
@@ -96,7 +91,7 @@ pub struct ShadedSample<L: Lanes> {
 impl<L: Lanes> ShadedSample<L> {
     /// The sample at row `at` of the table; `None` if it is transparent in all lanes of `live`.
     #[inline(always)]
-    pub fn new(table: &TransferLut, packet: &RayPacket<L>, step: L::I, at: L::F, live: L::M) -> Option<Self> {
+    pub(super) fn new(table: &TransferLut, packet: &RayPacket<L>, step: L::I, at: L::F, live: L::M) -> Option<Self> {
         let shown = live & table.shown::<L>(at);
         if !shown.any() {
             return None;
@@ -327,6 +322,6 @@ impl<L: Lanes, S: SampleSource<L>> SampleSink<L> for SegmentClusterer<L, S> {
 
 /// 1 / `opacity`, or 0 where that overflows: such a supersegment becomes black rather than NaN.
 #[inline(always)]
-pub fn reciprocal(opacity: f32) -> f32 {
+pub(super) fn reciprocal(opacity: f32) -> f32 {
     if opacity > f32::MIN_POSITIVE { 1.0 / opacity } else { 0.0 }
 }

@@ -14,7 +14,7 @@ use crate::vdi::segmentation::Segmenter;
 use crate::volume::stored::{StoredVoxels, for_stored};
 use crate::volume::transfer_lut::TransferLut;
 use lamina_compute::simd::{Lanes, Level, Pair, SimdF32, SimdI32, SimdKernel, SimdMask, WIDTH, opacity};
-use lamina_model::{GenerationParams, Invalid, Segmentation, Supersegment, Vdi};
+use lamina_model::{Invalid, Segmentation, Supersegment, Vdi, VdiParams};
 
 /// The most gammas of one march: one bit each.
 pub const MOST_GAMMAS: usize = 128;
@@ -27,7 +27,7 @@ pub const MOST_GAMMAS: usize = 128;
 pub fn generate_all(
     level: Level,
     field: &Field,
-    params: &GenerationParams,
+    params: &VdiParams,
     gammas: &[f64],
     segmentation: Segmentation,
 ) -> Result<Vec<Vdi>, Invalid> {

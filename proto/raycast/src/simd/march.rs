@@ -37,7 +37,7 @@ macro_rules! axes {
 const MOST: usize = 16;
 
 /// A consumer of samples along eight rays.
-pub trait SampleSink<L: Lanes> {
+pub(super) trait SampleSink<L: Lanes> {
     /// Takes the samples from step `step` on, given by their positions `at` in rows of the transfer table, for the lanes in
     /// `live`. Returns the lanes whose rays continue. Steps beyond a ray's last one must be ignored.
     #[inline(always)]
@@ -55,7 +55,7 @@ pub trait SampleSink<L: Lanes> {
 }
 
 /// Samples the voxels of a field, for kernels.
-pub struct VolumeSampler<'a, V> {
+pub(super) struct VolumeSampler<'a, V> {
     /// The voxels from the first one on, from the second row, the second slice, and the second row of the second slice.
     corners: [&'a [V]; 4],
     /// Largest position on each axis: just below the last sample point, so that its cell is the last one.
@@ -82,7 +82,7 @@ pub fn fits(field: &Field) -> bool {
 
 impl<'a, V: Pair> VolumeSampler<'a, V> {
     /// A sampler of `voxels`, which must be `field`'s; the field must [fit](fits).
-    pub fn new(field: &'a Field, voxels: &'a [V], table: &'a TransferLut) -> Self {
+    pub(super) fn new(field: &'a Field, voxels: &'a [V], table: &'a TransferLut) -> Self {
         let (scale, offset) = field.unit_from_stored();
         let rows = table.bins() as f64;
         let offset = (offset * rows + f64::from(table.below)) as f32;
@@ -90,7 +90,7 @@ impl<'a, V: Pair> VolumeSampler<'a, V> {
     }
 
     /// A sampler of other voxels on the grid of `field`, which must [fit](fits): samples are `scale` times them plus `offset`.
-    pub fn scaled(field: &'a Field, voxels: &'a [V], table: &'a TransferLut, [scale, offset]: [f32; 2]) -> Self {
+    pub(super) fn scaled(field: &'a Field, voxels: &'a [V], table: &'a TransferLut, [scale, offset]: [f32; 2]) -> Self {
         let dims = field.grid().dims();
         assert!(fits(field) && voxels.len() == dims.iter().product::<usize>());
         Self {
@@ -117,7 +117,7 @@ impl<'a, V: Pair> VolumeSampler<'a, V> {
 
     /// The trilinear value at each position, in rows of the transfer table.
     #[inline(always)]
-    pub fn sample<L: Lanes>(&self, p: [L::F; 3]) -> L::F {
+    pub(super) fn sample<L: Lanes>(&self, p: [L::F; 3]) -> L::F {
         let (cell, w) = self.cell::<L>(p);
         let in_slice = cell[1] * L::I::splat(self.row as i32) + cell[0];
         let index = if self.huge {
@@ -165,7 +165,7 @@ impl<'a, V: Pair> VolumeSampler<'a, V> {
 
     /// Passes all samples that may be visible to `sink`, each ray front to back.
     #[inline(always)]
-    pub fn march<L: Lanes>(&self, packet: &RayPacket<L>, sink: &mut impl SampleSink<L>) {
+    pub(super) fn march<L: Lanes>(&self, packet: &RayPacket<L>, sink: &mut impl SampleSink<L>) {
         let mut step = packet.first;
         let mut live = packet.steps.gt(step);
         let mut ahead = self.run(packet, packet.position(step));
@@ -200,7 +200,7 @@ fn lerp<L: Lanes>(a: L::F, b: L::F, w: L::F) -> L::F {
 }
 
 /// The rays of a camera's picture, in units of sample points.
-pub struct RaySetup {
+pub(super) struct RaySetup {
     /// Eye in units of sample points.
     pub eye: [f64; 3],
     /// Whether the eye lies between the box's faces of each axis, in world coordinates as the oracle tests it.
@@ -216,7 +216,7 @@ pub struct RaySetup {
 
 impl RaySetup {
     /// The rays of a `width` x `height` picture, sampled every `step_length` (world units).
-    pub fn new(field: &Field, camera: &Camera, [width, height]: [u32; 2], step_length: f64) -> Self {
+    pub(super) fn new(field: &Field, camera: &Camera, [width, height]: [u32; 2], step_length: f64) -> Self {
         let direction = |i: f64, j: f64| camera.direction(i + 0.5, j + 0.5, width, height);
         let corner = direction(0.0, 0.0);
         let (columns, rows) = (f64::from(width), f64::from(height));
@@ -236,25 +236,25 @@ impl RaySetup {
 
 impl RaySetup {
     /// World direction of the ray through a pixel, not normalized.
-    pub fn direction(&self, i: u32, j: u32) -> DVec3 {
+    pub(super) fn direction(&self, i: u32, j: u32) -> DVec3 {
         DVec3::from_array(self.corner)
             + f64::from(i) * DVec3::from_array(self.right)
             + f64::from(j) * DVec3::from_array(self.down)
     }
 
     /// A world direction in units of sample points.
-    pub fn per_spacing(&self, world: DVec3) -> DVec3 {
+    pub(super) fn per_spacing(&self, world: DVec3) -> DVec3 {
         world * DVec3::from_array(self.per_spacing)
     }
 
     /// Number of steps in the length of a direction.
-    pub fn rate(&self, world: DVec3) -> f64 {
+    pub(super) fn rate(&self, world: DVec3) -> f64 {
         world.length() * self.per_step
     }
 }
 
 /// Eight rays, clipped to the box.
-pub struct RayPacket<L: Lanes> {
+pub(super) struct RayPacket<L: Lanes> {
     /// First sample of each ray: 0, unless the ray is clipped.
     pub first: L::I,
     /// End of the samples of each ray; 0 if the ray misses the box.
@@ -279,7 +279,7 @@ impl<L: Lanes> RayPacket<L> {
     /// In units of sample points the box is 0..dims - 1. The arithmetic is double precision in plain loops, which the compiler
     /// vectorizes.
     #[inline(always)]
-    pub fn new(setup: &RaySetup, pixels: &[(u32, u32)]) -> Self {
+    pub(super) fn new(setup: &RaySetup, pixels: &[(u32, u32)]) -> Self {
         // Load pixel positions.
         let (mut i, mut j) = ([0.0; WIDTH], [0.0; WIDTH]);
         for (l, pixel) in pixels.iter().enumerate().take(WIDTH) {
@@ -349,7 +349,7 @@ impl<L: Lanes> RayPacket<L> {
 
     /// The point `t` steps from the entry, in units of sample points.
     #[inline(always)]
-    pub fn at(&self, t: L::F) -> [L::F; 3] {
+    pub(super) fn at(&self, t: L::F) -> [L::F; 3] {
         axes!(a => self.entry[a] + t * self.delta[a])
     }
 

@@ -3,20 +3,20 @@
 use lamina_compute::simd::WIDTH;
 
 /// The pixels (column, row) of one packet.
-pub struct Tile {
+pub(super) struct Tile {
     pixels: [(u32, u32); WIDTH],
     count: usize,
 }
 
 impl Tile {
     /// Columns of a tile.
-    pub const COLUMNS: u32 = 4;
+    pub(super) const COLUMNS: u32 = 4;
     /// Rows of a tile.
-    pub const ROWS: u32 = 2;
+    pub(super) const ROWS: u32 = 2;
 
     /// Tiles that cover `rows` (one or two) rows of a picture `width` pixels wide, from row `first_row` on.
     #[inline(always)]
-    pub fn across(width: u32, first_row: u32, rows: u32) -> impl Iterator<Item = Self> {
+    pub(super) fn across(width: u32, first_row: u32, rows: u32) -> impl Iterator<Item = Self> {
         (0..width.div_ceil(Self::COLUMNS)).map(move |t| {
             let mut tile = Self { pixels: [(0, 0); WIDTH], count: 0 };
             for j in 0..rows {
@@ -31,7 +31,7 @@ impl Tile {
 
     /// The pixels, row by row.
     #[inline(always)]
-    pub fn pixels(&self) -> &[(u32, u32)] {
+    pub(super) fn pixels(&self) -> &[(u32, u32)] {
         &self.pixels[..self.count]
     }
 }

@@ -1,7 +1,7 @@
 //! Assembly of a VDI, shared by all levels of `generate`: its header, and its bands of rows joined in order as workers finish.
 
 use crate::Field;
-use lamina_model::{GenerationParams, Invalid, Supersegment, Vdi, VdiHeader};
+use lamina_model::{Invalid, Supersegment, Vdi, VdiHeader, VdiParams};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -10,7 +10,7 @@ use std::sync::{Mutex, PoisonError};
 ///
 /// # Errors
 /// If the step is so short that rays would have too many of them.
-pub fn header(field: &Field, params: &GenerationParams) -> Result<VdiHeader, Invalid> {
+pub(crate) fn header(field: &Field, params: &VdiParams) -> Result<VdiHeader, Invalid> {
     let scene = field.scene();
     scene.effects.check_step(params.step_voxels())?;
     VdiHeader {
@@ -26,7 +26,7 @@ pub fn header(field: &Field, params: &GenerationParams) -> Result<VdiHeader, Inv
 
 /// Consecutive rows of rays: the number of supersegments of each ray, and the supersegments of all rays in order.
 #[derive(Debug, Default)]
-pub struct RowBand {
+pub(crate) struct RowBand {
     /// Supersegments per ray.
     pub counts: Vec<u32>,
     /// All lists, one after the other.
@@ -37,7 +37,7 @@ pub struct RowBand {
 ///
 /// Workers start bands in order too, so few finished ones ever wait for an earlier one: besides what `take` keeps, memory is
 /// that of a few bands.
-pub fn in_order<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync, take: impl FnMut(T) + Send) {
+pub(crate) fn in_order<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync, take: impl FnMut(T) + Send) {
     struct Reordering<T, F> {
         waiting: BTreeMap<usize, T>,
         next: usize,
@@ -68,7 +68,7 @@ const USUAL_LIST: usize = 16;
 
 /// Builds a VDI from bands of rows that are added in order.
 #[derive(Debug)]
-pub struct VdiBuilder {
+pub(crate) struct VdiBuilder {
     offsets: Vec<u32>,
     segments: Vec<Supersegment>,
     total: usize,
@@ -76,7 +76,7 @@ pub struct VdiBuilder {
 
 impl VdiBuilder {
     /// An empty builder for a VDI of `rays` rays.
-    pub fn new(rays: usize) -> Self {
+    pub(crate) fn new(rays: usize) -> Self {
         let mut offsets = Vec::with_capacity(rays + 1);
         offsets.push(0);
         // Untouched capacity costs no memory, whereas a vector that outgrows its own is held twice while it moves.
@@ -86,7 +86,7 @@ impl VdiBuilder {
     }
 
     /// Appends a band's lists.
-    pub fn add(&mut self, band: RowBand) {
+    pub(crate) fn add(&mut self, band: RowBand) {
         self.total += band.segments.len();
         if u32::try_from(self.total).is_err() {
             return;
@@ -103,7 +103,7 @@ impl VdiBuilder {
     ///
     /// # Errors
     /// If it has 2^32 supersegments or more.
-    pub fn finish(mut self, header: VdiHeader) -> Result<Vdi, Invalid> {
+    pub(crate) fn finish(mut self, header: VdiHeader) -> Result<Vdi, Invalid> {
         if u32::try_from(self.total).is_err() {
             let total = self.total;
             return Err(Invalid::new("vdi", format!("{total} supersegments; raise gamma or lower the resolution")));

@@ -1,4 +1,4 @@
 //! From samples to a VDI: segmentation of rays into supersegments, and assembly of rows.
 
-pub mod assemble;
-pub mod segmentation;
+pub(crate) mod assemble;
+pub(crate) mod segmentation;

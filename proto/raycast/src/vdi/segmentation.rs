@@ -24,7 +24,7 @@ type PremultipliedRgba = [f64; 4];
 
 /// Segments clustered rows of a VDI.
 #[derive(Debug)]
-pub struct Segmenter<'a> {
+pub(crate) struct Segmenter<'a> {
     /// Header of the VDI; `None` if rows are left as clustered.
     header: Option<&'a VdiHeader>,
     unit_steps: f64,
@@ -33,7 +33,7 @@ pub struct Segmenter<'a> {
 
 impl<'a> Segmenter<'a> {
     /// A segmenter for the VDI of `header`, where `unit_length` is the world length that opacities refer to.
-    pub fn new(header: &'a VdiHeader, segmentation: Segmentation, unit_length: f64) -> Self {
+    pub(crate) fn new(header: &'a VdiHeader, segmentation: Segmentation, unit_length: f64) -> Self {
         let gamma = header.params.gamma();
         // At gamma = 0 nothing is joined.
         let fitted = segmentation == Segmentation::Fitted && gamma > 0.0;
@@ -42,12 +42,12 @@ impl<'a> Segmenter<'a> {
     }
 
     /// The gamma with which to cluster rows before [`Self::rows`], for a VDI of `gamma`.
-    pub fn initial_gamma(&self, gamma: f64) -> f64 {
+    pub(crate) fn initial_gamma(&self, gamma: f64) -> f64 {
         if self.header.is_some() { gamma / INITIAL_GAMMA_DIVISOR } else { gamma }
     }
 
     /// Segments whole rows, the first of which is row `first_row` of the VDI.
-    pub fn rows(&self, first_row: u32, fine: RowBand) -> RowBand {
+    pub(crate) fn rows(&self, first_row: u32, fine: RowBand) -> RowBand {
         let Some(header) = self.header else { return fine };
         let (mut rows, mut rest) = (Vec::new(), fine.segments.as_slice());
         for (j, counts) in (first_row..).zip(fine.counts.chunks(header.params.resolution() as usize)) {
@@ -193,7 +193,7 @@ mod tests {
     use super::*;
     use crate::vdi::assemble::VdiBuilder;
     use glam::DVec3;
-    use lamina_model::{Aabb, Camera, GenerationParams, Vdi, composite::Accumulator};
+    use lamina_model::{Aabb, Camera, Vdi, VdiParams, composite::Accumulator};
 
     const UNIT_STEPS: f64 = 2.0;
 
@@ -222,7 +222,7 @@ mod tests {
             camera: Camera::new(DVec3::new(0.0, 0.0, 4.0), DVec3::ZERO, DVec3::Y, 30.0).unwrap(),
             bounds: Aabb::new(DVec3::splat(-1.0), DVec3::ONE).unwrap(),
             step_length: 0.01,
-            params: GenerationParams::new(r, 0.0).unwrap(),
+            params: VdiParams::new(r, 0.0).unwrap(),
             transfer_id: 0,
             background: [0.0; 3],
         };

@@ -7,7 +7,7 @@
 use super::stored::{Scalar, StoredVoxels, for_stored};
 use crate::Field;
 use glam::DVec3;
-use lamina_model::{GenerationParams, Grid, Invalid, ReducedVolume, Scene};
+use lamina_model::{Grid, Invalid, ReducedVolume, Scene, VolumeParams};
 use rayon::prelude::*;
 
 /// Largest distance of a value from the range, in ranges. Values beyond are clamped, so that outliers do not inflate the
@@ -19,13 +19,13 @@ const FARTHEST: f32 = 8.0;
 ///
 /// # Errors
 /// If a reduced volume cannot represent the field: voxels are NaN or infinite, or colors come from a second field.
-pub fn reduce(field: &Field, params: &GenerationParams) -> Result<ReducedVolume, Invalid> {
+pub fn reduce(field: &Field, params: &VolumeParams) -> Result<ReducedVolume, Invalid> {
     check_reducible(field)?;
     let (grid, dims) = (field.grid(), field.grid().dims());
     let (scale, offset) = field.unit_from_stored();
     let (least, most) = ends(field);
     let unit = |x: f64| ((scale * x + offset) as f32).clamp(least, most);
-    let fewer = if lit(field) { dims } else { reduced_dims(dims, params.resolution()) };
+    let fewer = if lit(field) { dims } else { reduced_dims(dims, params.longest_side()) };
     let slices = for_stored!(field.stored(), v => shrink_slices(v, |x| unit(x.wide()), dims, fewer));
     let units = shrink_along_z(slices, dims, fewer);
     let spacing = DVec3::from_array(std::array::from_fn(|a| {
@@ -197,8 +197,8 @@ mod tests {
         Field::new(Volume::new(grid, voxels).unwrap(), &scene)
     }
 
-    fn params(r: u32) -> GenerationParams {
-        GenerationParams::new(r, 0.01).unwrap()
+    fn params(r: u32) -> VolumeParams {
+        VolumeParams::new(r, 0.01).unwrap()
     }
 
     #[test]

@@ -9,11 +9,11 @@ use lamina_model::{Grid, Scene};
 use std::sync::Arc;
 
 /// Gradient magnitude, in ranges per voxel, at which half of the shading applies; less below it.
-pub const WEAK_GRADIENT: f64 = 0.01;
+pub(crate) const WEAK_GRADIENT: f64 = 0.01;
 /// Clipped steps shorter than this share of a step are skipped.
-pub const SHORTEST: f64 = 1e-4;
+pub(crate) const SHORTEST: f64 = 1e-4;
 /// Steps whose ends differ by fewer table rows than this are sampled in the middle: differences of sums would lose digits.
-pub const FEWEST_ROWS: f64 = 4.0;
+pub(crate) const FEWEST_ROWS: f64 = 4.0;
 
 /// The effects of a field.
 #[derive(Debug)]
@@ -128,7 +128,7 @@ fn unit(direction: DVec3) -> DVec3 {
 }
 
 /// Distances from `eye` to the nearest point and the farthest corner of the box, world units: the range of the depth cue.
-pub fn cue_range(grid: &Grid, eye: DVec3) -> (f64, f64) {
+pub(crate) fn cue_range(grid: &Grid, eye: DVec3) -> (f64, f64) {
     let bounds = grid.bounds();
     let near = (eye.clamp(bounds.min, bounds.max) - eye).length();
     let far = bounds.corners().map(|c| (c - eye).length()).into_iter().fold(0.0, f64::max);

@@ -5,7 +5,7 @@ use glam::DVec3;
 
 /// Trilinear interpolation of `values`, x fastest, at `index` (units of sample points), which is clamped into the grid.
 #[inline]
-pub fn trilinear<T: Scalar>(dims: [usize; 3], values: &[T], index: DVec3) -> f64 {
+pub(crate) fn trilinear<T: Scalar>(dims: [usize; 3], values: &[T], index: DVec3) -> f64 {
     let mut base = 0;
     let mut stride = 1;
     let mut next = [0; 3];

@@ -1,11 +1,11 @@
 //! Volumes prepared for ray casting: stored voxels, interpolation, empty space, transfer function tables, light, effects.
 
-pub mod color_channel;
-pub mod downsample;
-pub mod effects;
-pub mod field;
-pub mod interpolate;
-pub mod light_volume;
-pub mod occupancy;
-pub mod stored;
-pub mod transfer_lut;
+pub(crate) mod color_channel;
+pub(crate) mod downsample;
+pub(crate) mod effects;
+pub(crate) mod field;
+pub(crate) mod interpolate;
+pub(crate) mod light_volume;
+pub(crate) mod occupancy;
+pub(crate) mod stored;
+pub(crate) mod transfer_lut;

@@ -8,9 +8,9 @@ use lamina_model::Grid;
 use rayon::prelude::*;
 
 /// Cells per side of a brick.
-pub const BRICK: usize = 4;
+pub(crate) const BRICK: usize = 4;
 /// Largest distance stored, bricks.
-pub const FARTHEST: u8 = 15;
+pub(crate) const FARTHEST: u8 = 15;
 
 /// Distances to the nearest visible brick, x fastest.
 #[derive(Debug)]

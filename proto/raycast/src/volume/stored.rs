@@ -56,7 +56,7 @@ macro_rules! for_stored {
 pub(crate) use for_stored;
 
 /// The stored form of `voxels` under `range`, whether signed integers were shifted, and the number of voxels not finite.
-pub fn stored(voxels: Voxels, range: &ScalarRange) -> ((StoredVoxels, bool), u64) {
+pub(crate) fn stored(voxels: Voxels, range: &ScalarRange) -> ((StoredVoxels, bool), u64) {
     let width = range.hi() - range.lo();
     // 65536 is the most values of voxels and rows of a table: positions in rows stay far below the largest `f32`.
     if range.scale() == Scale::Linear && (65536.0 + range.lo().abs()) / width < f64::from(ScalarRange::FARTHEST) {
@@ -81,7 +81,7 @@ pub fn stored(voxels: Voxels, range: &ScalarRange) -> ((StoredVoxels, bool), u64
 
 /// Positions of `voxels` in `range`; NaN where they are not finite. Single precision is mapped in place.
 #[expect(clippy::useless_conversion, reason = "one body for all voxel types, f64 among them")]
-pub fn units(voxels: Voxels, range: &ScalarRange) -> Vec<f32> {
+pub(crate) fn units(voxels: Voxels, range: &ScalarRange) -> Vec<f32> {
     let width = range.hi() - range.lo();
     match voxels {
         Voxels::F32(mut v) if range.scale() == Scale::Linear && (1.0 / width).is_finite() => {

@@ -10,7 +10,7 @@ use lamina_model::composite::opacity_from_optical_depth;
 
 /// The transfer function for one step length, as rows over its range.
 #[derive(Debug, Clone)]
-pub struct TransferLut {
+pub(crate) struct TransferLut {
     /// Red, green, blue and opacity of one step, premultiplied. `below` + `bins` + 1 rows.
     pub step: Vec<[f32; 4]>,
     /// Red, green, blue and opacity of one unit length, premultiplied; then the optical depth of one step, and the ratio of a
@@ -29,11 +29,11 @@ const MIN_BINS: usize = 1024;
 /// The greatest number of bins.
 const MAX_BINS: usize = 1 << 16;
 /// Finite stand-in for an infinite optical depth: opaque, but still usable in interpolation.
-pub const OPAQUE: f64 = 1e4;
+pub(crate) const OPAQUE: f64 = 1e4;
 
 impl TransferLut {
     /// The table of `transfer` for steps of `step_length`, where opacities refer to `unit_length` (world units).
-    pub fn new(transfer: &TransferFunction, unit_length: f64, step_length: f64) -> Self {
+    pub(crate) fn new(transfer: &TransferFunction, unit_length: f64, step_length: f64) -> Self {
         let bins = bins(transfer);
         let units = step_length / unit_length;
         let below = u32::from(transfer.at(-1.0) != transfer.at(0.0));
@@ -58,12 +58,12 @@ impl TransferLut {
 
     /// Lanes whose position, in rows, may be visible. NaN is not.
     #[inline(always)]
-    pub fn shown<L: Lanes>(&self, at: L::F) -> L::M {
+    pub(crate) fn shown<L: Lanes>(&self, at: L::F) -> L::M {
         L::F::splat(self.visible[0]).le(at) & at.le(L::F::splat(self.visible[1]))
     }
 
     /// Number of intervals of the range.
-    pub fn bins(&self) -> usize {
+    pub(crate) fn bins(&self) -> usize {
         self.step.len() - 1 - self.below as usize
     }
 }
@@ -77,7 +77,7 @@ fn bins(transfer: &TransferFunction) -> usize {
 
 /// Integral of the transfer function over its range: color and optical depth of a step along which the scalar is linear.
 #[derive(Debug)]
-pub struct PreintegrationTable {
+pub(crate) struct PreintegrationTable {
     /// Prefix sums of optical depth x (red, green, blue, 1) of a whole step, per row; in units of rows.
     pub sums: Vec<[f64; 4]>,
     /// The integrand below and above the range.
@@ -86,7 +86,7 @@ pub struct PreintegrationTable {
 
 impl PreintegrationTable {
     /// The integral for steps of `step_length`, where opacities refer to `unit_length`; as many rows as [`TransferLut::new`].
-    pub fn new(transfer: &TransferFunction, unit_length: f64, step_length: f64) -> Self {
+    pub(crate) fn new(transfer: &TransferFunction, unit_length: f64, step_length: f64) -> Self {
         let bins = bins(transfer);
         let summand = |at: f64| {
             let c = transfer.classify(at as f32, unit_length);
@@ -104,12 +104,12 @@ impl PreintegrationTable {
     }
 
     /// Number of intervals of the range.
-    pub fn bins(&self) -> usize {
+    pub(crate) fn bins(&self) -> usize {
         self.sums.len() - 1
     }
 
     /// Straight color and optical depth of a whole step between two distinct positions in the range.
-    pub fn between(&self, from: f64, to: f64) -> ([f64; 3], f64) {
+    pub(crate) fn between(&self, from: f64, to: f64) -> ([f64; 3], f64) {
         let bins = self.bins() as f64;
         let (a, b) = (self.at(from * bins), self.at(to * bins));
         let [r, g, b, depth] = std::array::from_fn(|c| (b[c] - a[c]) / ((to - from) * bins));
@@ -117,7 +117,7 @@ impl PreintegrationTable {
     }
 
     /// The sums in single precision: per row its rounded sum, the rounding error, and the difference to the next row.
-    pub fn split(&self) -> Vec<[[f32; 4]; 3]> {
+    pub(crate) fn split(&self) -> Vec<[[f32; 4]; 3]> {
         let next = self.sums.iter().skip(1).chain(self.sums.last());
         let row = |(sum, next): (&[f64; 4], &[f64; 4])| {
             let rounded = sum.map(|x| x as f32);

@@ -5,20 +5,20 @@ use lamina_model::{Image, SquaredError, Supersegment, Vdi};
 // What single precision and the table cost. A sample's position is off by some 1e-5 of a voxel, its scalar by 1e-6 of the
 // range, the table's color by the square of a bin, 1e-6: together some 1e-5 of a channel, 100 dB. Where a kink of the
 // transfer function lies inside a bin, or a ray just grazes a voxel that is not a number, single pixels differ by more.
-pub const MIN_PSNR_DB: f64 = 90.0;
-pub const MAX_CHANNEL: f32 = 0.02;
+pub(crate) const MIN_PSNR_DB: f64 = 90.0;
+pub(crate) const MAX_CHANNEL: f32 = 0.02;
 /// Share of supersegments that may be more or fewer, and of rays whose lists are cut elsewhere: where a sample's difference
 /// comes within rounding of gamma, or of 0 opacity.
-pub const MAX_COUNT: f64 = 0.005;
-pub const MAX_RAYS: f64 = 0.01;
+pub(crate) const MAX_COUNT: f64 = 0.005;
+pub(crate) const MAX_RAYS: f64 = 0.01;
 /// Optical depth of a whole ray, relative. Beside it what one sample in a bin with a kink is off by: a quarter of the bin
 /// (1/1024) times the change of slope there (2.5 in opacity), times a step (0.43).
-pub const MAX_DEPTH: f64 = 1e-3;
-pub const MAX_DEPTH_ABSOLUTE: f64 = 3e-4;
+pub(crate) const MAX_DEPTH: f64 = 1e-3;
+pub(crate) const MAX_DEPTH_ABSOLUTE: f64 = 3e-4;
 
 /// How near a VDI comes to the oracle's.
 #[derive(Debug, Default)]
-pub struct Agreement {
+pub(crate) struct Agreement {
     /// Supersegments of both.
     pub counts: [usize; 2],
     /// Share of rays whose lists start or end elsewhere.
@@ -31,7 +31,7 @@ pub struct Agreement {
     pub worst_color: f32,
 }
 
-pub fn agreement(ours: &Vdi, oracle: &Vdi) -> Agreement {
+pub(crate) fn agreement(ours: &Vdi, oracle: &Vdi) -> Agreement {
     let r = ours.resolution();
     let mut found = Agreement { counts: [ours, oracle].map(|v| v.segments().len()), ..Agreement::default() };
     let (mut differences, mut depths) = (0.0, 1e-30);
@@ -60,7 +60,7 @@ pub fn agreement(ours: &Vdi, oracle: &Vdi) -> Agreement {
 }
 
 /// Holds a VDI to the oracle's.
-pub fn compare(name: &str, ours: &Vdi, oracle: &Vdi) {
+pub(crate) fn compare(name: &str, ours: &Vdi, oracle: &Vdi) {
     let found = agreement(ours, oracle);
     println!("{name}: {found:?}");
     let [n, m] = found.counts.map(|n| n as f64);
@@ -69,7 +69,7 @@ pub fn compare(name: &str, ours: &Vdi, oracle: &Vdi) {
 }
 
 /// Holds a picture to the oracle's.
-pub fn compare_pictures(name: &str, ours: &Image, oracle: &Image) {
+pub(crate) fn compare_pictures(name: &str, ours: &Image, oracle: &Image) {
     let channels = ours.pixels().as_flattened().iter().zip(oracle.pixels().as_flattened());
     let worst = channels.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     let mut error = SquaredError::default();

@@ -5,7 +5,7 @@ use crate::fields::{DIMS, field, values};
 use glam::DVec3;
 use lamina_compute::gpu::testing;
 use lamina_model::effects::{ClipBox, ClipPlane, ColorField, ColorPoint, DepthCue, Effects, Isosurface, Shading};
-use lamina_model::{Camera, ControlPoint, GenerationParams, Grid, ScalarRange, Scale, Scene, Segmentation};
+use lamina_model::{Camera, ControlPoint, Grid, ScalarRange, Scale, Scene, Segmentation, VdiParams};
 use lamina_model::{TransferFunction, Volume, Voxels};
 use lamina_raycast::gpu::GpuKernels;
 use lamina_raycast::{Backend, Field, reference, simd::Level};
@@ -73,8 +73,8 @@ fn fields(effects: &Effects) -> Vec<Field> {
     vec![with(u8s, 255.0, whole), with(f32s, 1.0, torn)]
 }
 
-fn params() -> GenerationParams {
-    GenerationParams::new(45, 0.02).unwrap().with_step_voxels(0.43).unwrap()
+fn params() -> VdiParams {
+    VdiParams::new(45, 0.02).unwrap().with_step_voxels(0.43).unwrap()
 }
 
 #[test]

@@ -5,16 +5,16 @@ use half::f16;
 use lamina_model::{Camera, ControlPoint, Effects, Grid, ScalarRange, Scale, Scene, TransferFunction, Volume, Voxels};
 use lamina_raycast::Field;
 
-pub const DIMS: [usize; 3] = [17, 33, 9];
+pub(crate) const DIMS: [usize; 3] = [17, 33, 9];
 
 /// Blobs on an empty ground, 0..1, with a slope so that no cell is flat.
-pub fn value(p: DVec3) -> f64 {
+pub(crate) fn value(p: DVec3) -> f64 {
     let blob = |center: DVec3, width: f64| (-(p - center).length_squared() / (width * width)).exp();
     let blobs = blob(DVec3::new(0.3, 0.3, 0.5), 0.2) + 0.8 * blob(DVec3::new(0.7, 0.75, 0.4), 0.15);
     (0.95 * blobs + 0.02 * p.x).min(1.0)
 }
 
-pub fn values(dims: [usize; 3]) -> Vec<f64> {
+pub(crate) fn values(dims: [usize; 3]) -> Vec<f64> {
     let unit = |i: usize, n: usize| if n == 1 { 0.45 } else { i as f64 / (n - 1) as f64 };
     let at = |n: usize| {
         let (i, j, k) = (n % dims[0], n / dims[0] % dims[1], n / (dims[0] * dims[1]));
@@ -23,7 +23,7 @@ pub fn values(dims: [usize; 3]) -> Vec<f64> {
     (0..dims.iter().product()).map(at).collect()
 }
 
-pub fn transfer(hi: f64, scale: Scale) -> TransferFunction {
+pub(crate) fn transfer(hi: f64, scale: Scale) -> TransferFunction {
     let range = ScalarRange::new(if scale == Scale::Log10 { 0.01 * hi } else { 0.0 }, hi, scale).unwrap();
     let p = |at, color, opacity| ControlPoint { at, color, opacity };
     let points = vec![
@@ -36,14 +36,14 @@ pub fn transfer(hi: f64, scale: Scale) -> TransferFunction {
     TransferFunction::new(range, None, points).unwrap()
 }
 
-pub fn camera(grid: &Grid, away: f64) -> Camera {
+pub(crate) fn camera(grid: &Grid, away: f64) -> Camera {
     let bounds = grid.bounds();
     let eye = bounds.center() + away * bounds.size().length() * DVec3::new(0.48, 0.36, 0.8);
     let fov_y_deg = 45.0 / away.max(1.0);
     Camera::new(eye, bounds.center() + DVec3::new(0.11, -0.07, 0.05), DVec3::Y, fov_y_deg).unwrap()
 }
 
-pub fn field(dims: [usize; 3], voxels: Voxels, hi: f64, scale: Scale, away: f64) -> Field {
+pub(crate) fn field(dims: [usize; 3], voxels: Voxels, hi: f64, scale: Scale, away: f64) -> Field {
     let grid = Grid::new(dims, DVec3::new(1.0, 0.6, 2.3), DVec3::new(-3.0, 100.0, 7.0)).unwrap();
     let scene = Scene {
         transfer: transfer(hi, scale),
@@ -56,7 +56,7 @@ pub fn field(dims: [usize; 3], voxels: Voxels, hi: f64, scale: Scale, away: f64)
 }
 
 /// One field of every kind, and the shapes that are easily got wrong.
-pub fn fields() -> Vec<(&'static str, Field)> {
+pub(crate) fn fields() -> Vec<(&'static str, Field)> {
     let v = values(DIMS);
     let holes = |x: &f64, n: usize| if n % 97 == 5 { f64::NAN } else { *x };
     let whole = |top: f64| v.iter().map(move |x| (x * top).round());

@@ -5,9 +5,7 @@ use crate::agreement::{MAX_CHANNEL, MAX_RAYS, agreement, compare, compare_pictur
 use crate::fields::{DIMS, camera, field, fields, transfer, values};
 use glam::DVec3;
 use lamina_compute::gpu::{Choice, Gpu, Opened, testing};
-use lamina_model::{
-    Camera, Effects, GenerationParams, Grid, Scale, Scene, Segmentation, TransferFunction, Volume, Voxels,
-};
+use lamina_model::{Camera, Effects, Grid, Scale, Scene, Segmentation, TransferFunction, VdiParams, Volume, Voxels};
 use lamina_raycast::gpu::{GpuError, GpuKernels};
 use lamina_raycast::{Field, reference};
 use std::sync::OnceLock;
@@ -45,7 +43,7 @@ fn vdis_equal_the_oracles() {
     let Some(gpu) = kernels() else { return };
     for (name, field) in fields() {
         for gamma in [0.0, 0.02, 1.0] {
-            let params = GenerationParams::new(45, gamma).unwrap().with_step_voxels(0.43).unwrap();
+            let params = VdiParams::new(45, gamma).unwrap().with_step_voxels(0.43).unwrap();
             let (ours, time) = gpu.generate(&field, &params, Segmentation::Greedy).unwrap();
             assert!(time > std::time::Duration::ZERO);
             compare(
@@ -64,7 +62,7 @@ fn vdis_equal_the_oracles() {
 fn rays_end_at_the_opacity_cutoff() {
     let Some(gpu) = kernels() else { return };
     let (name, field) = fields().swap_remove(0);
-    let params = GenerationParams::new(64, 0.05).unwrap();
+    let params = VdiParams::new(64, 0.05).unwrap();
     let whole = gpu.generate(&field, &params, Segmentation::Greedy).unwrap().0;
     let params = params.with_opacity_cutoff(0.5).unwrap();
     let ours = gpu.generate(&field, &params, Segmentation::Greedy).unwrap().0;
@@ -76,7 +74,7 @@ fn rays_end_at_the_opacity_cutoff() {
 fn a_transparent_volume_gives_no_supersegments() {
     let Some(gpu) = kernels() else { return };
     let field = field(DIMS, Voxels::U8(vec![3; DIMS.iter().product()]), 255.0, Scale::Linear, 1.3);
-    let (vdi, _) = gpu.generate(&field, &GenerationParams::new(20, 0.1).unwrap(), Segmentation::Greedy).unwrap();
+    let (vdi, _) = gpu.generate(&field, &VdiParams::new(20, 0.1).unwrap(), Segmentation::Greedy).unwrap();
     assert!(vdi.segments().is_empty());
     let image = gpu.raycast(&field, &field.scene().camera, 9, 9).unwrap();
     assert!(image.pixels().iter().all(|p| *p == field.scene().background));
@@ -92,7 +90,7 @@ fn what_is_opaque_stays_a_number() {
     let transfer = TransferFunction::new(*field.scene().transfer.range(), None, points).unwrap();
     let voxels = Voxels::F64(values(DIMS));
     let field = Field::new(Volume::new(*field.grid(), voxels).unwrap(), &Scene { transfer, ..field.scene().clone() });
-    let params = GenerationParams::new(45, 0.02).unwrap();
+    let params = VdiParams::new(45, 0.02).unwrap();
     let (ours, oracle) = (
         gpu.generate(&field, &params, Segmentation::Greedy).unwrap().0,
         reference::generate(&field, &params, Segmentation::Greedy).unwrap(),
@@ -112,7 +110,7 @@ fn what_is_opaque_stays_a_number() {
 fn small_chunks_give_the_same_vdi_and_too_small_ones_say_so() {
     let (Some(gpu), Some(small), Some(tiny)) = (kernels(), open(), open()) else { return };
     let (_, field) = fields().swap_remove(0);
-    let params = GenerationParams::new(40, 0.0).unwrap();
+    let params = VdiParams::new(40, 0.0).unwrap();
     let (whole, _) = gpu.generate(&field, &params, Segmentation::Greedy).unwrap();
     let bytes = 24 * whole.segments().len() as u64;
     let (parts, _) = small.with_chunk_bytes(bytes / 7).generate(&field, &params, Segmentation::Greedy).unwrap();
@@ -137,7 +135,7 @@ fn a_step_that_fits_the_box_exactly_counts_as_the_decoder_does() {
     };
     let voxels = Voxels::F32((0..33 * 33 * 33).map(|n| 0.6 + 0.01 * (n % 33) as f32).collect());
     let field = Field::new(Volume::new(grid, voxels).unwrap(), &scene);
-    let params = GenerationParams::new(65, 0.01).unwrap();
+    let params = VdiParams::new(65, 0.01).unwrap();
     let (ours, oracle) = (
         gpu.generate(&field, &params, Segmentation::Greedy).unwrap().0,
         reference::generate(&field, &params, Segmentation::Greedy).unwrap(),
@@ -155,7 +153,7 @@ fn a_lost_device_is_an_error() {
     let device = gpu.device().clone();
     let kernels = GpuKernels::new(*gpu).unwrap();
     let (_, field) = fields().swap_remove(0);
-    let params = GenerationParams::new(20, 0.1).unwrap();
+    let params = VdiParams::new(20, 0.1).unwrap();
     kernels.generate(&field, &params, Segmentation::Greedy).unwrap();
     device.destroy();
     for _ in 0..2 {
@@ -169,7 +167,7 @@ fn a_volume_too_long_for_the_device_is_refused() {
     let Some(gpu) = kernels() else { return };
     let dims = [40_000, 1, 1];
     let field = field(dims, Voxels::U8(vec![200; 40_000]), 255.0, Scale::Linear, 1.3);
-    let e = gpu.generate(&field, &GenerationParams::new(4, 0.1).unwrap(), Segmentation::Greedy).unwrap_err();
+    let e = gpu.generate(&field, &VdiParams::new(4, 0.1).unwrap(), Segmentation::Greedy).unwrap_err();
     assert!(matches!(e, GpuError::TooLarge { needed: 40_000, .. }), "{e}");
 }
 
@@ -178,7 +176,7 @@ fn a_volume_too_long_for_the_device_is_refused() {
 fn the_greatest_resolution_runs() {
     let Some(gpu) = kernels() else { return };
     let (_, field) = fields().swap_remove(2);
-    let params = GenerationParams::new(GenerationParams::MAX_RESOLUTION, 1.0).unwrap();
+    let params = VdiParams::new(VdiParams::MAX_RESOLUTION, 1.0).unwrap();
     let (vdi, time) = gpu.generate(&field, &params, Segmentation::Greedy).unwrap();
     println!("{} supersegments in {time:?}", vdi.segments().len());
     assert!(vdi.segments().len() > 1 << 22);
@@ -201,7 +199,7 @@ fn figures() {
         effects: Effects::default(),
     };
     let field = Field::new(Volume::new(grid, voxels).unwrap(), &scene);
-    let params = GenerationParams::new(256, 0.02).unwrap();
+    let params = VdiParams::new(256, 0.02).unwrap();
     let clock = std::time::Instant::now;
     let first = clock();
     gpu.raycast(&field, &camera, 8, 8).unwrap();

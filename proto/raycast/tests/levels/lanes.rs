@@ -4,7 +4,7 @@
 use crate::agreement::{compare, compare_pictures};
 use crate::fields::{field, fields, values};
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
-use lamina_model::{GenerationParams, Image, Scale, Segmentation, Voxels};
+use lamina_model::{Image, Scale, Segmentation, VdiParams, Voxels};
 use lamina_raycast::simd::{self, Level, Shot};
 use lamina_raycast::{Backend, Field, reference};
 
@@ -38,7 +38,7 @@ fn all_levels_agree_to_the_bit_and_so_do_lists_of_pixels() {
     for (name, field) in marched() {
         let whole = simd::raycast(Level::Portable, &field, &shot(&field));
         let some: Vec<(u32, u32)> = (0..203).map(|n| (n * 7 % SIZE[0], n * 11 % SIZE[1])).collect();
-        let params = GenerationParams::new(45, 0.02).unwrap().with_step_voxels(0.43).unwrap();
+        let params = VdiParams::new(45, 0.02).unwrap().with_step_voxels(0.43).unwrap();
         let vdi = simd::generate(Level::Portable, &field, &params, Segmentation::Greedy).unwrap();
         for level in Level::available() {
             assert!(simd::raycast(level, &field, &shot(&field)) == whole, "{name}, {level:?}");
@@ -54,7 +54,7 @@ fn all_levels_agree_to_the_bit_and_so_do_lists_of_pixels() {
 fn vdis_equal_the_oracles() {
     for (name, field) in marched() {
         for (gamma, cutoff) in [(0.0, 1.0), (0.02, 1.0), (1.0, 1.0), (0.05, 0.5)] {
-            let params = GenerationParams::new(45, gamma).unwrap().with_step_voxels(0.43).unwrap();
+            let params = VdiParams::new(45, gamma).unwrap().with_step_voxels(0.43).unwrap();
             let params = params.with_opacity_cutoff(cutoff).unwrap();
             let ours = simd::generate(Level::detect(), &field, &params, Segmentation::Greedy).unwrap();
             compare(
@@ -77,7 +77,7 @@ fn many_gammas_from_one_march_are_those_of_one_march_each() {
     gammas.extend((0..140).map(|n| 0.001 + 0.002 * f64::from(n)));
     for (name, field) in marched() {
         for cutoff in [1.0, 0.7] {
-            let params = GenerationParams::new(23, 0.5).unwrap().with_opacity_cutoff(cutoff).unwrap();
+            let params = VdiParams::new(23, 0.5).unwrap().with_opacity_cutoff(cutoff).unwrap();
             let all = backend.generate_all(&field, &params, &gammas, Segmentation::Greedy).unwrap();
             assert_eq!(all.len(), gammas.len());
             for (vdi, &gamma) in all.iter().zip(&gammas) {
@@ -87,16 +87,14 @@ fn many_gammas_from_one_march_are_those_of_one_march_each() {
         }
     }
     assert!(
-        backend
-            .generate_all(&fields()[0].1, &GenerationParams::new(9, 0.1).unwrap(), &[-1.0], Segmentation::Greedy)
-            .is_err()
+        backend.generate_all(&fields()[0].1, &VdiParams::new(9, 0.1).unwrap(), &[-1.0], Segmentation::Greedy).is_err()
     );
 }
 
 #[test]
 fn the_number_of_threads_changes_nothing() {
     let (_, field) = fields().swap_remove(0);
-    let params = GenerationParams::new(67, 0.01).unwrap();
+    let params = VdiParams::new(67, 0.01).unwrap();
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
@@ -115,7 +113,7 @@ fn a_backend_serves_what_lanes_cannot() {
     let voxels = Voxels::F32(values(slice).iter().map(|&x| x as f32).collect());
     let field = field(slice, voxels, 1.0, Scale::Linear, 1.3);
     assert!(!simd::fits(&field));
-    let params = GenerationParams::new(31, 0.02).unwrap();
+    let params = VdiParams::new(31, 0.02).unwrap();
     assert!(
         Backend::cpu().generate(&field, &params, Segmentation::Greedy).unwrap().0
             == reference::generate(&field, &params, Segmentation::Greedy).unwrap()

@@ -4,12 +4,12 @@
 use bytemuck::{Pod, Zeroable};
 
 /// Planes that clip a ray: six of the box, four sides of the occupied rectangle, two of depth.
-pub const PLANES: usize = 12;
+pub(super) const PLANES: usize = 12;
 
 /// The VDI.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub struct StoredVdi {
+pub(super) struct StoredVdi {
     pub size: [u32; 2],
     pub first_masks: [u32; 2],
     pub depth: f32,
@@ -21,7 +21,7 @@ pub struct StoredVdi {
 /// A function that is linear along every ray and in the picture's columns and rows.
 #[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
-pub struct LinearForm {
+pub(super) struct LinearForm {
     pub start: [f32; 3],
     pub pad0: f32,
     pub change: [f32; 3],
@@ -31,7 +31,7 @@ pub struct LinearForm {
 /// Rays of a picture.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub struct ViewUniforms {
+pub(super) struct ViewUniforms {
     pub column: LinearForm,
     pub row: LinearForm,
     pub depth: LinearForm,
@@ -50,7 +50,7 @@ pub struct ViewUniforms {
 /// The pixels that a dispatch colors.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub struct PictureUniforms {
+pub(super) struct PictureUniforms {
     pub first: u32,
     pub count: u32,
     pub pad0: [u32; 2],

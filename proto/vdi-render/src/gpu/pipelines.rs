@@ -5,7 +5,7 @@ use lamina_compute::gpu::pipeline::{READ, UNIFORM, WRITE};
 use lamina_compute::gpu::wgpu::{BindGroupLayout, ComputePipeline};
 
 /// Source of all kernels.
-pub const RENDER: &str = concat!(
+pub(super) const RENDER: &str = concat!(
     include_str!("layout.wgsl"),
     include_str!("leaf.wgsl"),
     include_str!("line.wgsl"),
@@ -17,7 +17,7 @@ pub const RENDER: &str = concat!(
 
 /// The compiled pipelines, and the layouts of their bind groups.
 #[derive(Debug)]
-pub struct Pipelines {
+pub(super) struct Pipelines {
     /// Group 0: a VDI, and the rays of a picture.
     pub vdi: BindGroupLayout,
     /// Group 1: pixels and their colors.
@@ -28,7 +28,7 @@ pub struct Pipelines {
 
 impl Pipelines {
     /// To be called inside [`Gpu::run`].
-    pub fn new(gpu: &Gpu) -> Self {
+    pub(super) fn new(gpu: &Gpu) -> Self {
         let vdi = gpu.layout("vdi", &[UNIFORM, UNIFORM, READ, READ, READ, READ, READ]);
         let picture = gpu.layout("picture", &[UNIFORM, READ, WRITE]);
         let module = gpu.module("render", RENDER);

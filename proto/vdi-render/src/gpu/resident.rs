@@ -25,7 +25,7 @@ const ROUNDING: f64 = 4e-6;
 
 /// A VDI on the device.
 #[derive(Debug)]
-pub struct ResidentVdi {
+pub(super) struct ResidentVdi {
     id: u64,
     bytes: u64,
     /// Its buffers, in the order of bindings.
@@ -34,11 +34,11 @@ pub struct ResidentVdi {
 
 /// The VDIs on the device, the last used last.
 #[derive(Debug, Default)]
-pub struct ResidentVdis(Vec<ResidentVdi>);
+pub(super) struct ResidentVdis(Vec<ResidentVdi>);
 
 impl ResidentVdis {
     /// `vdi` on the device, uploaded at first use. To be called inside [`Gpu::run`], after [`check_size`].
-    pub fn get<V: Deref<Target = Vdi>>(&mut self, gpu: &Gpu, vdi: &PreparedVdi<V>) -> &ResidentVdi {
+    pub(super) fn get<V: Deref<Target = Vdi>>(&mut self, gpu: &Gpu, vdi: &PreparedVdi<V>) -> &ResidentVdi {
         let found = self.0.iter().position(|r| r.id == vdi.id()).map(|n| self.0.remove(n));
         let resident = found.unwrap_or_else(|| {
             self.make_room();
@@ -76,7 +76,7 @@ impl ResidentVdi {
 }
 
 /// Succeeds if no array of the VDI is larger than `most` bytes.
-pub fn check_size(most: u64, vdi: &Vdi, grid: &AccelerationGrid) -> Result<(), GpuError> {
+pub(super) fn check_size(most: u64, vdi: &Vdi, grid: &AccelerationGrid) -> Result<(), GpuError> {
     let (needed, limit) = (vdi.segments().len() as u64, most / CONTENT_BYTES);
     if needed > limit {
         let (what, unit, remedy) = ("the VDI", "supersegments", "raise gamma");

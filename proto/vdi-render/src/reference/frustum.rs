@@ -12,7 +12,7 @@ use lamina_model::{Ray, VdiHeader};
 use std::ops::ControlFlow;
 
 /// A ray in the generation camera's frame, clipped to the box and the camera's pyramid.
-pub struct FrustumWalk<'a> {
+pub(super) struct FrustumWalk<'a> {
     header: &'a VdiHeader,
     origin: DVec3,
     direction: DVec3,
@@ -22,7 +22,7 @@ pub struct FrustumWalk<'a> {
 }
 
 /// The part of a ray inside one pixel's frustum.
-pub struct PixelCrossing {
+pub(super) struct PixelCrossing {
     /// Pixel column.
     pub i: u32,
     /// Pixel row.
@@ -35,7 +35,7 @@ pub struct PixelCrossing {
 
 impl<'a> FrustumWalk<'a> {
     /// `ray` clipped to the box and the pyramid of `header`, whose image is `displaced`; `None` if it misses them.
-    pub fn new(header: &'a VdiHeader, ray: &Ray, displaced: Displacement) -> Option<Self> {
+    pub(super) fn new(header: &'a VdiHeader, ray: &Ray, displaced: Displacement) -> Option<Self> {
         let (mut enter, mut leave) = header.bounds.clip(ray)?;
         let camera = &header.camera;
         let origin = camera.view_from_world(ray.origin);
@@ -58,12 +58,12 @@ impl<'a> FrustumWalk<'a> {
     }
 
     /// Depth along the view at ray distance `s`.
-    pub fn depth(&self, s: f64) -> f64 {
+    pub(super) fn depth(&self, s: f64) -> f64 {
         self.origin.z + s * self.direction.z
     }
 
     /// Passes the pixels crossed to `visit`, in order along the ray, until it breaks.
-    pub fn pixels(&self, mut visit: impl FnMut(PixelCrossing) -> ControlFlow<()>) {
+    pub(super) fn pixels(&self, mut visit: impl FnMut(PixelCrossing) -> ControlFlow<()>) {
         // Stay a little inside both ends: at the apex of the pyramid image positions are undefined.
         let hair = 1e-9 * (self.leave - self.enter);
         let (first, last) = (self.pixel_at(self.enter + hair), self.pixel_at(self.leave - hair));

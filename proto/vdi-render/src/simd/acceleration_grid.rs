@@ -11,13 +11,13 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// Side of a tile per level, as a power of two.
-pub const SHIFTS: [u32; 3] = [0, 3, 5];
+pub(super) const SHIFTS: [u32; 3] = [0, 3, 5];
 
 /// 64 depth bins, uniform in 1/Z, which along a line in the image is linear like columns and rows, so that a position on a line
 /// gives its bin without a division. Bin 0 is farthest. Bin 63 covers everything nearer than a quarter of the farthest depth:
 /// for a camera inside the volume, where 1/Z is unbounded, everything else would fall into bin 0 otherwise.
-#[derive(Clone, Copy)]
-pub struct DepthBins {
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct DepthBins {
     /// 1/Z at which bin 0 begins.
     pub far: f64,
     /// Bins per 1/Z.
@@ -43,19 +43,20 @@ impl DepthBins {
 
     /// The bin at a position on the scale of bins.
     #[inline(always)]
-    pub fn bin(place: f32) -> u32 {
+    pub(crate) fn bin(place: f32) -> u32 {
         (place as u32).min(63)
     }
 
     /// Mask of bins `a` to `b`, both included.
     #[inline(always)]
-    pub fn bits(a: u32, b: u32) -> u64 {
+    pub(crate) fn bits(a: u32, b: u32) -> u64 {
         (u64::MAX << a) & (u64::MAX >> (63 - b))
     }
 }
 
 /// Data structures for rendering one VDI; see the module's documentation.
-pub struct AccelerationGrid {
+#[derive(Debug)]
+pub(crate) struct AccelerationGrid {
     /// First occupied column and row.
     pub corner: [u32; 2],
     /// Columns and rows of the occupied rectangle; 0 if the VDI is empty.
@@ -78,7 +79,7 @@ pub struct AccelerationGrid {
 
 impl AccelerationGrid {
     /// The grid of `vdi`: one pass over the lists' ends, one over all supersegments.
-    pub fn new(vdi: &Vdi) -> Self {
+    pub(crate) fn new(vdi: &Vdi) -> Self {
         let (corner, size) = occupied(vdi);
         let [w, h] = size.map(|n| n as usize);
         let at = |n: usize| (corner[0] + (n % w) as u32, corner[1] + (n / w) as u32);
@@ -133,14 +134,14 @@ impl AccelerationGrid {
 
     /// Depth conversion of pixel `n` of the occupied rectangle, which must have a list, and the range of its supersegments.
     #[inline(always)]
-    pub fn span(&self, n: usize) -> (&DepthSteps, Range<usize>) {
+    pub(crate) fn span(&self, n: usize) -> (&DepthSteps, Range<usize>) {
         let slot = self.slots[n] as usize;
         let [span, next] = &self.spans[slot..slot + 2] else { unreachable!("two of two") };
         (span, span.first as usize..next.first as usize)
     }
 
     /// Bytes held.
-    pub fn size_bytes(&self) -> usize {
+    pub(crate) fn size_bytes(&self) -> usize {
         let masks: usize = self.masks.iter().map(Vec::len).sum();
         size_of_val(&self.slots[..])
             + size_of_val(&self.spans[..])
@@ -150,7 +151,7 @@ impl AccelerationGrid {
 
     /// The same grid with all bits set, so that nothing is skipped.
     #[cfg(test)]
-    pub fn without_gaps(mut self) -> Self {
+    pub(crate) fn without_gaps(mut self) -> Self {
         self.masks.iter_mut().flatten().for_each(|mask| *mask = u64::MAX);
         self
     }

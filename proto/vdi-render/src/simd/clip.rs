@@ -8,14 +8,14 @@
 use lamina_compute::simd::WIDTH;
 
 /// The most planes: six of the box, four sides of the occupied rectangle, two of depth.
-pub const PLANES: usize = 12;
+pub(super) const PLANES: usize = 12;
 
 /// Relative difference from which on the order of two positions is certain.
 const SURELY: f64 = 1e-9;
 
 /// A half space a + b t >= 0.
 #[derive(Clone, Copy, Default)]
-pub struct Plane {
+pub(super) struct Plane {
     /// Signed distance of the rays' origin.
     pub a: f64,
     /// Its change along the ray through picture position (0, 0), and the change of that per pixel to the right and down.
@@ -31,14 +31,14 @@ impl Plane {
 
 /// Up to [`PLANES`] planes.
 #[derive(Clone, Copy, Default)]
-pub struct ClipPlanes {
+pub(super) struct ClipPlanes {
     planes: [Plane; PLANES],
     count: usize,
 }
 
 impl ClipPlanes {
     /// Adds a plane.
-    pub fn push(&mut self, plane: Plane) {
+    pub(super) fn push(&mut self, plane: Plane) {
         self.planes[self.count] = plane;
         self.count += 1;
     }
@@ -50,7 +50,7 @@ impl ClipPlanes {
     /// Entry and exit of the rays through picture positions (`x`, `y`); the exit is before the entry if a ray misses the region.
     /// Without branches, so that the compiler vectorizes it.
     #[inline(always)]
-    pub fn spans(&self, x: &[f64; WIDTH], y: &[f64; WIDTH]) -> ([f64; WIDTH], [f64; WIDTH]) {
+    pub(super) fn spans(&self, x: &[f64; WIDTH], y: &[f64; WIDTH]) -> ([f64; WIDTH], [f64; WIDTH]) {
         let (mut enter, mut leave) = ([0.0; WIDTH], [f64::INFINITY; WIDTH]);
         for plane in self.planes() {
             for l in 0..WIDTH {
@@ -65,7 +65,7 @@ impl ClipPlanes {
     }
 
     /// The planes that clip any ray with x and y between two corners; `None` if all these rays miss the region.
-    pub fn of_tile(&self, x: [f64; 2], y: [f64; 2]) -> Option<Self> {
+    pub(super) fn of_tile(&self, x: [f64; 2], y: [f64; 2]) -> Option<Self> {
         let places = |plane: &Plane| {
             let b = [plane.b(x[0], y[0]), plane.b(x[1], y[0]), plane.b(x[0], y[1]), plane.b(x[1], y[1])];
             let least = b.into_iter().fold(f64::INFINITY, f64::min);

@@ -8,7 +8,7 @@ use lamina_model::Supersegment;
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
 
 /// Accumulated colors of eight rays, and the state of the traversal.
-pub struct RayAccumulator<L: Lanes> {
+pub(super) struct RayAccumulator<L: Lanes> {
     seen: Radiance<L>,
     /// Rays that are not opaque yet.
     pub alive: L::M,
@@ -34,14 +34,14 @@ struct CrossedIntervals<L: Lanes> {
 impl<L: Lanes> RayAccumulator<L> {
     /// Nothing accumulated, for the rays in `live`.
     #[inline(always)]
-    pub fn new(live: L::M) -> Self {
+    pub(super) fn new(live: L::M) -> Self {
         let seen = Radiance { color: [L::F::splat(0.0); 3], transmittance: L::F::splat(1.0) };
         Self { seen, alive: live, hint: 0 }
     }
 
     /// Composites the list of `pixel` along the lines in `met`, in the order along them.
     #[inline(always)]
-    pub fn composite_list(
+    pub(super) fn composite_list(
         &mut self,
         setup: &RaySetup,
         packet: &LinePacket<L>,
@@ -93,7 +93,7 @@ impl<L: Lanes> RayAccumulator<L> {
 
     /// The colors in front of `background`. Clamped, as sums for white may round to slightly more than 1.
     #[inline(always)]
-    pub fn over(&self, background: [f32; 3]) -> [[f32; WIDTH]; 3] {
+    pub(super) fn over(&self, background: [f32; 3]) -> [[f32; WIDTH]; 3] {
         let ([r, g, b], t) = (self.seen.color, self.seen.transmittance);
         let white = L::F::splat(1.0);
         [

@@ -10,7 +10,7 @@ use super::packet::{Heading, LinePacket};
 use lamina_compute::simd::{Lanes, SimdF32, SimdMask};
 
 /// A walk over the tiles of 2^`shift` x 2^`shift` pixels inside a tile of a coarser level.
-pub struct TileWalk<L: Lanes> {
+pub(super) struct TileWalk<L: Lanes> {
     heading: Heading,
     shift: u32,
     /// First and last tile along rows.
@@ -31,7 +31,7 @@ pub struct TileWalk<L: Lanes> {
 
 /// A tile, with the parts of the lines inside it.
 #[derive(Clone, Copy)]
-pub struct CrossedTile<L: Lanes> {
+pub(super) struct CrossedTile<L: Lanes> {
     /// Column and row.
     pub at: [i32; 2],
     /// Lines that cross it.
@@ -62,7 +62,7 @@ fn range<L: Lanes>(
 impl<L: Lanes> TileWalk<L> {
     /// A walk over the tiles between `lo` and `hi` that the parts of lines in `tile` may cross.
     #[inline(always)]
-    pub fn new(
+    pub(super) fn new(
         packet: &LinePacket<L>,
         heading: Heading,
         shift: u32,
@@ -90,7 +90,7 @@ impl<L: Lanes> TileWalk<L> {
 
     /// The next tile that any line crosses.
     #[inline(always)]
-    pub fn next(&mut self, packet: &LinePacket<L>) -> Option<CrossedTile<L>> {
+    pub(super) fn next(&mut self, packet: &LinePacket<L>) -> Option<CrossedTile<L>> {
         let (along, across) = (self.heading.along, 1 - self.heading.along);
         loop {
             while self.ahead_left > 0 {

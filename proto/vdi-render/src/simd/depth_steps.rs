@@ -20,8 +20,8 @@ const BLOCK: usize = 1024;
 /// Conversion for one pixel: step = `scale * depth - offset`, at most `last`, with depths relative to the middle of the stored
 /// ones; and the first supersegment of its list, which ends where the next one begins. The GPU reads this layout.
 #[repr(C)]
-#[derive(Clone, Copy, Default, Pod, Zeroable)]
-pub struct DepthSteps {
+#[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
+pub(crate) struct DepthSteps {
     /// Steps per depth.
     pub scale: f32,
     /// Steps from the camera to the ray's entry into the box, shifted to the middle depth.
@@ -34,7 +34,7 @@ pub struct DepthSteps {
 
 /// The conversion in double precision, with depths counted from the camera.
 #[derive(Clone, Copy, Default)]
-pub struct ExactDepthSteps {
+pub(super) struct ExactDepthSteps {
     scale: f64,
     offset: f64,
     last: f64,
@@ -42,7 +42,7 @@ pub struct ExactDepthSteps {
 
 impl ExactDepthSteps {
     /// The conversion of pixel (`i`, `j`); zeros if its ray misses the box.
-    pub fn new(vdi: &Vdi, i: u32, j: u32) -> Self {
+    pub(super) fn new(vdi: &Vdi, i: u32, j: u32) -> Self {
         let (header, r) = (vdi.header(), vdi.resolution());
         let Some((t_in, t_out)) = header.ray_span(i, j) else { return Self::default() };
         // Depth along the view times the slant is distance along the pixel's own ray.
@@ -52,7 +52,7 @@ impl ExactDepthSteps {
     }
 
     /// Depths along the view of a supersegment's ends, slightly enlarged.
-    pub fn depths(&self, start: u32, end: u32) -> [f64; 2] {
+    pub(super) fn depths(&self, start: u32, end: u32) -> [f64; 2] {
         if self.scale == 0.0 {
             return [f64::INFINITY, 0.0];
         }
@@ -69,7 +69,7 @@ impl ExactDepthSteps {
 }
 
 /// The conversions in single precision, and one behind the last list.
-pub fn single(vdi: &Vdi, spans: &[ExactDepthSteps], middle: f64) -> Vec<DepthSteps> {
+pub(super) fn single(vdi: &Vdi, spans: &[ExactDepthSteps], middle: f64) -> Vec<DepthSteps> {
     if spans.is_empty() {
         return Vec::new();
     }
@@ -84,7 +84,7 @@ pub fn single(vdi: &Vdi, spans: &[ExactDepthSteps], middle: f64) -> Vec<DepthSte
 }
 
 /// Density of every supersegment, with the last step cut at the box.
-pub fn densities(vdi: &Vdi, spans: &[ExactDepthSteps]) -> Vec<f32> {
+pub(super) fn densities(vdi: &Vdi, spans: &[ExactDepthSteps]) -> Vec<f32> {
     let mut densities = vec![0.0; vdi.segments().len()];
     let lists: Vec<&[u32]> = vdi.offsets().windows(2).filter(|ends| ends[0] < ends[1]).collect();
     let mut rest = &mut densities[..];

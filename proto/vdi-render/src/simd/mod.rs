@@ -45,6 +45,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A VDI with its acceleration grid, built once; it owns, shares or borrows the VDI itself.
+#[derive(Debug)]
 pub struct PreparedVdi<V: Deref<Target = Vdi> = Arc<Vdi>> {
     vdi: V,
     grid: AccelerationGrid,

@@ -19,7 +19,7 @@ const FAR: f32 = 1e30;
 const ROUNDING: f32 = 1e-6;
 
 /// Eight rays as lines; see the module's documentation.
-pub struct LinePacket<L: Lanes> {
+pub(super) struct LinePacket<L: Lanes> {
     /// Lanes with a ray that may meet something.
     pub live: L::M,
     /// Column and row at mu = 0; also split into the pixel and the position in it, which keeps more digits.
@@ -48,7 +48,7 @@ pub struct LinePacket<L: Lanes> {
 
 /// The signs of direction that the rays of a group share.
 #[derive(Clone, Copy)]
-pub struct Heading {
+pub(super) struct Heading {
     /// Whether column and row grow along the rays.
     pub forward: [bool; 2],
     /// Whether depth grows along the rays.
@@ -60,13 +60,13 @@ pub struct Heading {
 impl Heading {
     /// Step to the next pixel.
     #[inline(always)]
-    pub fn step(self, axis: usize) -> i32 {
+    pub(super) fn step(self, axis: usize) -> i32 {
         if self.forward[axis] { 1 } else { -1 }
     }
 
     /// Offset from a pixel to the boundary at which rays leave it.
     #[inline(always)]
-    pub fn far_side(self, axis: usize) -> i32 {
+    pub(super) fn far_side(self, axis: usize) -> i32 {
         i32::from(self.forward[axis])
     }
 }
@@ -74,7 +74,7 @@ impl Heading {
 impl<L: Lanes> LinePacket<L> {
     /// The rays through the centers of one to eight `pixels`; `clip` must hold all planes that clip them.
     #[inline(always)]
-    pub fn new(setup: &RaySetup, clip: &ClipPlanes, pixels: &[(u32, u32)]) -> Self {
+    pub(super) fn new(setup: &RaySetup, clip: &ClipPlanes, pixels: &[(u32, u32)]) -> Self {
         // Clip the rays in double precision.
         let (mut x, mut y) = ([0.0; WIDTH], [0.0; WIDTH]);
         for l in 0..WIDTH {
@@ -148,7 +148,7 @@ impl<L: Lanes> LinePacket<L> {
 
     /// The first ray of `left` and all those that share its signs of direction.
     #[inline(always)]
-    pub fn group(&self, left: L::M) -> (L::M, Heading) {
+    pub(super) fn group(&self, left: L::M) -> (L::M, Heading) {
         let (zero, first) = (L::F::splat(0.0), left.bits().trailing_zeros());
         let (mut group, mut grows) = (left, [true; 3]);
         for (grows, change) in grows.iter_mut().zip([self.change[0], self.change[1], self.depth_change]) {
@@ -163,19 +163,19 @@ impl<L: Lanes> LinePacket<L> {
 
     /// Column or row at `mu`.
     #[inline(always)]
-    pub fn place(&self, axis: usize, mu: L::F) -> L::F {
+    pub(super) fn place(&self, axis: usize, mu: L::F) -> L::F {
         self.start[axis] + self.change[axis] * mu
     }
 
     /// Position mu at which each line crosses the boundary before pixel `k`.
     #[inline(always)]
-    pub fn boundary(&self, axis: usize, k: i32) -> L::F {
+    pub(super) fn boundary(&self, axis: usize, k: i32) -> L::F {
         (L::F::from(L::I::splat(k) - self.first[axis]) - self.inside[axis]) * self.per_change[axis]
     }
 
     /// Mask of the depth bins that the lines in `met` cross between two positions mu.
     #[inline(always)]
-    pub fn depth_bins(&self, heading: Heading, from: L::F, to: L::F, met: L::M) -> u64 {
+    pub(super) fn depth_bins(&self, heading: Heading, from: L::F, to: L::F, met: L::M) -> u64 {
         let (a, b) = (self.depth_bins[0] + self.depth_bins[1] * from, self.depth_bins[0] + self.depth_bins[1] * to);
         let (low, high) = if heading.receding { (b, a) } else { (a, b) };
         // Bins 0 and 63 extend to infinity.
@@ -188,20 +188,20 @@ impl<L: Lanes> LinePacket<L> {
 
     /// Share of the line's length in front of `mu`.
     #[inline(always)]
-    pub fn way(&self, mu: L::F) -> L::F {
+    pub(super) fn way(&self, mu: L::F) -> L::F {
         let part = mu * self.ratio;
         part.div(part + (L::F::splat(1.0) - mu))
     }
 
     /// Depth, relative to the middle depth, behind the share `way` of the line's length.
     #[inline(always)]
-    pub fn depth(&self, way: L::F) -> L::F {
+    pub(super) fn depth(&self, way: L::F) -> L::F {
         self.depth + way * self.depth_change
     }
 
     /// Length, in step lengths, of a share of the line.
     #[inline(always)]
-    pub fn steps(&self, part: L::F) -> L::F {
+    pub(super) fn steps(&self, part: L::F) -> L::F {
         part * self.steps
     }
 }

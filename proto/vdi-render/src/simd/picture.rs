@@ -9,7 +9,7 @@ use rayon::prelude::*;
 const TILE: usize = 16;
 
 /// Renders all pixels of a picture, row by row.
-pub fn picture(level: Level, setup: &RaySetup, w: usize, h: usize) -> Vec<[f32; 3]> {
+pub(super) fn picture(level: Level, setup: &RaySetup, w: usize, h: usize) -> Vec<[f32; 3]> {
     let mut pixels = vec![setup.vdi.header().background; w * h];
     pixels.par_chunks_mut(w * TILE).enumerate().for_each(|(band, rows)| {
         level.run(PictureBand { setup, width: w, top: band * TILE, rows });
@@ -18,7 +18,7 @@ pub fn picture(level: Level, setup: &RaySetup, w: usize, h: usize) -> Vec<[f32; 
 }
 
 /// Renders some `pixels` (column, row); returns their colors in order.
-pub fn listed(level: Level, setup: &RaySetup, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
+pub(super) fn listed(level: Level, setup: &RaySetup, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
     let mut colors = vec![[0.0; 3]; pixels.len()];
     let some = (pixels.par_chunks(256), colors.par_chunks_mut(256));
     some.into_par_iter().for_each(|(pixels, out)| level.run(PixelList { setup, pixels, out }));

@@ -17,7 +17,7 @@ const HAIR: f64 = 1e-9;
 const THIN: f64 = 1e-6;
 
 /// All rays of a picture in one coordinate system.
-pub struct CameraRays {
+pub(super) struct CameraRays {
     /// Where all rays start.
     pub origin: DVec3,
     /// Direction through picture position (0, 0).
@@ -39,7 +39,7 @@ impl CameraRays {
 
     /// Direction through picture position (`x`, `y`).
     #[inline(always)]
-    pub fn direction(&self, x: f64, y: f64) -> DVec3 {
+    pub(super) fn direction(&self, x: f64, y: f64) -> DVec3 {
         self.base + x * self.across + y * self.down
     }
 
@@ -51,7 +51,7 @@ impl CameraRays {
 }
 
 /// What all rays of one picture share.
-pub struct RaySetup<'a> {
+pub(super) struct RaySetup<'a> {
     /// The VDI.
     pub vdi: &'a Vdi,
     /// Its acceleration grid.
@@ -68,7 +68,7 @@ pub struct RaySetup<'a> {
 
 impl<'a> RaySetup<'a> {
     /// The setup for a picture of `vdi`, whose image is displaced `by`, from `camera`.
-    pub fn new(
+    pub(super) fn new(
         vdi: &'a Vdi,
         grid: &'a AccelerationGrid,
         camera: &Camera,
@@ -97,7 +97,7 @@ impl<'a> RaySetup<'a> {
 
     /// Columns and rows of the best packet shape at picture position (`x`, `y`). Rays in one plane with the generation camera are
     /// the same line in its image and differ in depth only, so they are best drawn together.
-    pub fn packet(&self, x: f64, y: f64) -> [usize; 2] {
+    pub(super) fn packet(&self, x: f64, y: f64) -> [usize; 2] {
         let line = self.image.origin.cross(self.image.direction(x, y));
         // Distance of the next ray from that line.
         let [right, down] = [self.image.across, self.image.down].map(|step| line.dot(step).abs());
@@ -112,7 +112,7 @@ impl<'a> RaySetup<'a> {
 }
 
 /// A world direction from the generation camera as (U, V, Z), with the image displaced `by`.
-pub fn homogeneous(header: &VdiHeader, grid: &AccelerationGrid, by: Displacement, direction: DVec3) -> DVec3 {
+pub(crate) fn homogeneous(header: &VdiHeader, grid: &AccelerationGrid, by: Displacement, direction: DVec3) -> DVec3 {
     let h = header.camera.tan_half_fov();
     let per_tan = 0.5 * f64::from(header.params.resolution()) / h;
     let p = header.camera.view_from_world_direction(direction);

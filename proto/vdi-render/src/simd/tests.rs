@@ -3,7 +3,7 @@
 use super::super::{Backend, Detail, reference};
 use super::*;
 use glam::DVec3;
-use lamina_model::{Aabb, GenerationParams, Supersegment, VdiHeader, psnr};
+use lamina_model::{Aabb, Supersegment, VdiHeader, VdiParams, psnr};
 
 /// A linear congruential generator; the same lists every time.
 struct Dice(u64);
@@ -37,7 +37,7 @@ fn header(camera: Camera, resolution: u32) -> VdiHeader {
         camera,
         bounds: Aabb::new(DVec3::splat(-1.0), DVec3::new(1.0, 0.9, 1.1)).unwrap(),
         step_length: 0.013,
-        params: GenerationParams::new(resolution, 0.1).unwrap(),
+        params: VdiParams::new(resolution, 0.1).unwrap(),
         transfer_id: 0,
         background: [0.1, 0.2, 0.4],
     }
@@ -140,12 +140,12 @@ fn all_levels_of_lanes_draw_the_same_to_the_bit() {
     {
         let vdi = random_vdi(generation, resolution, 0.6, 6);
         for (camera, width, height) in views(generation) {
-            let mut reconstruct = Level::available().into_iter().map(|level| {
+            let mut rendered = Level::available().into_iter().map(|level| {
                 let prepared = PreparedVdi { level, ..PreparedVdi::new(vdi.clone()) };
                 prepared.render(&camera, width, height).unwrap()
             });
-            let plain = reconstruct.next().unwrap();
-            assert!(reconstruct.all(|image| image == plain), "r {resolution}, from {}", camera.position());
+            let plain = rendered.next().unwrap();
+            assert!(rendered.all(|image| image == plain), "r {resolution}, from {}", camera.position());
         }
     }
 }

@@ -10,7 +10,7 @@ use lamina_compute::simd::{Lanes, SimdF32, SimdMask, WIDTH};
 
 /// The colors of one to eight `pixels` (column, row); `clip` must hold all planes that clip their rays.
 #[inline(always)]
-pub fn trace<L: Lanes>(setup: &RaySetup, clip: &ClipPlanes, pixels: &[(u32, u32)]) -> [[f32; 3]; WIDTH] {
+pub(super) fn trace<L: Lanes>(setup: &RaySetup, clip: &ClipPlanes, pixels: &[(u32, u32)]) -> [[f32; 3]; WIDTH] {
     let packet = LinePacket::<L>::new(setup, clip, pixels);
     let mut light = RayAccumulator::<L>::new(packet.live);
     let mut left = packet.live;

@@ -2,9 +2,9 @@
 
 use super::{Response, exhaustive, papers, searched};
 use crate::Contract;
+use crate::evaluator::Measurement;
 use crate::search::{CandidateSet, Grid, SearchRequest, search};
-use crate::trial::Measured;
-use crate::tune::{Row, Study, tune};
+use crate::tune::{Study, Trial, tune};
 use lamina_model::{GenerationParams, Representation};
 use std::time::Duration;
 use tokio::time::Instant;
@@ -18,7 +18,7 @@ fn limits() -> impl Iterator<Item = u64> {
 async fn a_limit_on_size_is_filled_and_never_broken() {
     for limit in limits() {
         for kinds in [&[Representation::Vdi][..], &[Representation::Volume], &Representation::ALL] {
-            let base = GenerationParams::new(1, 0.0).unwrap();
+            let base = GenerationParams::vdi(1, 0.0).unwrap();
             let mut all = CandidateSet::new(512, kinds, &Grid::default(), &base).unwrap();
             let (mut response, contract) = (Response::default(), Contract::size(limit));
             let found = search(&mut response, SearchRequest::new(&contract, &mut all), |_| {}).await.unwrap();
@@ -43,7 +43,7 @@ async fn a_limit_is_filled_only_where_bytes_buy_what_is_wanted() {
     assert!(cost(&found.study) <= cost(&all) + 0.02 * cost(&all).abs());
     assert!(found.study.rows[found.study.best.unwrap()].measured.cost.size_bytes < 200_000);
     let mut response = Response { jump: 0.02, ..Response::default() };
-    let base = GenerationParams::new(1, 0.0).unwrap();
+    let base = GenerationParams::vdi(1, 0.0).unwrap();
     let volumes = CandidateSet::new(512, &[Representation::Volume], &Grid::paper(), &base).unwrap();
     let volumes = volumes.clone().all(&mut response).await.unwrap();
     let contract = Contract::size(800_000);
@@ -58,11 +58,11 @@ async fn a_limit_is_filled_only_where_bytes_buy_what_is_wanted() {
 async fn the_first_or_second_quality_measured_is_within_3_db_of_the_best() {
     for limit in limits() {
         for kinds in [&[Representation::Vdi][..], &Representation::ALL] {
-            let base = GenerationParams::new(1, 0.0).unwrap();
+            let base = GenerationParams::vdi(1, 0.0).unwrap();
             let mut all = CandidateSet::new(512, kinds, &Grid::default(), &base).unwrap();
             let (contract, mut kept) = (Contract::size(limit), Vec::new());
             let progress =
-                |row: &Row| kept.extend(Some(row.measured.quality.psnr_db()).filter(|_| row.cost.is_finite()));
+                |row: &Trial| kept.extend(Some(row.measured.quality.psnr_db()).filter(|_| row.cost.is_finite()));
             let found =
                 search(&mut Response::default(), SearchRequest::new(&contract, &mut all), progress).await.unwrap();
             let best = found.study.rows[found.study.best.unwrap()].measured.quality.psnr_db();
@@ -74,7 +74,7 @@ async fn the_first_or_second_quality_measured_is_within_3_db_of_the_best() {
 
 #[tokio::test]
 async fn the_range_of_vdis_is_looked_for_only_after_the_volumes() {
-    let base = GenerationParams::new(1, 0.0).unwrap();
+    let base = GenerationParams::vdi(1, 0.0).unwrap();
     let contract = Contract::size(200_000);
     let takes = Duration::from_millis(10);
     let mut all = CandidateSet::new(512, &Representation::ALL, &Grid::default(), &base).unwrap();
@@ -115,7 +115,7 @@ async fn trials_of_an_earlier_step_decide_the_first_and_are_no_results() {
     assert!(cost(&found) - cost(&alone) <= 0.1, "{} and {}", cost(&found), cost(&alone));
     assert!(response.measured <= before.measured, "{} trials instead of {}", response.measured, before.measured);
     // What broke the contract there is no choice.
-    let too_large: Vec<Row> = rows.iter().filter(|r| r.cost == f64::INFINITY).cloned().collect();
+    let too_large: Vec<Trial> = rows.iter().filter(|r| r.cost == f64::INFINITY).cloned().collect();
     let request = SearchRequest { carried: &too_large, ..SearchRequest::new(&contract, &mut all) };
     assert!(search(&mut Response::default(), request, |_| {}).await.unwrap().study.best.is_some());
 }
@@ -125,7 +125,7 @@ async fn few_pixels_decide_where_they_can() {
     // In the made-up response every batch tells the same of a difference: all but the best stay with the fewest.
     for limit in limits().skip(3).step_by(4) {
         let found = searched(&mut Response::default(), &Contract::size(limit), papers()).await.study;
-        let batches = |r: &Row| r.measured.quality.batches();
+        let batches = |r: &Trial| r.measured.quality.batches();
         let best = &found.rows[found.best.unwrap()];
         assert_eq!(batches(best), 16);
         let full = found.rows.iter().filter(|r| batches(r) == 16).count();
@@ -138,7 +138,7 @@ async fn few_pixels_decide_where_they_can() {
 #[tokio::test]
 async fn more_pixels_are_asked_for_where_few_do_not_decide() {
     // Batches of one trial differ from another's by up to 15 % in squared error: two of them by 0.5 dB, all by 0.15.
-    let all_pixels = |row: &Row| row.measured.quality.batches() == 16;
+    let all_pixels = |row: &Trial| row.measured.quality.batches() == 16;
     let (mut measured, mut whole_study) = (0, 0);
     for limit in limits().skip(3).step_by(2) {
         let mut response = Response { own_scatter: 0.15, ..Response::default() };
@@ -148,7 +148,7 @@ async fn more_pixels_are_asked_for_where_few_do_not_decide() {
         assert!(all_pixels(best));
         // None of the other trials is better by more than all pixels can tell.
         for row in found.rows.iter().filter(|r| r.measured.quality.batches() > 0) {
-            let whole = Measured { quality: response.quality(&row.params, 16), ..row.measured.clone() };
+            let whole = Measurement { quality: response.quality(&row.params, 16), ..row.measured.clone() };
             assert!(best.cost - contract.cost(&whole) <= 0.15, "{limit}: {row:?}, but {best:?}");
         }
         let batches = found.rows.iter().map(|r| r.measured.quality.batches()).filter(|b| *b > 0);

@@ -7,7 +7,7 @@ use crate::entropy::range_coder::{Coder, Decoder, Encoder};
 
 /// Encodes the colors of the `rows` of a band. `segments` is the approximate number of supersegments of the band, `colors`
 /// the size of the palette; both set the sizes of tables.
-pub fn write(rows: &[RayRow], segments: usize, colors: usize) -> Vec<u8> {
+pub(super) fn write(rows: &[RayRow], segments: usize, colors: usize) -> Vec<u8> {
     let (mut encoder, mut colors, mut above) = (Encoder::default(), ColorCoder::new(segments, colors), RayRow::new());
     for row in rows {
         let mut row = row.clone();
@@ -21,7 +21,7 @@ pub fn write(rows: &[RayRow], segments: usize, colors: usize) -> Vec<u8> {
 ///
 /// # Errors
 /// If `done` returns one.
-pub fn read(
+pub(super) fn read(
     bytes: &[u8],
     rows: impl IntoIterator<Item = RayRow>,
     segments: usize,

@@ -12,7 +12,7 @@ use std::sync::mpsc::Sender;
 ///
 /// # Panics
 /// If the supersegments of a ray are not in order of depth.
-pub fn write(rows: &[RayRow], resolution: usize, segments: usize, opacities: usize) -> Vec<u8> {
+pub(super) fn write(rows: &[RayRow], resolution: usize, segments: usize, opacities: usize) -> Vec<u8> {
     let (mut encoder, mut shapes, mut above) =
         (Encoder::default(), GeometryCoder::new(segments, opacities), RayRow::new());
     for row in rows {
@@ -27,7 +27,7 @@ pub fn write(rows: &[RayRow], resolution: usize, segments: usize, opacities: usi
 ///
 /// # Errors
 /// If `room` refuses, or a supersegment would end beyond [`MAX_DEPTH`].
-pub fn read(
+pub(super) fn read(
     bytes: &[u8],
     [resolution, rows]: [usize; 2],
     segments: usize,

@@ -10,7 +10,7 @@ use std::array::from_fn;
 /// Adaptive probability of a set bit. The highest twelve bits are its difference from one half, in 1/4096; the lowest four
 /// count the bits seen.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct BitModel16(i16);
+pub(super) struct BitModel16(i16);
 
 /// Adaptation rate after n bits, in 1/32768: 1 / (n + 1.5).
 const RATES: [i32; 16] = rates();
@@ -49,11 +49,11 @@ impl BitModel16 {
 const ONE: i32 = 1 << 14;
 
 /// Models that are mixed for each bit.
-pub const INPUTS: usize = 4;
+pub(super) const INPUTS: usize = 4;
 
 /// Weights of the inputs for one kind of bit, each within -2 to 2.
 #[derive(Debug, Clone)]
-pub struct Mixer16([i16; INPUTS]);
+pub(super) struct Mixer16([i16; INPUTS]);
 
 impl Default for Mixer16 {
     fn default() -> Self {
@@ -63,7 +63,7 @@ impl Default for Mixer16 {
 
 /// Codes or reads one bit with the mean of the `models`' predictions, weighted by `mixer`; updates both. Returns the bit.
 #[inline(always)]
-pub fn code_mixed_bit<C: Coder>(
+pub(super) fn code_mixed_bit<C: Coder>(
     coder: &mut C,
     tables: &LogisticTables,
     mixer: &mut Mixer16,

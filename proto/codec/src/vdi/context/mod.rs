@@ -25,7 +25,7 @@ use std::sync::mpsc::channel;
 
 /// A supersegment with its quantized color and opacity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct QuantizedSegment {
+pub(super) struct QuantizedSegment {
     /// First step inside.
     pub start: u32,
     /// First step beyond.
@@ -35,7 +35,7 @@ pub struct QuantizedSegment {
 }
 
 /// The largest `end` of a supersegment, steps.
-pub const MAX_DEPTH: u32 = 1 << 24;
+pub(super) const MAX_DEPTH: u32 = 1 << 24;
 
 /// Approximate number of supersegments of a band; bands are coded independently, on all cores.
 const BAND: usize = 1 << 17;
@@ -53,7 +53,11 @@ fn bands(resolution: usize, segments: usize) -> Vec<Range<usize>> {
 ///
 /// # Panics
 /// If there are not `resolution`^2 + 1 offsets, or a ray violates the above.
-pub fn encode(resolution: usize, offsets: &[u32], segment: impl Fn(usize) -> QuantizedSegment + Sync) -> Vec<u8> {
+pub(super) fn encode(
+    resolution: usize,
+    offsets: &[u32],
+    segment: impl Fn(usize) -> QuantizedSegment + Sync,
+) -> Vec<u8> {
     assert_eq!(offsets.len(), resolution * resolution + 1, "one offset a ray and one more");
     let segments = offsets[resolution * resolution] as usize;
     let palette = Palette::of((0..segments).map(|k| segment(k).code));
@@ -83,7 +87,7 @@ pub fn encode(resolution: usize, offsets: &[u32], segment: impl Fn(usize) -> Qua
 ///
 /// # Errors
 /// If the lengths of parts do not fit the bytes, a value is impossible, or the number of supersegments differs.
-pub fn decode<T: Send>(
+pub(super) fn decode<T: Send>(
     bytes: &[u8],
     resolution: usize,
     segments: usize,

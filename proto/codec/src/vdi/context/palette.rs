@@ -7,7 +7,7 @@ use crate::entropy::logistic::{BitModel, code_bit};
 use crate::entropy::range_coder::{Coder, Decoder};
 
 /// The sorted colors and opacities of a VDI.
-pub struct Palette {
+pub(super) struct Palette {
     /// 0xRRGGBB, strictly rising.
     colors: Vec<u32>,
     opacities: Vec<u8>,
@@ -17,7 +17,7 @@ pub struct Palette {
 
 impl Palette {
     /// The palette of all `codes` (red, green, blue, opacity).
-    pub fn of(codes: impl Iterator<Item = [u8; 4]>) -> Self {
+    pub(super) fn of(codes: impl Iterator<Item = [u8; 4]>) -> Self {
         let (mut used, mut colors, mut last) = ([false; 256], Vec::new(), None);
         for code in codes {
             used[usize::from(code[3])] = true;
@@ -40,19 +40,19 @@ impl Palette {
     }
 
     /// Number of colors and number of opacities.
-    pub fn counts(&self) -> [usize; 2] {
+    pub(super) fn counts(&self) -> [usize; 2] {
         [self.colors.len(), self.opacities.len()]
     }
 
     /// `segment`, whose code is in the palette, by indices.
-    pub fn entry(&self, segment: &QuantizedSegment) -> PaletteSegment {
+    pub(super) fn entry(&self, segment: &QuantizedSegment) -> PaletteSegment {
         let color = self.colors.partition_point(|&c| c < packed_rgb(segment.code)) as u32;
         let opacity = self.opacity_places[usize::from(segment.code[3])].into();
         PaletteSegment { start: segment.start, end: segment.end, color, opacity }
     }
 
     /// The supersegment of `entry`.
-    pub fn segment(&self, entry: &PaletteSegment) -> Result<QuantizedSegment, EntropyError> {
+    pub(super) fn segment(&self, entry: &PaletteSegment) -> Result<QuantizedSegment, EntropyError> {
         let color = self.colors.get(entry.color as usize).ok_or(EntropyError::InvalidValue)?;
         let opacity = self.opacities.get(entry.opacity as usize).ok_or(EntropyError::InvalidValue)?;
         let [blue, green, red, _] = color.to_le_bytes();
@@ -60,7 +60,7 @@ impl Palette {
     }
 
     /// Encodes the palette.
-    pub fn code(&self, coder: &mut impl Coder) {
+    pub(super) fn code(&self, coder: &mut impl Coder) {
         let mut used = [false; 256];
         self.opacities.iter().for_each(|&o| used[usize::from(o)] = true);
         let coded = code(coder, &mut used, self.colors.len(), |k| self.colors[k], |_| Ok(()));
@@ -68,7 +68,7 @@ impl Palette {
     }
 
     /// Decodes a palette of at most `most` colors.
-    pub fn read(decoder: &mut Decoder, most: usize) -> Result<Self, EntropyError> {
+    pub(super) fn read(decoder: &mut Decoder, most: usize) -> Result<Self, EntropyError> {
         let (mut used, mut colors) = ([false; 256], Vec::new());
         let most = most.min(1 << 24);
         code(

@@ -4,7 +4,7 @@ use crate::entropy::logistic::LogisticTables;
 use crate::entropy::range_coder::Coder;
 
 /// One hashed context for each model: see [`hash`].
-pub type Contexts = [u32; INPUTS];
+pub(super) type Contexts = [u32; INPUTS];
 
 /// Models that share a cache line: the nodes of five levels of a binary tree.
 const NODES_PER_LINE: usize = 32;
@@ -16,7 +16,7 @@ const MAX_LENGTH: u32 = 25;
 const MODELED_DIGITS: u32 = 3;
 
 /// Coder of one kind of symbol, with its adaptive state.
-pub struct SymbolCoder {
+pub(super) struct SymbolCoder {
     tables: &'static LogisticTables,
     /// Hash table of models, per input.
     models: [Vec<[BitModel16; NODES_PER_LINE]>; INPUTS],
@@ -42,7 +42,7 @@ impl NodeGroup<'_> {
 
 /// Hash of three numbers.
 #[inline(always)]
-pub fn hash(a: u32, b: u32, c: u32) -> u32 {
+pub(super) fn hash(a: u32, b: u32, c: u32) -> u32 {
     let sum = a.wrapping_mul(0x9E37_79B1)
         ^ b.wrapping_mul(0x85EB_CA6B).rotate_left(13)
         ^ c.wrapping_mul(0xC2B2_AE35).rotate_left(7);
@@ -50,18 +50,18 @@ pub fn hash(a: u32, b: u32, c: u32) -> u32 {
 }
 
 /// Zigzag code: 0, -1, 1, -2, .. become 0, 1, 2, 3, ..
-pub fn fold(d: i32) -> u32 {
+pub(super) fn fold(d: i32) -> u32 {
     (d << 1 ^ d >> 31) as u32
 }
 
 /// Undoes [`fold`].
-pub fn unfold(n: u32) -> i32 {
+pub(super) fn unfold(n: u32) -> i32 {
     (n >> 1) as i32 ^ -((n & 1) as i32)
 }
 
 impl SymbolCoder {
     /// Untrained models: tables of 2^`bits` lines per input, and mixers for `kinds` kinds of symbol.
-    pub fn new(bits: u32, kinds: usize) -> Self {
+    pub(super) fn new(bits: u32, kinds: usize) -> Self {
         let models = std::array::from_fn(|_| vec![[BitModel16::default(); NODES_PER_LINE]; 1 << bits]);
         let mixers = vec![std::array::from_fn(|_| Mixer16::default()); kinds];
         Self { tables: LogisticTables::get(), models, bits, mixers }
@@ -81,12 +81,12 @@ impl SymbolCoder {
     }
 
     /// Codes one bit.
-    pub fn code_flag<C: Coder>(&mut self, coder: &mut C, contexts: &Contexts, kind: usize, bit: bool) -> bool {
+    pub(super) fn code_flag<C: Coder>(&mut self, coder: &mut C, contexts: &Contexts, kind: usize, bit: bool) -> bool {
         self.group(contexts, 0, kind).code_mixed_bit(coder, 0, 0, bit)
     }
 
     /// Codes a number of `bits` (at most 24) bits as a path in a binary tree, the highest bit first.
-    pub fn code_tree<C: Coder>(
+    pub(super) fn code_tree<C: Coder>(
         &mut self,
         coder: &mut C,
         contexts: &Contexts,
@@ -111,7 +111,13 @@ impl SymbolCoder {
 
     /// Codes a number below 2^26 - 1 in Exp-Golomb code: the length of its successor in binary, then the digits, of which the
     /// first three after the leading one are modeled.
-    pub fn code_number<C: Coder>(&mut self, coder: &mut C, contexts: &Contexts, kind: usize, number: u32) -> u32 {
+    pub(super) fn code_number<C: Coder>(
+        &mut self,
+        coder: &mut C,
+        contexts: &Contexts,
+        kind: usize,
+        number: u32,
+    ) -> u32 {
         let wanted = number.wrapping_add(1);
         let length = 31 - wanted.max(1).leading_zeros();
         let mut group = self.group(contexts, 0, kind);

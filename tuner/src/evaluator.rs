@@ -6,14 +6,14 @@ use std::time::Duration;
 
 /// What a trial measured.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Measured {
+pub struct Measurement {
     /// sigma and tau.
     pub cost: Cost,
     /// q, with as many batches as were measured; none if only the cost was asked for.
     pub quality: Quality,
 }
 
-impl Measured {
+impl Measurement {
     /// sigma, q and tau; q is NaN where it was not measured.
     pub fn indicators(&self) -> Indicators {
         Indicators {
@@ -41,7 +41,7 @@ pub enum TrialError {
 }
 
 /// Measures parameters on one step that stays the same throughout.
-pub trait Trial: Send {
+pub trait Evaluator: Send {
     /// The step measured.
     fn step(&self) -> u64;
 
@@ -76,5 +76,5 @@ pub trait Trial: Send {
         &mut self,
         params: &[GenerationParams],
         batches: u32,
-    ) -> impl Future<Output = Result<Vec<Result<Measured, Invalid>>, TrialError>> + Send;
+    ) -> impl Future<Output = Result<Vec<Result<Measurement, Invalid>>, TrialError>> + Send;
 }
