@@ -5,6 +5,7 @@
 
 pub mod config;
 mod control;
+mod delivery;
 pub mod ingest;
 mod node_state;
 mod overhead;

@@ -29,10 +29,10 @@ pub(crate) struct NodeState {
     pub reports: broadcast::Sender<StepReport>,
     /// Where frames go.
     pub publisher: Arc<Publisher>,
-    state: Mutex<State>,
+    state: Mutex<Current>,
 }
 
-struct State {
+struct Current {
     schedule: Schedule,
     newest: Option<Arc<Step>>,
     last_report: Option<StepReport>,
@@ -63,12 +63,12 @@ impl NodeState {
     pub(crate) fn new(parts: Parts) -> Self {
         let Parts { params, options, backend, segmentation, plan, share, overhead, publisher } = parts;
         let schedule = Schedule::new(params);
-        let state = Mutex::new(State { schedule, newest: None, last_report: None });
+        let state = Mutex::new(Current { schedule, newest: None, last_report: None });
         let reports = broadcast::Sender::new(256);
         Self { options, backend, segmentation, plan, share, overhead, reports, publisher, state }
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn state(&self) -> MutexGuard<'_, Current> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

@@ -2,6 +2,7 @@
 //!
 //! Nothing here waits for a subscriber: one that falls behind what is held skips to the oldest held.
 
+use crate::delivery::Delivery;
 use crate::subscribers::{Subscribers, reachable, trim};
 use futures::{Stream, StreamExt, stream};
 use lamina_rpc::chunks::deliver;
@@ -11,43 +12,7 @@ use std::collections::VecDeque;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
-use tonic::codegen::Bytes;
 use tonic::{Request, Response, Status};
-
-/// Something to deliver: an announcement and its payload, of one run.
-#[derive(Clone)]
-pub(crate) struct Delivery {
-    run: Arc<v1::Run>,
-    announcement: Part,
-    payload: Bytes,
-}
-
-impl Delivery {
-    /// Reference samples or a frame of `run`.
-    pub(crate) fn new(run: &Arc<v1::Run>, announcement: Part, payload: impl Into<Bytes>) -> Self {
-        Self { run: run.clone(), announcement, payload: payload.into() }
-    }
-
-    /// Bytes of the payload.
-    pub(crate) fn bytes(&self) -> u64 {
-        self.payload.len() as u64
-    }
-
-    /// True for a frame, false for what it is compared with.
-    pub(crate) fn is_frame(&self) -> bool {
-        matches!(self.announcement, Part::Frame(_))
-    }
-
-    /// True for live steps and their references up to `step` of run `run_id`.
-    fn is_recorded(&self, run_id: &str, step: u64) -> bool {
-        self.run.run_id == run_id
-            && match &self.announcement {
-                Part::Frame(f) => f.step <= step,
-                Part::Reference(r) => r.step <= step,
-                Part::Run(_) | Part::Chunk(_) => false,
-            }
-    }
-}
 
 #[derive(Default)]
 struct History {

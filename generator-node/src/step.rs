@@ -1,6 +1,6 @@
 //! One time step, prepared: its volumes and VDIs, their costs, its reference samples.
 
-use crate::publish::Delivery;
+use crate::delivery::Delivery;
 use crate::schedule::Setting;
 use lamina_codec::{EncodeOptions, encode_timed};
 use lamina_compute::{Activity, Laps};

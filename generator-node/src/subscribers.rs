@@ -1,6 +1,6 @@
 //! Who can measure trials: the subscribers that say where their Quality service is, and the trials on their way to each.
 
-use crate::publish::Delivery;
+use crate::delivery::Delivery;
 use lamina_model::Invalid;
 use lamina_rpc::connect::host_and_port;
 use lamina_rpc::v1;

@@ -1,6 +1,6 @@
 //! `lamina-lab accuracy` as a user runs it, on the recorded blast.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use lamina_tests::processes::{recorded_series, run};
 use std::collections::HashMap;

@@ -1,6 +1,6 @@
 //! Images of media whose light is known in closed form.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use glam::DVec3;
 use lamina_model::{Image, Scene, Segmentation, SquaredError, VdiParams};

@@ -1,6 +1,6 @@
 //! The binary `lamina` as its user runs it.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use glam::DVec3;
 use lamina_model::{Grid, Representation, Volume, Voxels};

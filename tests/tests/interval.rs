@@ -1,6 +1,6 @@
 //! The 95 % interval of sampled quality holds the whole picture's figure 95 times in 100.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use lamina_model::{Quality, SamplePlan, Segmentation, VdiParams, ViewError, decibels, suggest::suggest};
 use lamina_raycast::{Backend, Field};

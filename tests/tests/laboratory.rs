@@ -1,6 +1,6 @@
 //! The binary `lamina-lab` as its user runs it.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use lamina_tests::processes::{is_refused, recorded_series, run, stdout_of};
 use std::path::Path;

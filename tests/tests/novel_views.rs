@@ -1,6 +1,6 @@
 //! What a VDI shows against what the volume shows.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use glam::DVec3;
 use lamina_model::effects::Isosurface;

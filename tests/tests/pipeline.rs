@@ -1,6 +1,6 @@
 //! The three daemons as processes, a recorded series through the real client: every figure is traced to its source.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use lamina_model::{GenerationParams, Intermediate, Representation, SamplePlan, Scene, Segmentation, suggest::suggest};
 use lamina_raycast::{Backend, Field};

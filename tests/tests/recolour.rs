@@ -1,6 +1,6 @@
 //! A recorded volume under another transfer function than it was made for: what the viewer's colour editor asks for.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use lamina_codec::{DecodeLimits, EncodeOptions, decode_any, encode_any};
 use lamina_model::{ControlPoint, GenerationParams, Image, Representation, Scene, Segmentation, TransferFunction};

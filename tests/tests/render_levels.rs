@@ -1,6 +1,6 @@
 //! The fast path of rendering against the oracle, on VDIs of a scene.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use glam::DVec3;
 use lamina_model::{Camera, Scene, Segmentation, VdiParams, psnr};

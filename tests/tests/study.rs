@@ -1,6 +1,6 @@
 //! `lamina-lab study` and `lamina tune` as a user runs them, on the recorded blast.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use lamina_tests::processes::{recorded_series, run};
 use std::fs;

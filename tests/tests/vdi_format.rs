@@ -1,7 +1,7 @@
 //! The VDI format page against the codec: `read_vdi.py`, written from the page alone and with Python's standard library
 //! alone, must read every supersegment that the codec writes.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use glam::DVec3;
 use lamina_codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode, encode};

@@ -1,7 +1,7 @@
 //! The volume format page against the codec: `read_volume.py`, written from the page alone and with Python's standard
 //! library, must see exactly what the codec sees.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use glam::DVec3;
 use lamina_codec::{DecodeLimits, volume};

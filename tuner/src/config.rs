@@ -1,7 +1,7 @@
 //! The tuner's configuration file.
 
 use crate::Contract;
-use crate::search::Grid;
+use crate::search::SearchGrid;
 use lamina_model::{GenerationParams, Invalid, Representation, VdiParams};
 use lamina_rpc::connect::host_and_port;
 use serde::{Deserialize, Serialize};
@@ -20,7 +20,7 @@ pub struct Config {
     /// What steps may be turned into.
     pub representations: Vec<Representation>,
     /// Parameters of VDIs tried; those of volumes follow from the data.
-    pub grid: Grid,
+    pub grid: SearchGrid,
     /// Opacity cut-off of every candidate; 1 is off.
     pub opacity_cutoff: f64,
     /// Sampling step of every candidate, voxels.
@@ -40,7 +40,7 @@ impl Default for Config {
             generator: "http://127.0.0.1:7101".to_owned(),
             contract: Contract::default(),
             representations: Representation::ALL.to_vec(),
-            grid: Grid::default(),
+            grid: SearchGrid::default(),
             opacity_cutoff: 1.0,
             step_voxels: VdiParams::DEFAULT_STEP_VOXELS,
             retune_every: 0,

@@ -2,20 +2,25 @@
 //!
 //! Whatever was measured stays here: a node that fails costs what it was about to answer, nothing else.
 
+mod error;
 mod generator;
+mod known;
+mod progress;
 mod round;
 mod viewers;
 
 use crate::evaluator::{Evaluator, Measurement, TrialError};
+pub use progress::Progress;
+
+pub(crate) use error::words;
+use futures::stream::FuturesUnordered;
 use generator::Generator;
-use lamina_model::{Cost, GenerationParams, Invalid, ParamsKey, Quality};
-use lamina_rpc::connect::innermost;
+use known::Known;
+use lamina_model::{Cost, GenerationParams, Invalid, ParamsKey};
 use lamina_rpc::v1::{self, control_client::ControlClient};
 use round::{Generating, Round};
-use std::collections::HashMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::collections::{HashMap, HashSet, VecDeque};
 use std::time::Duration;
-use tonic::Status;
 use tonic::transport::Channel;
 use viewers::Viewers;
 
@@ -30,78 +35,6 @@ pub struct Remote {
     progress: Progress,
 }
 
-/// How far a study is, as viz-nodes are told with every question. Clones share it.
-#[derive(Debug, Clone, Default)]
-pub struct Progress(Arc<Mutex<v1::StudyProgress>>);
-
-impl Progress {
-    /// Of a run's first study, or of a later one.
-    pub fn new(first: bool) -> Self {
-        Self(Arc::new(Mutex::new(v1::StudyProgress { first, ..Default::default() })))
-    }
-
-    fn state(&self) -> MutexGuard<'_, v1::StudyProgress> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn get(&self) -> v1::StudyProgress {
-        *self.state()
-    }
-
-    fn begin_trial(&self) {
-        self.state().trials += 1;
-    }
-
-    /// Another trial is the best so far.
-    pub fn best(&self, measured: &Measurement) {
-        let mut state = self.state();
-        state.best_psnr_db = Some(measured.quality.psnr_db());
-        state.best_size_bytes = measured.cost.size_bytes;
-    }
-}
-
-/// What is known of one set of parameters.
-#[derive(Debug)]
-struct Known {
-    params: GenerationParams,
-    cost: Option<Cost>,
-    quality: Quality,
-    /// It cannot be measured.
-    refusal: Option<Invalid>,
-    /// Which viewer has its VDI, as which trial.
-    held: Option<(String, u64)>,
-    /// How often in a row a viewer did not have what it was to have.
-    missed: u32,
-}
-
-impl Known {
-    fn new(params: GenerationParams) -> Self {
-        Self { params, cost: None, quality: Quality::default(), refusal: None, held: None, missed: 0 }
-    }
-
-    /// True while there is something to find out.
-    fn lacks(&self, batches: u32) -> bool {
-        self.refusal.is_none() && (self.cost.is_none() || self.quality.batches() < batches as usize)
-    }
-
-    /// The answer, if nothing is lacking.
-    fn answer(&self, batches: u32) -> Result<Measurement, Invalid> {
-        if let Some(refusal) = &self.refusal {
-            return Err(refusal.clone());
-        }
-        Ok(Measurement { cost: self.cost.unwrap_or_default(), quality: self.quality.first(batches as usize) })
-    }
-}
-
-fn node_error(kind: &str, address: &str, reason: &str) -> TrialError {
-    TrialError::Node { node: format!("{kind} {address}"), reason: reason.to_owned() }
-}
-
-/// What a failed call says: the cause at the bottom, if the transport knows one.
-pub(crate) fn words(status: &Status) -> String {
-    std::error::Error::source(status).map_or_else(|| status.message().to_owned(), innermost)
-}
-
 /// A connection to the node at `address`.
 ///
 /// # Errors
@@ -112,6 +45,25 @@ pub async fn connect(address: &str) -> Result<Channel, TrialError> {
 }
 
 impl Remote {
+    /// A round that asks for costs and the first `batches` batches of all of `keys` that lack them.
+    fn round(&mut self, keys: &[ParamsKey], batches: u32) -> Round<'_> {
+        let Self { generator, viewers, known, generating, progress } = self;
+        Round {
+            generator,
+            viewers,
+            known,
+            generating,
+            progress,
+            batches,
+            asked: keys.iter().copied().collect(),
+            todo: VecDeque::new(),
+            ready: VecDeque::new(),
+            busy: HashSet::new(),
+            measuring: FuturesUnordered::new(),
+        }
+        .with_work(keys)
+    }
+
     /// Opens a stream of trials on the newest step of the generator-node, whose address `generator` is for messages; of a run's
     /// `first` study they go before live steps.
     ///
@@ -180,7 +132,7 @@ impl Evaluator for Remote {
             self.known.entry(p.key()).or_insert_with(|| Known::new(*p));
         }
         let wanted: Vec<ParamsKey> = params.iter().map(GenerationParams::key).collect();
-        Round::new(self, &wanted, batches).run().await?;
+        self.round(&wanted, batches).run().await?;
         Ok(wanted.iter().map(|k| self.known[k].answer(batches)).collect())
     }
 }
@@ -198,7 +150,7 @@ impl Remote {
     async fn settle(&mut self) -> Result<(), TrialError> {
         if !self.generator.is_idle() {
             let reply = self.generator.reply().await?;
-            Round::new(self, &[], 0).generated(reply)?;
+            self.round(&[], 0).generated(reply)?;
         }
         Ok(())
     }

@@ -40,19 +40,59 @@ const AT_ONCE: usize = 8;
 
 /// Measures every candidate and keeps the one of least cost; the earlier one among equals.
 ///
+/// ```
+/// use lamina_model::{Cost, GenerationParams, Invalid, Quality, ViewError};
+/// use lamina_tuner::evaluator::{Evaluator, Measurement, TrialError};
+/// use lamina_tuner::{Contract, tune::tune};
+/// use std::time::Duration;
+///
+/// /// A made-up step: bytes grow with the rays, and the error falls with them.
+/// struct Model;
+///
+/// impl Evaluator for Model {
+///     fn step(&self) -> u64 { 0 }
+///     fn batches(&self) -> u32 { 1 }
+///     fn longest_side(&self) -> u32 { 0 }
+///     async fn sizes(&mut self, _: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {
+///         Ok(vec![Cost::default(); gammas.len()])
+///     }
+///     async fn time(&mut self, _: &GenerationParams) -> Result<Result<Duration, Invalid>, TrialError> {
+///         Ok(Ok(Duration::from_millis(1)))
+///     }
+///     async fn measure(
+///         &mut self, all: &[GenerationParams], _: u32,
+///     ) -> Result<Vec<Result<Measurement, Invalid>>, TrialError> {
+///         let one = |p: &GenerationParams| {
+///             let rays = f64::from(p.resolution()).powi(2);
+///             let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![1.0 / rays] }] };
+///             Ok(Measurement { cost: Cost { size_bytes: rays as u64, ..Cost::default() }, quality })
+///         };
+///         Ok(all.iter().map(one).collect())
+///     }
+/// }
+///
+/// # #[tokio::main(flavor = "current_thread")]
+/// # async fn main() -> Result<(), TrialError> {
+/// let candidates = [64, 128, 256].map(|r| GenerationParams::vdi(r, 0.02).unwrap());
+/// let study = tune(&mut Model, &Contract::size(20_000), &candidates, |_| {}).await?;
+/// assert_eq!(study.rows[study.best.unwrap()].params.resolution(), 128, "256^2 bytes are too many");
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// If a node stops answering; a candidate that cannot be measured is left out.
 #[doc(alias = "Algorithm 1")]
 pub async fn tune(
-    trial: &mut impl Evaluator,
+    evaluator: &mut impl Evaluator,
     contract: &Contract,
     candidates: &[GenerationParams],
     mut progress: impl FnMut(&Trial) + Send,
 ) -> Result<Study, TrialError> {
-    let mut study = Study { step: trial.step(), rows: Vec::new(), best: None };
+    let mut study = Study { step: evaluator.step(), rows: Vec::new(), best: None };
     for some in candidates.chunks(AT_ONCE) {
         // R, sigma, tau, and I with q over all test views: one measurement each.
-        for (params, outcome) in some.iter().zip(trial.measure(some, u32::MAX).await?) {
+        for (params, outcome) in some.iter().zip(evaluator.measure(some, u32::MAX).await?) {
             match outcome {
                 Ok(measured) => {
                     let row = Trial { params: *params, cost: contract.cost(&measured), measured };
@@ -152,7 +192,7 @@ impl Study {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::search::Grid;
+    use crate::search::SearchGrid;
     use lamina_model::Cost;
     use lamina_model::{Invalid, Quality, ViewError};
     use std::time::Duration;
@@ -200,7 +240,7 @@ mod tests {
     }
 
     async fn study(contract: Contract) -> Study {
-        let candidates = Grid::paper().candidates(&GenerationParams::vdi(1, 0.0).unwrap()).unwrap();
+        let candidates = SearchGrid::paper().candidates(&GenerationParams::vdi(1, 0.0).unwrap()).unwrap();
         tune(&mut Formula, &contract, &candidates, |_| {}).await.unwrap()
     }
 

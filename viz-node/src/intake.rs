@@ -2,7 +2,7 @@
 //! where they are measured when asked for.
 
 use crate::store::{Run, StepRow, Store};
-use crate::trials::{ArrivedTrial, TrialStore};
+use crate::trials::{ArrivedTrial, ShownTrials};
 use lamina_codec::DecodeLimits;
 use lamina_compute::{Activity, CpuShare, Priority};
 use lamina_model::ReferenceSamples;
@@ -59,7 +59,7 @@ pub(crate) struct Intake {
     trial_references: Mutex<References>,
     newest: watch::Sender<Option<LiveStep>>,
     /// TrialStore that can be asked for.
-    pub trials: TrialStore,
+    pub trials: ShownTrials,
 }
 
 fn lock(references: &Mutex<References>) -> MutexGuard<'_, References> {
@@ -96,7 +96,7 @@ impl Intake {
             live_references: Mutex::default(),
             trial_references: Mutex::default(),
             newest: watch::Sender::new(None),
-            trials: TrialStore::default(),
+            trials: ShownTrials::default(),
         }
     }
 

@@ -95,13 +95,13 @@ pub(crate) struct StudyStatus {
 
 /// The trials kept, and what those measured came to.
 #[derive(Default)]
-pub(crate) struct TrialStore {
+pub(crate) struct ShownTrials {
     held: watch::Sender<Held>,
     measured: Mutex<VecDeque<(v1::Frame, Quality)>>,
     study: Mutex<Option<StudyStatus>>,
 }
 
-impl TrialStore {
+impl ShownTrials {
     /// A subscription began (true) or ended.
     pub(crate) fn subscribed(&self, subscribed: bool) {
         self.held.send_modify(|held| {
@@ -188,7 +188,7 @@ mod tests {
 
     #[tokio::test]
     async fn trials_are_waited_for_and_known_to_be_gone() {
-        let trials = Arc::new(TrialStore::default());
+        let trials = Arc::new(ShownTrials::default());
         assert_eq!(code(trials.find(1).await), Code::NotFound, "nothing can come without a subscription");
         trials.subscribed(true);
         let ask = |id| {
@@ -220,7 +220,7 @@ mod tests {
 
     #[test]
     fn what_trials_came_to_is_remembered_by_run_and_batches_add_up() {
-        let trials = TrialStore::default();
+        let trials = ShownTrials::default();
         let quality = |mse: &[f64]| Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: mse.to_vec() }] };
         let frame = |trial_id, run_id: &str| v1::Frame { trial_id, run_id: run_id.into(), ..v1::Frame::default() };
         trials.remember(&frame(1, "a"), &quality(&[1e-4]));

@@ -6,9 +6,9 @@
 
 use crate::config::Config;
 use crate::state::{
-    Block, DENSITY, GasLaw, LANES, Lanes, Primitive, QUANTITIES, Repairs, State, conserved, most, primitives,
+    DENSITY, GasLaw, LANES, LaneBlock, LaneValues, Primitive, QUANTITIES, Repairs, State, conserved, most, primitives,
 };
-use crate::sweep::{Line, Sweep};
+use crate::sweep::{GridLine, Sweep};
 use crate::terms::{self, Tracer};
 use rayon::prelude::*;
 
@@ -128,9 +128,9 @@ impl Gas {
         let (layer, plane) = (self.state.layer_len(), self.state.plane_len());
         let fastest = |values: &[f32]| {
             let mut speeds = [0.0; LANES];
-            let (mut cells, mut w): (Block, Block) = ([[0.0; LANES]; QUANTITIES], [[0.0; LANES]; QUANTITIES]);
+            let (mut cells, mut w): (LaneBlock, LaneBlock) = ([[0.0; LANES]; QUANTITIES], [[0.0; LANES]; QUANTITIES]);
             for first in (0..plane).step_by(LANES) {
-                let line = Line { first, step: 0, lane_step: 1, width: LANES.min(plane - first), plane };
+                let line = GridLine { first, step: 0, lane_step: 1, width: LANES.min(plane - first), plane };
                 line.load(values, 0, [0, 1, 2, 3, 4], &mut cells);
                 primitives(&cells, &self.law, &mut w);
                 faster(&mut speeds, &w, self.law.gamma, line.width);
@@ -143,7 +143,7 @@ impl Gas {
 
 /// Raises `speeds` to those of `w` where they are higher, in the first `width` lanes.
 #[inline]
-fn faster(speeds: &mut Lanes, w: &Block, gamma: f32, width: usize) {
+fn faster(speeds: &mut LaneValues, w: &LaneBlock, gamma: f32, width: usize) {
     let mut block = [0.0; LANES];
     for l in 0..LANES {
         let fastest = most(most(w[1][l].abs(), w[2][l].abs()), w[3][l].abs());

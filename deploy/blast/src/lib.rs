@@ -73,7 +73,7 @@ impl Simulation {
     /// If a value of `config` is out of its range.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         config.check()?;
-        let scene = setup::Scene::new(&config);
+        let scene = setup::InitialState::new(&config);
         let mut gas = Gas::new([config.cells; 3], &config, |position| scene.at(position));
         if config.tracer {
             gas.follow(|position| scene.blast_share(position));

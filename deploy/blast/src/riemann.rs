@@ -5,13 +5,13 @@
 //! in Batten, Clarke, Lambert and Causon (SIAM J. Sci. Comput. 18, 1997), who show that density and pressure then stay
 //! positive at first order. Einfeldt's form has no difference of large numbers, which single precision would not survive.
 
-use crate::state::{Block, LANES, lane, least, most, set_lane};
+use crate::state::{LANES, LaneBlock, lane, least, most, set_lane};
 
 /// The flux of the conserved quantities through faces with primitive states `left` and `right` on their two sides.
 ///
 /// The velocity normal to the face is quantity 1; 2 and 3 are carried along.
 #[inline]
-pub(crate) fn hllc(left: &Block, right: &Block, gamma: f32, flux: &mut Block) {
+pub(crate) fn hllc(left: &LaneBlock, right: &LaneBlock, gamma: f32, flux: &mut LaneBlock) {
     for l in 0..LANES {
         set_lane(flux, l, face_flux(lane(left, l), lane(right, l), gamma));
     }

@@ -19,7 +19,7 @@ const BUMP_HEIGHT: f64 = 0.05;
 const FARTHEST_CLUMP: f64 = 1.1;
 
 /// What fills the box at time 0.
-pub(crate) struct Scene {
+pub(crate) struct InitialState {
     blast: [f64; 3],
     /// No point of the blast is farther than this from its centre.
     blast_reach: f64,
@@ -43,7 +43,7 @@ struct Clump {
     density: f64,
 }
 
-impl Scene {
+impl InitialState {
     /// The scene that belongs to the seed.
     pub(crate) fn new(config: &Config) -> Self {
         let mut random = Random(config.seed);

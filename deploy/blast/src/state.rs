@@ -19,9 +19,9 @@ pub(crate) const ENERGY: usize = 4;
 pub(crate) const LANES: usize = 16;
 
 /// One number for each of [`LANES`] cells.
-pub(crate) type Lanes = [f32; LANES];
+pub(crate) type LaneValues = [f32; LANES];
 /// The quantities of [`LANES`] cells.
-pub(crate) type Block = [Lanes; QUANTITIES];
+pub(crate) type LaneBlock = [LaneValues; QUANTITIES];
 /// One cell's rho, u, v, w, p.
 pub(crate) type Primitive = [f64; QUANTITIES];
 
@@ -109,7 +109,7 @@ pub(crate) fn conserved(gamma: f64, [rho, u, v, w, p]: Primitive) -> [f32; QUANT
 /// The primitive quantities of a block. Pressure is at least its floor: that of a cold and fast cell is a small difference
 /// of large numbers, which rounding may turn negative.
 #[inline]
-pub(crate) fn primitives(conserved: &Block, law: &GasLaw, out: &mut Block) {
+pub(crate) fn primitives(conserved: &LaneBlock, law: &GasLaw, out: &mut LaneBlock) {
     for l in 0..LANES {
         let rho = conserved[0][l];
         let per_rho = 1.0 / rho;
@@ -131,7 +131,7 @@ const ABSURD_ENERGY: f32 = 1e30;
 /// A cell without density loses its momentum: keeping it would mean a velocity without bound, and a time step without
 /// end. A cell whose numbers are none becomes such a cell too.
 #[inline]
-pub(crate) fn raise_to_floors(cells: &mut Block, law: &GasLaw) -> u32 {
+pub(crate) fn raise_to_floors(cells: &mut LaneBlock, law: &GasLaw) -> u32 {
     let mut raised = 0;
     let least_internal = law.least_pressure / (law.gamma - 1.0);
     for l in 0..LANES {
@@ -153,14 +153,14 @@ pub(crate) fn raise_to_floors(cells: &mut Block, law: &GasLaw) -> u32 {
 
 /// One cell of a block.
 #[inline(always)]
-pub(crate) fn lane(block: &Block, l: usize) -> [f32; QUANTITIES] {
+pub(crate) fn lane(block: &LaneBlock, l: usize) -> [f32; QUANTITIES] {
     // Written out: `array::map` was measured not to be inlined in the kernels, which then lose their vector registers.
     [block[0][l], block[1][l], block[2][l], block[3][l], block[4][l]]
 }
 
 /// The reverse of [`lane`].
 #[inline(always)]
-pub(crate) fn set_lane(block: &mut Block, l: usize, cell: [f32; QUANTITIES]) {
+pub(crate) fn set_lane(block: &mut LaneBlock, l: usize, cell: [f32; QUANTITIES]) {
     for q in 0..QUANTITIES {
         block[q][l] = cell[q];
     }

@@ -9,7 +9,9 @@
 
 use crate::config::Boundary;
 use crate::riemann::hllc;
-use crate::state::{Block, GasLaw, LANES, QUANTITIES, Repairs, State, lane, least, most, primitives, raise_to_floors};
+use crate::state::{
+    GasLaw, LANES, LaneBlock, QUANTITIES, Repairs, State, lane, least, most, primitives, raise_to_floors,
+};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -51,19 +53,20 @@ impl Sweep {
         match self.axis {
             0 => {
                 for (z, y) in z.flat_map(|z| lane_starts(ny).map(move |y| (z, y))) {
-                    let line = Line { first: at(0, y, z), step: 1, lane_step: nx, width: LANES.min(ny - y), plane };
+                    let line = GridLine { first: at(0, y, z), step: 1, lane_step: nx, width: LANES.min(ny - y), plane };
                     walk.along(&line, 0..nx, nx);
                 }
             }
             1 => {
                 for (z, x) in z.flat_map(|z| lane_starts(nx).map(move |x| (z, x))) {
-                    let line = Line { first: at(x, 0, z), step: nx, lane_step: 1, width: LANES.min(nx - x), plane };
+                    let line = GridLine { first: at(x, 0, z), step: nx, lane_step: 1, width: LANES.min(nx - x), plane };
                     walk.along(&line, 0..ny, ny);
                 }
             }
             _ => {
                 for (y, x) in (0..ny).flat_map(|y| lane_starts(nx).map(move |x| (y, x))) {
-                    let line = Line { first: at(x, y, 0), step: layer, lane_step: 1, width: LANES.min(nx - x), plane };
+                    let line =
+                        GridLine { first: at(x, y, 0), step: layer, lane_step: 1, width: LANES.min(nx - x), plane };
                     walk.along(&line, z.clone(), nz);
                 }
             }
@@ -77,7 +80,7 @@ fn lane_starts(cells: usize) -> impl Iterator<Item = usize> {
 }
 
 /// Parallel lines of cells: cell i of lane l has quantity q at `first + i * step + l * lane_step + q * plane`.
-pub(crate) struct Line {
+pub(crate) struct GridLine {
     pub first: usize,
     pub step: usize,
     pub lane_step: usize,
@@ -86,10 +89,10 @@ pub(crate) struct Line {
     pub plane: usize,
 }
 
-impl Line {
-    /// Cell `i`, its quantities in the given order. Lanes beyond `width` get a gas at rest.
+impl GridLine {
+    /// Cell `i`, its quantities in the given order. LaneValues beyond `width` get a gas at rest.
     #[inline]
-    pub(crate) fn load(&self, values: &[f32], i: usize, order: [usize; QUANTITIES], block: &mut Block) {
+    pub(crate) fn load(&self, values: &[f32], i: usize, order: [usize; QUANTITIES], block: &mut LaneBlock) {
         if self.width < LANES {
             *block = [[1.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES], [1.0; LANES]];
         }
@@ -104,9 +107,9 @@ impl Line {
         }
     }
 
-    /// The reverse of [`Line::load`], into memory that begins `skipped` numbers later.
+    /// The reverse of [`GridLine::load`], into memory that begins `skipped` numbers later.
     #[inline]
-    fn store(&self, values: &mut [f32], skipped: usize, i: usize, order: [usize; QUANTITIES], block: &Block) {
+    fn store(&self, values: &mut [f32], skipped: usize, i: usize, order: [usize; QUANTITIES], block: &LaneBlock) {
         for (lanes, q) in block.iter().zip(order) {
             let start = self.first + i * self.step + q * self.plane - skipped;
             if self.lane_step == 1 && self.width == LANES {
@@ -119,7 +122,7 @@ impl Line {
     }
 }
 
-const EMPTY: Block = [[0.0; LANES]; QUANTITIES];
+const EMPTY: LaneBlock = [[0.0; LANES]; QUANTITIES];
 
 /// A walk along lines, with what it has to remember of the last cells.
 struct Walk<'a> {
@@ -130,13 +133,13 @@ struct Walk<'a> {
     order: [usize; QUANTITIES],
     repairs: Repairs,
     /// Conserved and primitive quantities of cell i at index i mod 4.
-    u: [Block; 4],
-    w: [Block; 4],
+    u: [LaneBlock; 4],
+    w: [LaneBlock; 4],
     /// Face values of cell i at index i mod 2: towards lower, towards higher coordinates.
-    low: [Block; 2],
-    high: [Block; 2],
+    low: [LaneBlock; 2],
+    high: [LaneBlock; 2],
     /// Flux through the lower face of cell i at index i mod 2.
-    flux: [Block; 2],
+    flux: [LaneBlock; 2],
 }
 
 impl<'a> Walk<'a> {
@@ -150,7 +153,7 @@ impl<'a> Walk<'a> {
     }
 
     /// Updates the cells `range` of lines that have `len` cells. Cells are counted from two before `range`.
-    fn along(&mut self, line: &Line, range: Range<usize>, len: usize) {
+    fn along(&mut self, line: &GridLine, range: Range<usize>, len: usize) {
         let law = self.sweep.law;
         let updates = range.len();
         for i in 0..updates + 4 {
@@ -172,7 +175,7 @@ impl<'a> Walk<'a> {
 
     /// Loads the cell two before `i`, which may lie outside.
     #[inline]
-    fn load(&mut self, line: &Line, i: usize, slot: usize, len: usize) {
+    fn load(&mut self, line: &GridLine, i: usize, slot: usize, len: usize) {
         let inside = match self.sweep.boundary {
             Boundary::Outflow => i.saturating_sub(2).min(len - 1),
             Boundary::Periodic => (i + 2 * len - 2) % len,
@@ -195,7 +198,7 @@ impl<'a> Walk<'a> {
 
 /// What both faces of a cell see of it after half a step. Returns how many cells had to stay at first order.
 #[inline]
-fn face_values([minus, here, plus]: [&Block; 3], sweep: &Sweep, low: &mut Block, high: &mut Block) -> u32 {
+fn face_values([minus, here, plus]: [&LaneBlock; 3], sweep: &Sweep, low: &mut LaneBlock, high: &mut LaneBlock) -> u32 {
     let law = sweep.law;
     let half_dt_dx = 0.5 * sweep.dt_dx;
     let mut first_order = 0;
@@ -230,7 +233,7 @@ fn limited(a: f32, b: f32) -> f32 {
 
 /// Conserved quantities after what flowed in through the low face and out through the high one.
 #[inline]
-fn update(cells: &mut Block, flux_low: &Block, flux_high: &Block, dt_dx: f32) {
+fn update(cells: &mut LaneBlock, flux_low: &LaneBlock, flux_high: &LaneBlock, dt_dx: f32) {
     for q in 0..QUANTITIES {
         for l in 0..LANES {
             cells[q][l] += dt_dx * (flux_low[q][l] - flux_high[q][l]);

@@ -10,7 +10,7 @@ use lamina_rpc::v1::{self, control_client::ControlClient, tuning_client::TuningC
 use lamina_tuner::Contract;
 use lamina_tuner::push::{limits_alone, push};
 use lamina_tuner::remote::connect;
-use lamina_tuner::search::Grid;
+use lamina_tuner::search::SearchGrid;
 use lamina_viz_node::Store;
 use lamina_viz_node::store::{QualityStatus, StepRow};
 use std::net::{Ipv4Addr, SocketAddr};
@@ -54,7 +54,7 @@ pub struct Tuning {
     /// What steps may be turned into.
     pub representations: Vec<Representation>,
     /// Parameters of VDIs it tries.
-    pub grid: Grid,
+    pub grid: SearchGrid,
     /// Tune again every n-th step.
     pub retune_every: u64,
     /// The most share of the time that studies after the first may take.

@@ -59,13 +59,13 @@ pub fn raycast(arguments: &cli::Raycast) -> anyhow::Result<()> {
 /// `lamina generate`.
 pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
     let layout = match arguments.layout {
-        cli::LayoutName::Columns => Layout::Columns,
-        cli::LayoutName::Plain => Layout::Plain,
+        cli::LayoutArgument::Columns => Layout::Columns,
+        cli::LayoutArgument::Plain => Layout::Plain,
     };
     let codec = match (arguments.codec, layout) {
-        (Some(cli::CodecName::Bzip2), _) | (None, Layout::Plain) => Codec::Bzip2,
-        (Some(cli::CodecName::Zstd), _) => Codec::Zstd,
-        (Some(cli::CodecName::ContextMixing), _) | (None, Layout::Columns) => Codec::ContextMixing,
+        (Some(cli::CodecArgument::Bzip2), _) | (None, Layout::Plain) => Codec::Bzip2,
+        (Some(cli::CodecArgument::Zstd), _) => Codec::Zstd,
+        (Some(cli::CodecArgument::ContextMixing), _) | (None, Layout::Columns) => Codec::ContextMixing,
     };
     let options = EncodeOptions { codec, layout }.check()?;
     let usual = (None, Layout::Columns, Segmentation::default());

@@ -1,6 +1,6 @@
 //! The pace of a source of steps, as a simulation has one, and how fast it turned out.
 
-use crate::cli::Pace;
+use crate::cli::StepsPerSecond;
 use std::time::{Duration, Instant};
 
 /// Lets steps begin no faster than at a pace.
@@ -15,7 +15,7 @@ pub struct Pacer {
 
 impl Pacer {
     /// The first step begins now.
-    pub fn new(pace: Pace) -> Self {
+    pub fn new(pace: StepsPerSecond) -> Self {
         let interval = if pace.0 > 0.0 { Duration::from_secs_f64(1.0 / pace.0) } else { Duration::ZERO };
         let now = Instant::now();
         Self { interval, next: now, begun: now, steps: 0, computing: Duration::ZERO }
@@ -56,7 +56,7 @@ mod tests {
 
     #[test]
     fn steps_begin_no_earlier_than_the_pace_says_and_a_late_one_does_not_hurry_the_next() {
-        let mut pacer = Pacer::new(Pace(50.0));
+        let mut pacer = Pacer::new(StepsPerSecond(50.0));
         let begun = Instant::now();
         pacer.wait(&|| false);
         std::thread::sleep(Duration::from_millis(70));
@@ -65,7 +65,7 @@ mod tests {
         assert!(begun.elapsed() >= Duration::from_millis(109), "{:?}", begun.elapsed());
         let begun = Instant::now();
         pacer.wait(&|| true);
-        (0..1000).for_each(|_| Pacer::new(Pace(0.0)).wait(&|| false));
+        (0..1000).for_each(|_| Pacer::new(StepsPerSecond(0.0)).wait(&|| false));
         assert!(begun.elapsed() < Duration::from_secs(5), "stopped, or without a pace");
         pacer.computed(Duration::from_millis(30));
         pacer.computed(Duration::from_millis(10));

@@ -16,9 +16,9 @@ pub fn cpu_time() -> Option<Duration> {
 
 /// Processor time from here on.
 #[derive(Debug)]
-pub struct Used(Option<Duration>);
+pub struct ProcessorTime(Option<Duration>);
 
-impl Used {
+impl ProcessorTime {
     /// Begins to count.
     pub fn now() -> Self {
         Self(cpu_time())

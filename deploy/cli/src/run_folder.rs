@@ -26,7 +26,7 @@ const PICTURE_STEPS: u64 = 4;
 const REPORT_AGE: Duration = Duration::from_secs(10);
 
 /// An output folder being filled.
-pub(crate) struct Outputs {
+pub(crate) struct RunFolder {
     dir: PathBuf,
     csv: File,
     steps: Option<u64>,
@@ -39,7 +39,7 @@ pub(crate) struct Outputs {
     source: String,
 }
 
-impl Outputs {
+impl RunFolder {
     /// A fresh folder `dir`; one that holds a run already is left alone.
     pub(crate) fn create(dir: &Path, source: &dyn Source, volume: &Volume, steps: Option<u64>) -> anyhow::Result<Self> {
         let unwritable = || format!("{}: cannot be written; name another folder with --out", dir.display());

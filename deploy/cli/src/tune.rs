@@ -3,7 +3,7 @@
 use crate::cli;
 use crate::in_process::{InProcessEvaluator, TrialsInMemory};
 use crate::offline::{read_step, with_step};
-use crate::process::Used;
+use crate::process::ProcessorTime;
 use crate::source::{read_options, scene_of, with_colors};
 use lamina_model::{SamplePlan, Segmentation, VdiParams};
 use lamina_raycast::Backend;
@@ -41,7 +41,7 @@ pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
         Box::new(TrialsInMemory::new()),
     )?;
     let base = VdiParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?.into();
-    let before = Used::now();
+    let before = ProcessorTime::now();
     let runtime = tokio::runtime::Builder::new_current_thread().build()?;
     let mut all = CandidateSet::new(trial.longest_side(), &arguments.representation, &arguments.grid, &base)?;
     let request = SearchRequest::new(contract, &mut all);

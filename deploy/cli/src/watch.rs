@@ -4,7 +4,7 @@ use crate::cli;
 use crate::nodes::{Nodes, Setup, Tuning};
 use crate::offline;
 use crate::pacer::Pacer;
-use crate::run_folder::Outputs;
+use crate::run_folder::RunFolder;
 use crate::source::{Example, Recorded, Source, read_options};
 use anyhow::{Context, bail, ensure};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -32,7 +32,7 @@ pub fn live(arguments: &cli::Live) -> anyhow::Result<()> {
 }
 
 /// As fast as it goes.
-const UNPACED: cli::Pace = cli::Pace(0.0);
+const UNPACED: cli::StepsPerSecond = cli::StepsPerSecond(0.0);
 
 /// `lamina replay`.
 pub fn replay(arguments: &cli::Replay) -> anyhow::Result<()> {
@@ -44,7 +44,12 @@ pub fn replay(arguments: &cli::Replay) -> anyhow::Result<()> {
     }
 }
 
-fn run(source: &mut dyn Source, options: &cli::Watch, policy: FullPolicy, pace: cli::Pace) -> anyhow::Result<()> {
+fn run(
+    source: &mut dyn Source,
+    options: &cli::Watch,
+    policy: FullPolicy,
+    pace: cli::StepsPerSecond,
+) -> anyhow::Result<()> {
     let waits = policy == FullPolicy::Block;
     let overhead = options.contract.as_ref().and_then(|c| c.limits.overhead);
     ensure!(
@@ -91,7 +96,7 @@ fn push_only(
     steps: Option<u64>,
     generator: String,
     policy: FullPolicy,
-    pace: cli::Pace,
+    pace: cli::StepsPerSecond,
 ) -> anyhow::Result<()> {
     let mut client = connect(source, &first.1, &generator, policy)?;
     let mut next = Some(first);
@@ -215,10 +220,10 @@ fn watch(
     steps: Option<u64>,
     options: &cli::Watch,
     policy: FullPolicy,
-    pace: cli::Pace,
+    pace: cli::StepsPerSecond,
 ) -> anyhow::Result<()> {
     let scene = source.scene().clone();
-    let mut outputs = options.out.as_deref().map(|dir| Outputs::create(dir, source, &first.1, steps)).transpose()?;
+    let mut outputs = options.out.as_deref().map(|dir| RunFolder::create(dir, source, &first.1, steps)).transpose()?;
     let nodes = Nodes::start(setup(options, &scene, &first.1)?, &scene)?;
     let stop = Arc::new(AtomicBool::new(false));
     let set = stop.clone();
@@ -281,7 +286,7 @@ struct Shown {
 
 impl Shown {
     /// Prints and writes the steps recorded since, up to one that waits to be measured.
-    fn show_new(&mut self, nodes: &Nodes, bar: &ProgressBar, outputs: Option<&mut Outputs>) -> anyhow::Result<()> {
+    fn show_new(&mut self, nodes: &Nodes, bar: &ProgressBar, outputs: Option<&mut RunFolder>) -> anyhow::Result<()> {
         let new: Vec<StepRow> =
             nodes.store.rows().into_iter().filter(|r| self.step.is_none_or(|s| r.step > s)).collect();
         if let Some(first) = new.iter().find(|r| r.tuning != TuningState::None).filter(|_| !self.tuned) {

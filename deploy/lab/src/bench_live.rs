@@ -7,14 +7,14 @@ use crate::cli;
 use anyhow::{Context, ensure};
 use lamina::nodes::{Nodes, Setup, Tuning};
 use lamina::pacer::Pacer;
-use lamina::process::Used;
+use lamina::process::ProcessorTime;
 use lamina::say;
 use lamina::source::{Example, Recorded, Source, read_options};
 use lamina::watch::{connect, push};
 use lamina_client::FullPolicy;
 use lamina_compute::{Activity, CpuLimit, CpuShare, Priority};
 use lamina_model::{Representation, TuningState, Volume};
-use lamina_tuner::search::Grid;
+use lamina_tuner::search::SearchGrid;
 use lamina_viz_node::store::{QualityStatus, StepRow};
 use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -145,7 +145,7 @@ fn source(arguments: &cli::BenchLive) -> anyhow::Result<Box<dyn Source>> {
 /// Makes steps at the pace for some time, each handed to `take`; what each took.
 fn steps(
     source: &mut dyn Source,
-    pace: lamina::cli::Pace,
+    pace: lamina::cli::StepsPerSecond,
     time: Duration,
     mut take: impl FnMut(u64, f64, &Volume) -> anyhow::Result<()>,
 ) -> anyhow::Result<Vec<f64>> {
@@ -188,7 +188,7 @@ fn coupled(arguments: &cli::BenchLive, time: Duration, burnt: &Burnt) -> anyhow:
     // The series from its beginning.
     let mut source = self::source(arguments)?;
     let (done, begun) = (AtomicBool::new(false), Instant::now());
-    let (used, pages) = (Used::now(), Mutex::new(Pages::default()));
+    let (used, pages) = (ProcessorTime::now(), Mutex::new(Pages::default()));
     let busy = || burnt.load(Ordering::Relaxed) as f64 / 1e9;
     let busy_before = busy();
     let (took, picks) = std::thread::scope(|scope| {
@@ -237,7 +237,7 @@ fn setup(arguments: &cli::BenchLive, share: CpuShare, first: &Volume, step_voxel
     let tuning = Tuning {
         contract: arguments.contract.clone(),
         representations: Representation::ALL.to_vec(),
-        grid: Grid::default(),
+        grid: SearchGrid::default(),
         retune_every: 0,
         budget: lamina_tuner::Config::default().budget,
     };

@@ -1,12 +1,12 @@
 //! The command line of `lamina-lab`.
 
 use clap::{Args, Parser, Subcommand};
-use lamina::cli::{Input, Pace, Raw};
+use lamina::cli::{Input, Raw, StepsPerSecond};
 use lamina_compute::CpuLimit;
 use lamina_compute::gpu::Choice;
 use lamina_model::Segmentation;
 use lamina_tuner::Contract;
-use lamina_tuner::search::Grid;
+use lamina_tuner::search::SearchGrid;
 use lamina_tuner::units::{Bytes, Millis};
 use std::path::PathBuf;
 
@@ -22,20 +22,20 @@ pub(crate) struct LabCli {
 #[derive(Subcommand)]
 pub(crate) enum LabCommand {
     /// Measure every (gamma, resolution) of a grid, as in the paper, and report what is best under which limit
-    Study(Study),
+    Study(StudyArguments),
     /// Measure decibels against bytes of every representation and coding for a volume
     Rd(Rd),
     /// Measure what each step of accuracy costs for a volume: error, time and bytes
     Accuracy(Accuracy),
     /// Measure what this machine takes for a volume or a .vdi: times, or memory
-    Bench(Bench),
+    Bench(BenchArguments),
     /// Run a simulation alone, then with the nodes beside it: picks, slowdown, processor time, pictures
     BenchLive(BenchLive),
 }
 
 /// Options of `lamina-lab study`.
 #[derive(Args)]
-pub(crate) struct Study {
+pub(crate) struct StudyArguments {
     /// .pvd, .vti, .nhdr, .nrrd, .raw or .raw.gz; one or more
     #[arg(value_name = "INPUT", required = true)]
     pub inputs: Vec<PathBuf>,
@@ -48,7 +48,7 @@ pub(crate) struct Study {
     /// Parameters measured: the paper's 1300, coarse: 18 for a quick look, auto: 880 in a range found from the data, or
     /// R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
     #[arg(long, default_value = "paper", value_name = "GRID")]
-    pub grid: Grid,
+    pub grid: SearchGrid,
     /// How samples become the supersegments of a VDI: greedy (and bzip2) as in the paper, or fitted (and
     /// context-mixing) as nodes send them
     #[arg(long, value_name = "NAME", default_value_t = Segmentation::Greedy)]
@@ -71,7 +71,7 @@ pub(crate) struct Study {
 
 /// Options of `lamina-lab bench`.
 #[derive(Args)]
-pub(crate) struct Bench {
+pub(crate) struct BenchArguments {
     #[command(flatten)]
     pub input: Input,
     /// Rays per side of the VDI that is encoded and rendered
@@ -112,7 +112,7 @@ pub(crate) struct BenchLive {
     pub replay: Option<PathBuf>,
     /// Steps a second; 0: as fast as it can
     #[arg(long, default_value = "2", value_name = "STEPS/S", allow_negative_numbers = true)]
-    pub pace: Pace,
+    pub pace: StepsPerSecond,
     /// Seconds of the coupled part; alone takes as long
     #[arg(long, default_value_t = 40.0, value_name = "S", allow_negative_numbers = true)]
     pub seconds: f64,

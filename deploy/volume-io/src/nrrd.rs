@@ -3,7 +3,7 @@
 use crate::ReadError;
 use crate::nrrd_axes;
 use crate::nrrd_header::Fields;
-use crate::scalars::{ByteOrder, Scalar, can_inflate};
+use crate::scalars::{ByteOrder, ScalarType, can_inflate};
 use flate2::bufread::MultiGzDecoder;
 use lamina_model::{Grid, Volume, Voxels};
 use std::fs::File;
@@ -21,7 +21,7 @@ enum Encoding {
 #[derive(Debug)]
 pub(crate) struct Nrrd {
     grid: Grid,
-    scalar: Scalar,
+    scalar: ScalarType,
     order: ByteOrder,
     encoding: Encoding,
     data: PathBuf,
@@ -131,24 +131,24 @@ fn data_file(path: &Path, fields: &Fields) -> Result<(PathBuf, u64), ReadError> 
     }
 }
 
-fn scalar(path: &Path, name: &str) -> Result<Scalar, ReadError> {
+fn scalar(path: &Path, name: &str) -> Result<ScalarType, ReadError> {
     Ok(match name.to_ascii_lowercase().as_str() {
-        "signed char" | "int8" | "int8_t" => Scalar::I8,
-        "uchar" | "unsigned char" | "uint8" | "uint8_t" => Scalar::U8,
-        "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => Scalar::I16,
-        "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => Scalar::U16,
-        "int" | "signed int" | "int32" | "int32_t" => Scalar::I32,
-        "uint" | "unsigned int" | "uint32" | "uint32_t" => Scalar::U32,
+        "signed char" | "int8" | "int8_t" => ScalarType::I8,
+        "uchar" | "unsigned char" | "uint8" | "uint8_t" => ScalarType::U8,
+        "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => ScalarType::I16,
+        "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => ScalarType::U16,
+        "int" | "signed int" | "int32" | "int32_t" => ScalarType::I32,
+        "uint" | "unsigned int" | "uint32" | "uint32_t" => ScalarType::U32,
         "longlong"
         | "long long"
         | "long long int"
         | "signed long long"
         | "signed long long int"
         | "int64"
-        | "int64_t" => Scalar::I64,
-        "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => Scalar::U64,
-        "float" => Scalar::F32,
-        "double" => Scalar::F64,
+        | "int64_t" => ScalarType::I64,
+        "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => ScalarType::U64,
+        "float" => ScalarType::F32,
+        "double" => ScalarType::F64,
         _ => {
             let what = format!("data of type {name}");
             return Err(ReadError::unsupported(path, what, "write it as integers of 8 to 64 bits, float or double"));

@@ -12,7 +12,7 @@ const MOST_AXES: usize = 16;
 /// How far a direction may lean off its axis and still count as along it, as a share of its length.
 const LEAN: f64 = 1e-6;
 
-struct Axis {
+struct NrrdAxis {
     size: usize,
     /// Distance of samples; none where the header does not know.
     spacing: Option<f64>,
@@ -24,7 +24,7 @@ pub(crate) fn grid(path: &Path, fields: &Fields) -> Result<Grid, ReadError> {
     let directed = fields.get("spacedirections").is_some();
     let mut axes = spatial(path, axes(path, fields)?, directed)?;
     while axes.len() < 3 {
-        axes.push(Axis { size: 1, spacing: None, direction: None });
+        axes.push(NrrdAxis { size: 1, spacing: None, direction: None });
     }
     let (mut dims, mut spacing) = ([0; 3], DVec3::ONE);
     for (index, axis) in axes.iter().enumerate() {
@@ -37,7 +37,7 @@ pub(crate) fn grid(path: &Path, fields: &Fields) -> Result<Grid, ReadError> {
     Grid::new(dims, spacing, origin(path, fields)?).map_err(|e| ReadError::grid(path, e))
 }
 
-fn axes(path: &Path, fields: &Fields) -> Result<Vec<Axis>, ReadError> {
+fn axes(path: &Path, fields: &Fields) -> Result<Vec<NrrdAxis>, ReadError> {
     let sizes: Vec<usize> = numbers(path, "sizes", fields.require(path, "sizes")?)?;
     let dimension = fields.number(path, "dimension")?;
     if sizes.is_empty() || sizes.len() > MOST_AXES || dimension != sizes.len() as i64 {
@@ -48,7 +48,7 @@ fn axes(path: &Path, fields: &Fields) -> Result<Vec<Axis>, ReadError> {
         true => Ok(()),
         false => Err(ReadError::damaged(path, format!("\"{field}\" names {n} axes of {}", sizes.len()))),
     };
-    let mut axes: Vec<_> = sizes.iter().map(|&size| Axis { size, spacing: None, direction: None }).collect();
+    let mut axes: Vec<_> = sizes.iter().map(|&size| NrrdAxis { size, spacing: None, direction: None }).collect();
     if let Some(text) = fields.get("spacings") {
         let spacings: Vec<f64> = numbers(path, "spacings", text)?;
         count_of("spacings", spacings.len())?;
@@ -67,7 +67,7 @@ fn axes(path: &Path, fields: &Fields) -> Result<Vec<Axis>, ReadError> {
 }
 
 /// Drops axes of size 1 until three are left: those without a direction, else the first or the last.
-fn spatial(path: &Path, mut axes: Vec<Axis>, directed: bool) -> Result<Vec<Axis>, ReadError> {
+fn spatial(path: &Path, mut axes: Vec<NrrdAxis>, directed: bool) -> Result<Vec<NrrdAxis>, ReadError> {
     while axes.len() > 3 {
         let outer = [0, axes.len() - 1];
         let undirected = |index: &usize| !directed || axes[*index].direction.is_none();

@@ -1,7 +1,7 @@
 //! Raw arrays, plain or gzipped: little-endian, x fastest. Their shape comes from the user or from the file's name.
 
 use crate::ReadError;
-use crate::scalars::{ByteOrder, Scalar, can_inflate};
+use crate::scalars::{ByteOrder, ScalarType, can_inflate};
 use flate2::read::MultiGzDecoder;
 use glam::DVec3;
 use lamina_model::volume::MAX_VOXELS;
@@ -62,12 +62,12 @@ impl RawFile {
 
     fn voxels(&self, source: &mut dyn Read) -> Result<Voxels, ReadError> {
         let scalar = match self.voxel_type {
-            VoxelType::U8 => Scalar::U8,
-            VoxelType::U16 => Scalar::U16,
-            VoxelType::I16 => Scalar::I16,
-            VoxelType::F16 => Scalar::F16,
-            VoxelType::F32 => Scalar::F32,
-            VoxelType::F64 => Scalar::F64,
+            VoxelType::U8 => ScalarType::U8,
+            VoxelType::U16 => ScalarType::U16,
+            VoxelType::I16 => ScalarType::I16,
+            VoxelType::F16 => ScalarType::F16,
+            VoxelType::F32 => ScalarType::F32,
+            VoxelType::F64 => ScalarType::F64,
         };
         let voxels = scalar.decode(source, ByteOrder::Little, self.grid.voxels()).map_err(|e| match e.kind() {
             io::ErrorKind::UnexpectedEof => self.wrong_size("fewer"),

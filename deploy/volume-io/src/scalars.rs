@@ -26,7 +26,7 @@ pub(crate) enum ByteOrder {
 
 /// The type of a scalar in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Scalar {
+pub(crate) enum ScalarType {
     I8,
     U8,
     I16,
@@ -44,17 +44,17 @@ pub(crate) enum Scalar {
 macro_rules! with_type {
     ($scalar:expr, $T:ident => $body:expr) => {
         match $scalar {
-            Scalar::I8 => with_type!(@ $T i8 $body),
-            Scalar::U8 => with_type!(@ $T u8 $body),
-            Scalar::I16 => with_type!(@ $T i16 $body),
-            Scalar::U16 => with_type!(@ $T u16 $body),
-            Scalar::I32 => with_type!(@ $T i32 $body),
-            Scalar::U32 => with_type!(@ $T u32 $body),
-            Scalar::I64 => with_type!(@ $T i64 $body),
-            Scalar::U64 => with_type!(@ $T u64 $body),
-            Scalar::F16 => with_type!(@ $T f16 $body),
-            Scalar::F32 => with_type!(@ $T f32 $body),
-            Scalar::F64 => with_type!(@ $T f64 $body),
+            ScalarType::I8 => with_type!(@ $T i8 $body),
+            ScalarType::U8 => with_type!(@ $T u8 $body),
+            ScalarType::I16 => with_type!(@ $T i16 $body),
+            ScalarType::U16 => with_type!(@ $T u16 $body),
+            ScalarType::I32 => with_type!(@ $T i32 $body),
+            ScalarType::U32 => with_type!(@ $T u32 $body),
+            ScalarType::I64 => with_type!(@ $T i64 $body),
+            ScalarType::U64 => with_type!(@ $T u64 $body),
+            ScalarType::F16 => with_type!(@ $T f16 $body),
+            ScalarType::F32 => with_type!(@ $T f32 $body),
+            ScalarType::F64 => with_type!(@ $T f64 $body),
         }
     };
     (@ $T:ident $t:ident $body:expr) => {{
@@ -63,7 +63,7 @@ macro_rules! with_type {
     }};
 }
 
-impl Scalar {
+impl ScalarType {
     pub(crate) fn size_bytes(self) -> u64 {
         with_type!(self, T => size_of::<T>() as u64)
     }

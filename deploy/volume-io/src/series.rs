@@ -8,9 +8,6 @@ use lamina_model::Volume;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The name of a scalar whose file gives it none.
-pub(crate) const UNNAMED_FIELD: &str = "scalar";
-
 /// What a user may say about a file that the file does not, or not unambiguously.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Options {
@@ -26,17 +23,17 @@ pub struct Series {
     path: PathBuf,
     name: String,
     field: String,
-    steps: Vec<Step>,
+    steps: Vec<SeriesStep>,
 }
 
 #[derive(Debug)]
-struct Step {
+struct SeriesStep {
     time: f64,
-    source: Source,
+    source: SeriesSource,
 }
 
 #[derive(Debug)]
-enum Source {
+enum SeriesSource {
     Vti(PathBuf),
     Nrrd(Box<Nrrd>),
     Raw(RawFile),
@@ -49,17 +46,17 @@ impl Series {
     /// If the file, or of a collection the first step's header, cannot be read, or a step's file is not there.
     pub fn open(path: &Path, options: &Options) -> Result<Self, ReadError> {
         let (stem, ending) = split_name(path);
-        let single = |source| vec![Step { time: 0.0, source }];
+        let single = |source| vec![SeriesStep { time: 0.0, source }];
         let wanted = options.field.as_deref();
-        let given = || wanted.unwrap_or(UNNAMED_FIELD).to_owned();
+        let given = || wanted.unwrap_or(vti::UNNAMED_FIELD).to_owned();
         let (field, steps) = match ending.as_str() {
             "pvd" => open_collection(path, wanted)?,
-            "vti" => (vti::field_name(path, wanted)?, single(Source::Vti(path.into()))),
-            "nrrd" | "nhdr" => (given(), single(Source::Nrrd(Box::new(Nrrd::open(path)?)))),
-            "raw" | "raw.gz" => (given(), single(Source::Raw(RawFile::open(path, &options.raw)?))),
+            "vti" => (vti::field_name(path, wanted)?, single(SeriesSource::Vti(path.into()))),
+            "nrrd" | "nhdr" => (given(), single(SeriesSource::Nrrd(Box::new(Nrrd::open(path)?)))),
+            "raw" | "raw.gz" => (given(), single(SeriesSource::Raw(RawFile::open(path, &options.raw)?))),
             _ => return Err(ReadError::Extension { path: path.into() }),
         };
-        let raw = steps.iter().all(|step| matches!(step.source, Source::Raw(_)));
+        let raw = steps.iter().all(|step| matches!(step.source, SeriesSource::Raw(_)));
         if !raw && options.raw != RawSpec::default() {
             let remedy = "it tells its own: leave out --dims and --dtype";
             return Err(ReadError::unsupported(path, "a shape from outside", remedy));
@@ -101,9 +98,9 @@ impl Series {
         };
         match &step.source {
             // By name, so that a series does not change its scalar where a step lists its arrays differently.
-            Source::Vti(path) => vti::read(path, Some(&self.field)),
-            Source::Nrrd(nrrd) => nrrd.read(),
-            Source::Raw(raw) => raw.read(),
+            SeriesSource::Vti(path) => vti::read(path, Some(&self.field)),
+            SeriesSource::Nrrd(nrrd) => nrrd.read(),
+            SeriesSource::Raw(raw) => raw.read(),
         }
     }
 }
@@ -118,7 +115,7 @@ impl Series {
             let itself = volume.voxels().clone();
             return volume.with_color_field(name, itself).map_err(|e| ReadError::grid(&self.path, e));
         }
-        let Some(Source::Vti(path)) = self.steps.get(index).map(|s| &s.source) else {
+        let Some(SeriesSource::Vti(path)) = self.steps.get(index).map(|s| &s.source) else {
             let what = format!("a second field, \"{name}\"");
             return Err(ReadError::unsupported(&self.path, what, "a .vti can hold several arrays"));
         };
@@ -131,7 +128,7 @@ impl Series {
     }
 }
 
-fn open_collection(path: &Path, wanted: Option<&str>) -> Result<(String, Vec<Step>), ReadError> {
+fn open_collection(path: &Path, wanted: Option<&str>) -> Result<(String, Vec<SeriesStep>), ReadError> {
     let entries = read_collection(path)?;
     // A file that is missing is reported before a long run starts, not in its middle.
     for entry in &entries {
@@ -143,9 +140,9 @@ fn open_collection(path: &Path, wanted: Option<&str>) -> Result<(String, Vec<Ste
     }
     let field = match entries.first() {
         Some(first) => vti::field_name(&first.file, wanted)?,
-        None => UNNAMED_FIELD.to_owned(),
+        None => vti::UNNAMED_FIELD.to_owned(),
     };
-    let steps = entries.into_iter().map(|e| Step { time: e.time, source: Source::Vti(e.file) }).collect();
+    let steps = entries.into_iter().map(|e| SeriesStep { time: e.time, source: SeriesSource::Vti(e.file) }).collect();
     Ok((field, steps))
 }
 

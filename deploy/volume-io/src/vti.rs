@@ -2,15 +2,17 @@
 
 use crate::ReadError;
 use crate::base64_text::Base64Text;
-use crate::scalars::Scalar;
-use crate::series::UNNAMED_FIELD;
+use crate::scalars::ScalarType;
 use crate::vti_blocks::Framing;
-use crate::vti_header::{Array, Header, Section};
+use crate::vti_header::{Array, Header, HeaderSection};
 use glam::DVec3;
 use lamina_model::{Grid, Volume, Voxels};
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
+
+/// The name of a scalar whose file gives it none.
+pub(crate) const UNNAMED_FIELD: &str = "scalar";
 
 /// The name of the array that [`read`] takes.
 pub(crate) fn field_name(path: &Path, wanted: Option<&str>) -> Result<String, ReadError> {
@@ -31,12 +33,12 @@ pub(crate) fn read(path: &Path, wanted: Option<&str>) -> Result<Volume, ReadErro
     Volume::new(grid, voxels).map_err(|e| ReadError::grid(path, e))
 }
 
-struct Choice<'a> {
+struct ArrayChoice<'a> {
     array: &'a Array,
     of_cells: bool,
 }
 
-impl Choice<'_> {
+impl ArrayChoice<'_> {
     fn name(&self) -> &str {
         self.array.name.as_deref().unwrap_or(UNNAMED_FIELD)
     }
@@ -45,11 +47,12 @@ impl Choice<'_> {
     }
 }
 
-fn choose<'a>(path: &Path, header: &'a Header, wanted: Option<&str>) -> Result<Choice<'a>, ReadError> {
-    let list = |section: &'a Section, of_cells| section.arrays.iter().map(move |array| Choice { array, of_cells });
+fn choose<'a>(path: &Path, header: &'a Header, wanted: Option<&str>) -> Result<ArrayChoice<'a>, ReadError> {
+    let list =
+        |section: &'a HeaderSection, of_cells| section.arrays.iter().map(move |array| ArrayChoice { array, of_cells });
     let all = || list(&header.points, false).chain(list(&header.cells, true));
     let refuse = |reason: String| {
-        let present: Vec<_> = all().filter(Choice::is_scalar).map(|c| c.name().to_owned()).collect();
+        let present: Vec<_> = all().filter(ArrayChoice::is_scalar).map(|c| c.name().to_owned()).collect();
         let present = if present.is_empty() { "none".to_owned() } else { present.join(", ") };
         Err(ReadError::Field { path: path.into(), reason, present })
     };
@@ -60,8 +63,8 @@ fn choose<'a>(path: &Path, header: &'a Header, wanted: Option<&str>) -> Result<C
             None => return refuse(format!("there is no array \"{name}\"")),
             found => found,
         },
-        (None, Some(name)) => named(name).or_else(|| all().find(Choice::is_scalar)),
-        (None, None) => all().find(Choice::is_scalar),
+        (None, Some(name)) => named(name).or_else(|| all().find(ArrayChoice::is_scalar)),
+        (None, None) => all().find(ArrayChoice::is_scalar),
     };
     match found {
         Some(choice) if choice.array.components.trim() == "1" => Ok(choice),
@@ -93,7 +96,13 @@ fn grid(path: &Path, header: &Header, of_cells: bool) -> Result<Grid, ReadError>
     Grid::new(dims, spacing, origin).map_err(|e| ReadError::grid(path, e))
 }
 
-fn voxels(path: &Path, header: &Header, choice: &Choice, scalar: Scalar, count: usize) -> Result<Voxels, ReadError> {
+fn voxels(
+    path: &Path,
+    header: &Header,
+    choice: &ArrayChoice,
+    scalar: ScalarType,
+    count: usize,
+) -> Result<Voxels, ReadError> {
     let missing = |what: &str| ReadError::damaged(path, format!("{what} of array \"{}\" is missing", choice.name()));
     let system = |e| ReadError::while_reading(path, e);
     let mut file = File::open(path).map_err(system)?;

@@ -56,7 +56,7 @@ impl Framing {
     }
 
     /// The sizes of the blocks: how many, how large unpacked, how large the last one, how large each packed.
-    fn table(self, source: &mut dyn Read, available: u64, want: u64) -> io::Result<Vec<Block>> {
+    fn table(self, source: &mut dyn Read, available: u64, want: u64) -> io::Result<Vec<VtiBlock>> {
         let count = self.number(source)?;
         let full = self.number(source)?;
         let partial = self.number(source)?;
@@ -78,14 +78,14 @@ impl Framing {
             if !can_inflate(packed.saturating_add(ZLIB_FRAME_BYTES), unpacked) {
                 return Err(invalid(format!("block {index} cannot be {unpacked} bytes in {packed} packed ones")));
             }
-            blocks.push(Block { packed: packed as usize, unpacked: unpacked as usize });
+            blocks.push(VtiBlock { packed: packed as usize, unpacked: unpacked as usize });
         }
         Ok(blocks)
     }
 }
 
 #[derive(Debug)]
-struct Block {
+struct VtiBlock {
     packed: usize,
     unpacked: usize,
 }
@@ -93,13 +93,13 @@ struct Block {
 /// Unpacks block after block; each must yield exactly its size, so that a bomb goes no further.
 struct Blocks<R> {
     source: R,
-    blocks: std::vec::IntoIter<Block>,
+    blocks: std::vec::IntoIter<VtiBlock>,
     bytes: Vec<u8>,
     taken: usize,
 }
 
 impl<R: Read> Blocks<R> {
-    fn unpack(&mut self, block: &Block) -> io::Result<()> {
+    fn unpack(&mut self, block: &VtiBlock) -> io::Result<()> {
         let mut packed = vec![0; block.packed];
         self.source.read_exact(&mut packed)?;
         self.bytes.clear();

@@ -3,7 +3,7 @@
 //! Only positions of data are noted, never data: the parser stops before appended bytes, which need not be XML.
 
 use crate::ReadError;
-use crate::scalars::{ByteOrder, Scalar};
+use crate::scalars::{ByteOrder, ScalarType};
 use crate::xml::{Tag, broken};
 use quick_xml::Reader;
 use quick_xml::events::Event;
@@ -22,14 +22,14 @@ pub(crate) struct Header {
     pub(crate) extent: [i64; 6],
     pub(crate) origin: [f64; 3],
     pub(crate) spacing: [f64; 3],
-    pub(crate) points: Section,
-    pub(crate) cells: Section,
+    pub(crate) points: HeaderSection,
+    pub(crate) cells: HeaderSection,
     pub(crate) appended: Option<Appended>,
 }
 
 /// The arrays of the points or of the cells.
 #[derive(Debug, Default)]
-pub(crate) struct Section {
+pub(crate) struct HeaderSection {
     pub(crate) scalars: Option<String>,
     pub(crate) arrays: Vec<Array>,
 }
@@ -47,18 +47,18 @@ pub(crate) struct Array {
 }
 
 impl Array {
-    pub(crate) fn scalar(&self) -> Option<Scalar> {
+    pub(crate) fn scalar(&self) -> Option<ScalarType> {
         Some(match self.type_name.as_str() {
-            "Int8" => Scalar::I8,
-            "UInt8" => Scalar::U8,
-            "Int16" => Scalar::I16,
-            "UInt16" => Scalar::U16,
-            "Int32" => Scalar::I32,
-            "UInt32" => Scalar::U32,
-            "Int64" => Scalar::I64,
-            "UInt64" => Scalar::U64,
-            "Float32" => Scalar::F32,
-            "Float64" => Scalar::F64,
+            "Int8" => ScalarType::I8,
+            "UInt8" => ScalarType::U8,
+            "Int16" => ScalarType::I16,
+            "UInt16" => ScalarType::U16,
+            "Int32" => ScalarType::I32,
+            "UInt32" => ScalarType::U32,
+            "Int64" => ScalarType::I64,
+            "UInt64" => ScalarType::U64,
+            "Float32" => ScalarType::F32,
+            "Float64" => ScalarType::F64,
             _ => return None,
         })
     }
@@ -192,8 +192,8 @@ impl Parser<'_> {
             extent: [0; 6],
             origin: [0.0; 3],
             spacing: [1.0; 3],
-            points: Section::default(),
-            cells: Section::default(),
+            points: HeaderSection::default(),
+            cells: HeaderSection::default(),
             appended: None,
         })
     }
@@ -236,7 +236,7 @@ impl Parser<'_> {
         }
     }
 
-    fn current(&mut self) -> Option<&mut Section> {
+    fn current(&mut self) -> Option<&mut HeaderSection> {
         let header = self.header.as_mut()?;
         Some(match self.section? {
             Kind::Points => &mut header.points,

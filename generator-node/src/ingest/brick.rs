@@ -2,6 +2,21 @@
 
 use lamina_model::{Grid, Invalid, VoxelType, Voxels};
 
+/// A brick that a rank would push, as it announces it.
+#[derive(Debug, Clone, Copy)]
+pub struct BrickOffer {
+    /// The step.
+    pub step: u64,
+    /// Simulation time.
+    pub time: f64,
+    /// Whose brick.
+    pub rank: u32,
+    /// First sample point.
+    pub start: [u64; 3],
+    /// Sample points per axis.
+    pub dims: [u64; 3],
+}
+
 /// An index box of a grid, checked to lie inside it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GridBox {

@@ -2,7 +2,8 @@
 //!
 //! Memory is decided before a byte is copied: a step is admitted with its whole grid's bytes or not at all.
 
-use super::run::{BrickOffer, Run, RunSpec};
+use super::brick::BrickOffer;
+use super::run::{IngestRun, RunSpec};
 use super::{GridBox, IngestError, assembly::Assembly, brick};
 use lamina_model::{FullPolicy, Invalid, Volume};
 use std::collections::VecDeque;
@@ -67,7 +68,7 @@ pub struct Core {
     waiting_steps: usize,
     idle: Duration,
     used_bytes: u64,
-    run: Option<Run>,
+    run: Option<IngestRun>,
     queue: VecDeque<CompleteStep>,
 }
 
@@ -98,7 +99,7 @@ impl Core {
         }
         self.abandon_run();
         let id = if resume.is_empty() { fresh_id } else { resume.to_owned() };
-        self.run = Some(Run::new(id.clone(), spec, rank, now));
+        self.run = Some(IngestRun::new(id.clone(), spec, rank, now));
         Ok(id)
     }
 
@@ -108,7 +109,7 @@ impl Core {
         }
     }
 
-    fn run(&mut self, id: &str) -> Result<&mut Run, IngestError> {
+    fn run(&mut self, id: &str) -> Result<&mut IngestRun, IngestError> {
         self.run.as_mut().filter(|r| r.id == id).ok_or_else(|| IngestError::UnknownRun(id.to_owned()))
     }
 

@@ -9,8 +9,8 @@ mod service;
 #[cfg(test)]
 mod tests;
 
-pub use brick::GridBox;
+pub use brick::{BrickOffer, GridBox};
 pub use core::{Admit, CompleteStep, Core};
 pub use error::IngestError;
-pub use run::{BrickOffer, RunSpec};
+pub use run::RunSpec;
 pub use service::{Ingest, IngestService};

@@ -1,6 +1,7 @@
 //! A run: what the simulation says of it, which ranks are there, and which steps wait for bricks.
 
-use super::{GridBox, IngestError, assembly::Assembly};
+use super::brick::{BrickOffer, GridBox};
+use super::{IngestError, assembly::Assembly};
 use lamina_model::{ColorField, FullPolicy, Grid, Scene, VoxelType};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
@@ -74,24 +75,9 @@ impl RunSpec {
     }
 }
 
-/// A brick that a rank would push, as it announces it.
-#[derive(Debug, Clone, Copy)]
-pub struct BrickOffer {
-    /// The step.
-    pub step: u64,
-    /// Simulation time.
-    pub time: f64,
-    /// Whose brick.
-    pub rank: u32,
-    /// First sample point.
-    pub start: [u64; 3],
-    /// Sample points per axis.
-    pub dims: [u64; 3],
-}
-
 /// A run that is open, or was.
 #[derive(Debug)]
-pub(super) struct Run {
+pub(super) struct IngestRun {
     /// Its id.
     pub id: String,
     /// What the simulation says of it.
@@ -114,7 +100,7 @@ pub(super) struct Run {
 /// Dropped steps remembered so that their other ranks' bricks are dropped too.
 const REMEMBERED_DROPS: usize = 1024;
 
-impl Run {
+impl IngestRun {
     /// Opened by `rank`.
     pub(super) fn new(id: String, spec: RunSpec, rank: u32, now: Instant) -> Self {
         let last_step = vec![None; spec.ranks as usize];

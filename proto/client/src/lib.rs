@@ -20,66 +20,21 @@
 
 mod brick;
 mod driver;
+mod options;
 mod pace;
 mod session;
 
 pub use brick::{Brick, VoxelSlice, check_type, dense, span};
 pub use lamina_model::FullPolicy;
+pub use options::{Receipt, RunOptions};
 
 use driver::Driver;
-use lamina_model::{Grid, Invalid, Scene, VoxelType};
+use lamina_model::Invalid;
 use lamina_rpc::connect::host_and_port;
 use pace::Pace;
 use session::Session;
 use std::time::{Duration, Instant};
 use tonic::{Code, Status, transport::Endpoint};
-
-/// A run as the simulation describes it.
-#[derive(Debug, Clone)]
-pub struct RunOptions {
-    /// The generator-node, such as `http://127.0.0.1:7101`.
-    pub generator: String,
-    /// Name of the run.
-    pub name: String,
-    /// What the scalar is, such as `density`.
-    pub field: String,
-    /// The whole grid of all ranks.
-    pub grid: Grid,
-    /// Type of the voxels.
-    pub voxel_type: VoxelType,
-    /// Name and type of a second field, from which a scene may take its colours; every brick then carries both. Default: none.
-    pub color_field: Option<(String, VoxelType)>,
-    /// This process among `ranks`, counted from 0.
-    pub rank: u32,
-    /// Processes that push bricks of every step.
-    pub ranks: u32,
-    /// What the node does with a step that finds its memory full. Default: the oldest waiting step makes room, so that the
-    /// simulation never waits.
-    pub full_policy: FullPolicy,
-    /// How to show the run; if absent the node decides.
-    pub scene: Option<Scene>,
-    /// The longest any call may take. Default 5 s.
-    pub deadline: Duration,
-}
-
-impl RunOptions {
-    /// A run of one rank that never waits for the viewer.
-    pub fn new(generator: &str, name: &str, field: &str, grid: Grid, voxel_type: VoxelType) -> Self {
-        Self {
-            generator: generator.to_owned(),
-            name: name.to_owned(),
-            field: field.to_owned(),
-            grid,
-            voxel_type,
-            color_field: None,
-            rank: 0,
-            ranks: 1,
-            full_policy: FullPolicy::DropOldest,
-            scene: None,
-            deadline: Duration::from_secs(5),
-        }
-    }
-}
 
 /// Why a step was not handed over.
 #[derive(Debug, thiserror::Error)]
@@ -104,15 +59,6 @@ pub enum ClientError {
     /// The runtime that drives the connection could not be started.
     #[error("cannot start the client's runtime: {0}")]
     Runtime(std::io::Error),
-}
-
-/// What became of a pushed brick.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Receipt {
-    /// It is in; `true` if it completed its step.
-    Admitted(bool),
-    /// The node is full and dropped the step, as the run's policy says; or the step was not sent, to keep a limit on overhead.
-    Dropped,
 }
 
 /// Numbers of a finished run.

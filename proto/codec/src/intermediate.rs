@@ -8,6 +8,26 @@ use std::time::{Duration, Instant};
 
 /// Encodes either representation. `options` concern VDIs only.
 ///
+/// ```
+/// use lamina_codec::{CodecError, DecodeLimits, EncodeOptions, decode_any, encode_any};
+/// use lamina_model::{Grid, Intermediate, ReducedVolume, Volume, VolumeParams, Voxels, suggest::suggest};
+///
+/// let grid = Grid::new([8; 3], glam::DVec3::ONE, glam::DVec3::ZERO)?;
+/// let volume = Volume::new(grid, Voxels::U8((0..=255).chain(0..=255).collect()))?;
+/// let mut scene = suggest(&[&volume])?;
+/// scene.transfer = scene.transfer.with_unit_length(1.0);
+///
+/// // Values 0..=1 of the transfer function's range, each off by at most 0.01 after decoding.
+/// let units: Vec<f32> = (0..512).map(|n| (n % 256) as f32 / 255.0).collect();
+/// let reduced = ReducedVolume::new(grid, scene, VolumeParams::new(8, 0.01)?, units.clone())?;
+/// let bytes = encode_any(&Intermediate::Volume(Box::new(reduced)), &EncodeOptions::default())?;
+/// assert!(bytes.len() < 512 * size_of::<f32>());
+///
+/// let Intermediate::Volume(decoded) = decode_any(&bytes, &DecodeLimits::default())? else { unreachable!() };
+/// assert!(decoded.units().iter().zip(&units).all(|(d, u)| (d - u).abs() <= 0.0101));
+/// # Ok::<(), CodecError>(())
+/// ```
+///
 /// # Errors
 /// As [`crate::encode`].
 pub fn encode_any(intermediate: &Intermediate, options: &EncodeOptions) -> Result<Vec<u8>, CodecError> {

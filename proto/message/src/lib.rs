@@ -6,7 +6,14 @@ mod convert;
 mod effects;
 
 /// Generated from `proto/lamina/v1/scene.proto` and `volume_header.proto`: see `tests/contracts`.
-#[allow(missing_docs, clippy::all, unused_qualifications, reason = "generated code")]
+#[allow(
+    missing_docs,
+    clippy::all,
+    clippy::allow_attributes_without_reason,
+    clippy::too_many_lines,
+    unused_qualifications,
+    reason = "generated code"
+)]
 pub mod v1 {
     include!("generated.rs");
 }

@@ -61,6 +61,22 @@ impl Backend {
     ///
     /// Rays do not end where they become opaque, unless `params` sets a cutoff: what is hidden now is seen from other angles.
     ///
+    /// ```
+    /// use lamina_model::{Grid, Invalid, Segmentation, VdiParams, Volume, Voxels, suggest::suggest};
+    /// use lamina_raycast::{Backend, Field};
+    ///
+    /// // Density that rises along y and z, 16 voxels a side.
+    /// let grid = Grid::new([16; 3], glam::DVec3::ONE, glam::DVec3::ZERO)?;
+    /// let volume = Volume::new(grid, Voxels::U8((0..16 * 16 * 16).map(|n| (n / 16) as u8).collect()))?;
+    /// let field = Field::new(volume.clone(), &suggest(&[&volume])?);
+    ///
+    /// let (vdi, _) = Backend::cpu().generate(&field, &VdiParams::new(32, 0.02)?, Segmentation::Fitted)?;
+    /// let (coarser, _) = Backend::cpu().generate(&field, &VdiParams::new(32, 0.2)?, Segmentation::Fitted)?;
+    /// assert_eq!(vdi.resolution(), 32);
+    /// assert!(coarser.segments().len() < vdi.segments().len(), "gamma is the price of a supersegment");
+    /// # Ok::<(), Invalid>(())
+    /// ```
+    ///
     /// # Errors
     /// If the step is so short that rays would have too many of them, or the VDI has 2^32 supersegments or more.
     pub fn generate(

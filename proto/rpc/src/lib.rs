@@ -10,7 +10,14 @@ pub mod reference;
 pub use lamina_message::required;
 
 /// Generated from `proto/lamina/v1`: see `tests/contracts`.
-#[allow(missing_docs, clippy::all, unused_qualifications, reason = "generated code")]
+#[allow(
+    missing_docs,
+    clippy::all,
+    clippy::allow_attributes_without_reason,
+    clippy::too_many_lines,
+    unused_qualifications,
+    reason = "generated code"
+)]
 pub mod v1 {
     pub use lamina_message::v1::*;
     include!("generated.rs");

@@ -51,6 +51,25 @@ impl Backend {
 
     /// Renders either representation from `camera`; VDIs with reconstruction `detail`. The paper's I.
     ///
+    /// ```
+    /// use lamina_model::{GenerationParams, Grid, Invalid, Segmentation, Volume, Voxels, psnr, suggest::suggest};
+    /// use lamina_raycast::Field;
+    /// use lamina_vdi_render::{Backend, Detail, Drawable};
+    ///
+    /// let grid = Grid::new([16; 3], glam::DVec3::ONE, glam::DVec3::ZERO)?;
+    /// let volume = Volume::new(grid, Voxels::U8((0..16 * 16 * 16).map(|n| (n / 16) as u8).collect()))?;
+    /// let field = Field::new(volume.clone(), &suggest(&[&volume])?);
+    /// let caster = lamina_raycast::Backend::cpu();
+    /// let (vdi, _) = caster.represent(&field, &GenerationParams::vdi(64, 0.01)?, Segmentation::Fitted)?;
+    ///
+    /// let shown = Drawable::new(vdi);
+    /// let aside = shown.camera().rotated_about_y(20.0)?;
+    /// let picture = Backend::default().render(&shown, &aside, 64, 64, Detail::Cubic)?;
+    /// let truth = caster.raycast(&field, &aside, 64, 64)?;
+    /// assert!(psnr(&picture, &truth)? > 30.0);
+    /// # Ok::<(), Invalid>(())
+    /// ```
+    ///
     /// # Errors
     /// If the picture's size is out of bounds.
     #[doc(alias = "I")]

@@ -2,7 +2,7 @@
 //!
 //! Also the ingest and control services themselves, used wrongly on purpose. What a VDI contains is no matter here.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod memory;
 mod outages;

@@ -1,6 +1,6 @@
 //! One study's trials over real daemons: shared by several viz-nodes, and finished without those that fail.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use futures::{Stream, stream};
 use lamina_model::{GenerationParams, Invalid};
@@ -98,7 +98,7 @@ fn figures(rows: &[Result<Measurement, Invalid>]) -> Vec<(u64, u64, Vec<f64>)> {
 }
 
 /// Lines logged by this thread while it lives.
-struct Log(Arc<Mutex<Vec<u8>>>, #[allow(dead_code)] Box<dyn std::any::Any>);
+struct Log(Arc<Mutex<Vec<u8>>>, #[allow(dead_code, reason = "kept open as long as the log")] Box<dyn std::any::Any>);
 
 struct Sink(Arc<Mutex<Vec<u8>>>);
 

@@ -1,6 +1,6 @@
 //! The stream of trials to the generator-node: one request at a time.
 
-use super::{node_error, words};
+use super::error::{node_error, words};
 use crate::evaluator::TrialError;
 use lamina_rpc::v1::{self, control_client::ControlClient};
 use std::sync::atomic::{AtomicU64, Ordering};

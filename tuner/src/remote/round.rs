@@ -1,7 +1,9 @@
 //! One question for many parameters: the generator-node makes VDI after VDI, and every viz-node measures what it was given.
 
-use super::viewers::Fault;
-use super::{Generator, Known, Progress, Remote, Viewers};
+use super::generator::Generator;
+use super::known::Known;
+use super::progress::Progress;
+use super::viewers::{Fault, Viewers};
 use crate::evaluator::TrialError;
 use futures::StreamExt;
 use futures::future::BoxFuture;
@@ -24,7 +26,7 @@ pub(super) struct Generating {
 }
 
 /// A viewer's answer about some parameters.
-struct Answer {
+pub(super) struct Answer {
     key: ParamsKey,
     viewer: String,
     address: String,
@@ -33,43 +35,25 @@ struct Answer {
 
 /// What is under way.
 pub(super) struct Round<'a> {
-    generator: &'a mut Generator,
-    viewers: &'a mut Viewers,
-    known: &'a mut HashMap<ParamsKey, Known>,
-    generating: &'a mut Option<Generating>,
-    progress: &'a Progress,
-    batches: u32,
-    asked: HashSet<ParamsKey>,
+    pub(super) generator: &'a mut Generator,
+    pub(super) viewers: &'a mut Viewers,
+    pub(super) known: &'a mut HashMap<ParamsKey, Known>,
+    pub(super) generating: &'a mut Option<Generating>,
+    pub(super) progress: &'a Progress,
+    pub(super) batches: u32,
+    pub(super) asked: HashSet<ParamsKey>,
     /// To be generated.
-    todo: VecDeque<ParamsKey>,
+    pub(super) todo: VecDeque<ParamsKey>,
     /// To be measured by the viewer that has them.
-    ready: VecDeque<(ParamsKey, String)>,
+    pub(super) ready: VecDeque<(ParamsKey, String)>,
     /// Viewers that measure.
-    busy: HashSet<String>,
-    measuring: FuturesUnordered<BoxFuture<'static, Answer>>,
+    pub(super) busy: HashSet<String>,
+    pub(super) measuring: FuturesUnordered<BoxFuture<'static, Answer>>,
 }
 
 impl<'a> Round<'a> {
-    /// Asks for costs and the first `batches` batches of all of `keys` that lack them.
-    pub(super) fn new(remote: &'a mut Remote, keys: &[ParamsKey], batches: u32) -> Self {
-        let Remote { generator, viewers, known, generating, progress } = remote;
-        Self {
-            generator,
-            viewers,
-            known,
-            generating,
-            progress,
-            batches,
-            asked: keys.iter().copied().collect(),
-            todo: VecDeque::new(),
-            ready: VecDeque::new(),
-            busy: HashSet::new(),
-            measuring: FuturesUnordered::new(),
-        }
-        .with_work(keys)
-    }
-
-    fn with_work(mut self, keys: &[ParamsKey]) -> Self {
+    /// With what `keys` lack as work.
+    pub(super) fn with_work(mut self, keys: &[ParamsKey]) -> Self {
         let mut seen: HashSet<ParamsKey> = self.generating.iter().map(|g| g.key).collect();
         for key in keys.iter().filter(|k| seen.insert(**k)) {
             self.place(*key);

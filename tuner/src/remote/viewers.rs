@@ -1,6 +1,6 @@
 //! The viz-nodes that measure: those the generator-node lists, but for those that failed during this study.
 
-use super::{node_error, words};
+use super::error::{node_error, words};
 use crate::evaluator::TrialError;
 use futures::FutureExt;
 use futures::future::BoxFuture;

@@ -1,6 +1,6 @@
 //! What may be tried on a step: reduced volumes and VDIs, whose range of gammas is found only once a search gets to them.
 
-use super::Grid;
+use super::SearchGrid;
 use super::gamma_range::{GAMMAS, GammaRange, WIDEST, logarithmic};
 use crate::evaluator::{Evaluator, TrialError};
 use lamina_model::{Cost, GenerationParams, Invalid, ReducedVolume, Representation};
@@ -31,7 +31,7 @@ enum Group {
     /// All of them.
     Listed(Vec<GenerationParams>),
     /// The VDIs of a grid that states no gammas. `lowest` has its lowest resolution.
-    Vdis { grid: Grid, lowest: GenerationParams },
+    Vdis { grid: SearchGrid, lowest: GenerationParams },
 }
 
 /// The candidates of one representation as a search takes them.
@@ -53,7 +53,7 @@ impl CandidateSet {
     pub fn new(
         longest_side: u32,
         representations: &[Representation],
-        grid: &Grid,
+        grid: &SearchGrid,
         base: &GenerationParams,
     ) -> Result<Self, Invalid> {
         let mut groups = Vec::new();

@@ -7,7 +7,7 @@ use std::str::FromStr;
 /// Evenly spaced values from `from` to at most `to`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Axis {
+pub struct GridAxis {
     /// First value.
     pub from: f64,
     /// Upper end.
@@ -16,7 +16,7 @@ pub struct Axis {
     pub step: f64,
 }
 
-impl Axis {
+impl GridAxis {
     /// The values; a last one within a thousandth of a step of `to` counts.
     fn values(&self, name: &'static str) -> Result<Vec<f64>, Invalid> {
         let Self { from, to, step } = *self;
@@ -37,21 +37,21 @@ impl Axis {
 /// A grid of resolutions and gammas.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Grid {
+pub struct SearchGrid {
     /// Rays per side.
-    pub resolution: Axis,
+    pub resolution: GridAxis,
     /// Interrupt parameter; without it, a range found from the data.
-    pub gamma: Option<Axis>,
+    pub gamma: Option<GridAxis>,
 }
 
-impl Default for Grid {
+impl Default for SearchGrid {
     /// 22 resolutions; gammas as the data wants them.
     fn default() -> Self {
-        Self { resolution: Axis { from: 96.0, to: 768.0, step: 32.0 }, gamma: None }
+        Self { resolution: GridAxis { from: 96.0, to: 768.0, step: 32.0 }, gamma: None }
     }
 }
 
-impl FromStr for Axis {
+impl FromStr for GridAxis {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -63,7 +63,7 @@ impl FromStr for Axis {
     }
 }
 
-impl FromStr for Grid {
+impl FromStr for SearchGrid {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -75,7 +75,7 @@ impl FromStr for Grid {
         }
         let help = "write auto, coarse, paper, or resolutions and gammas such as 160:768:64,0.001:0.26:0.008";
         let (resolution, gamma) = text.split_once(',').ok_or_else(|| format!("\"{text}\" is no grid; {help}"))?;
-        let axis = |text: &str| text.parse::<Axis>().map_err(|e| format!("{e}; {help}"));
+        let axis = |text: &str| text.parse::<GridAxis>().map_err(|e| format!("{e}; {help}"));
         let grid = Self { resolution: axis(resolution)?, gamma: Some(axis(gamma)?) };
         // Whatever is wrong with it is wrong for every base.
         let base = GenerationParams::vdi(1, 0.0).map_err(|e| e.to_string())?;
@@ -84,20 +84,20 @@ impl FromStr for Grid {
     }
 }
 
-impl Grid {
+impl SearchGrid {
     /// Coarse enough for a quick look: 3 resolutions by 6 gammas.
     pub fn coarse() -> Self {
         Self {
-            resolution: Axis { from: 128.0, to: 384.0, step: 128.0 },
-            gamma: Some(Axis { from: 0.005, to: 0.08, step: 0.015 }),
+            resolution: GridAxis { from: 128.0, to: 384.0, step: 128.0 },
+            gamma: Some(GridAxis { from: 0.005, to: 0.08, step: 0.015 }),
         }
     }
 
     /// The paper's grid: 20 resolutions by 65 gammas.
     pub fn paper() -> Self {
         Self {
-            resolution: Axis { from: 160.0, to: 768.0, step: 32.0 },
-            gamma: Some(Axis { from: 0.001, to: 0.26, step: 0.004 }),
+            resolution: GridAxis { from: 160.0, to: 768.0, step: 32.0 },
+            gamma: Some(GridAxis { from: 0.001, to: 0.26, step: 0.004 }),
         }
     }
 
@@ -140,37 +140,37 @@ mod tests {
     #[test]
     fn the_papers_grid_has_its_1300_parameters() {
         let base = GenerationParams::vdi(1, 0.0).unwrap();
-        let all = Grid::paper().candidates(&base).unwrap();
+        let all = SearchGrid::paper().candidates(&base).unwrap();
         assert_eq!(all.len(), 1300);
         assert_eq!((all[0].resolution(), all[0].gamma()), (160, 0.001));
         assert_eq!((all[3].resolution(), all[3].gamma()), (160, 0.013));
         assert_eq!((all[1299].resolution(), all[1299].gamma()), (768, 0.257));
-        assert_eq!(Grid::coarse().candidates(&base).unwrap().len(), 18);
-        assert!(Grid::default().candidates(&base).is_err(), "gammas are not stated");
-        assert_eq!(Grid::default().with_gammas(&base, &[0.1, 0.2]).unwrap().len(), 44);
+        assert_eq!(SearchGrid::coarse().candidates(&base).unwrap().len(), 18);
+        assert!(SearchGrid::default().candidates(&base).is_err(), "gammas are not stated");
+        assert_eq!(SearchGrid::default().with_gammas(&base, &[0.1, 0.2]).unwrap().len(), 44);
     }
 
     #[test]
     fn grids_are_read_from_the_command_line() {
         let base = GenerationParams::vdi(1, 0.0).unwrap();
-        let grid: Grid = "160:768:64,0.001:0.26:0.008".parse().unwrap();
+        let grid: SearchGrid = "160:768:64,0.001:0.26:0.008".parse().unwrap();
         assert_eq!(grid.candidates(&base).unwrap().len(), 10 * 33);
-        assert_eq!("paper".parse(), Ok(Grid::paper()));
+        assert_eq!("paper".parse(), Ok(SearchGrid::paper()));
         for bad in ["fine", "1:2,3:4:5", "1:2:1,x:1:1", "9:1:1,0:1:1", "1:2:1,-1:0:1"] {
-            assert!(bad.parse::<Grid>().is_err(), "{bad}");
+            assert!(bad.parse::<SearchGrid>().is_err(), "{bad}");
         }
     }
 
     #[test]
     fn axes_that_are_no_ranges_are_refused_by_name() {
         let base = GenerationParams::vdi(1, 0.0).unwrap();
-        let axis = |from, to, step| Axis { from, to, step };
-        let resolution = |a| Grid { resolution: a, ..Grid::coarse() }.candidates(&base).unwrap_err().thing;
+        let axis = |from, to, step| GridAxis { from, to, step };
+        let resolution = |a| SearchGrid { resolution: a, ..SearchGrid::coarse() }.candidates(&base).unwrap_err().thing;
         for bad in
             [axis(0.0, 9.0, 1.0), axis(9.0, 1.0, 1.0), axis(1.0, 9.0, 0.0), axis(1.0, 9.0, 1e-9), axis(1.5, 9.0, 1.0)]
         {
             assert_eq!(resolution(bad), "grid.resolution");
         }
-        assert!(Grid { gamma: Some(axis(-0.1, 0.1, 0.1)), ..Grid::default() }.candidates(&base).is_err());
+        assert!(SearchGrid { gamma: Some(axis(-0.1, 0.1, 0.1)), ..SearchGrid::default() }.candidates(&base).is_err());
     }
 }

@@ -25,14 +25,14 @@ const SLOPES: [f64; 2] = [-0.8, 1.8];
 
 /// A line of parameters along which size changes one way.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Line {
+enum LogLine {
     /// Gammas at the resolution of these.
     Gammas(GenerationParams),
     /// Resolutions at the gamma of these.
     Resolutions(GenerationParams),
 }
 
-impl Line {
+impl LogLine {
     /// The coordinate of `params` if they lie on it.
     fn position(&self, params: &GenerationParams) -> Option<f64> {
         match self {
@@ -59,7 +59,7 @@ impl Line {
 
 /// A place on a line that should fill the limit.
 struct Target {
-    line: Line,
+    line: LogLine,
     /// Ends of the candidates' range.
     ends: (f64, f64),
     /// Where the models say that it is.
@@ -104,7 +104,7 @@ impl BayesianSearch<'_> {
 
     /// The line whose filling is expected to improve most; if none is expected to improve noticeably, that of the best row, as
     /// long as it does at all.
-    fn next_target(&self, limit: f64, done: &[Line]) -> Option<Target> {
+    fn next_target(&self, limit: f64, done: &[LogLine]) -> Option<Target> {
         let models = self.surrogates();
         let least = self.least_cost()?;
         let best = self.tried.iter().find(|r| r.cost == least);
@@ -128,20 +128,20 @@ impl BayesianSearch<'_> {
     }
 
     /// Gammas at every resolution of the candidates and of the rows that keep the contract; resolutions at the least gamma.
-    fn lines(&self) -> Vec<Line> {
+    fn lines(&self) -> Vec<LogLine> {
         let kept = self.tried.iter().filter(|r| r.cost < f64::INFINITY).map(|r| r.params);
         let mut all: Vec<GenerationParams> = self.candidates.iter().copied().chain(kept).collect();
         all.sort_by(|a, b| a.resolution().cmp(&b.resolution()).then(a.gamma().total_cmp(&b.gamma())));
         let finest = all.iter().min_by(|a, b| a.gamma().total_cmp(&b.gamma())).copied();
         all.dedup_by_key(|p| p.resolution());
-        all.into_iter().map(Line::Gammas).chain(finest.map(Line::Resolutions)).collect()
+        all.into_iter().map(LogLine::Gammas).chain(finest.map(LogLine::Resolutions)).collect()
     }
 
     /// Where the models say that a line fills the limit; `None` if that is not within the candidates' range, or it is filled.
-    fn target(&self, line: Line, models: &Surrogates, limit: f64) -> Option<Target> {
+    fn target(&self, line: LogLine, models: &Surrogates, limit: f64) -> Option<Target> {
         let coordinate = |p: &GenerationParams| match line {
-            Line::Gammas(_) => p.gamma().max(1e-12).ln(),
-            Line::Resolutions(_) => f64::from(p.resolution()).ln(),
+            LogLine::Gammas(_) => p.gamma().max(1e-12).ln(),
+            LogLine::Resolutions(_) => f64::from(p.resolution()).ln(),
         };
         let values = || self.candidates.iter().map(coordinate);
         let ends = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
@@ -247,7 +247,7 @@ mod tests {
 
     #[test]
     fn gammas_are_written_with_four_digits() {
-        let line = Line::Gammas(GenerationParams::vdi(128, 0.1).unwrap());
+        let line = LogLine::Gammas(GenerationParams::vdi(128, 0.1).unwrap());
         let params = line.at((0.012_345_678_f64).ln()).unwrap();
         assert_eq!((params.resolution(), params.gamma()), (128, 0.01235));
         assert_eq!(line.position(&GenerationParams::vdi(64, 0.1).unwrap()), None);

@@ -20,7 +20,7 @@ mod with_margin;
 
 pub use candidates::CandidateSet;
 pub use gaussian_process::{GaussianProcess, Observation, param_point};
-pub use grid::{Axis, Grid};
+pub use grid::{GridAxis, SearchGrid};
 pub use priors::CostPrior;
 pub use request::{SearchRequest, SearchResult, search};
 pub use with_margin::search_with_margin;

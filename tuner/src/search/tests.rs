@@ -1,6 +1,6 @@
 //! The search against exhaustion, on a made-up response with the shape that measured ones have.
 
-use super::{CandidateSet, Grid, SearchRequest, SearchResult, search, search_with_margin};
+use super::{CandidateSet, SearchGrid, SearchRequest, SearchResult, search, search_with_margin};
 use crate::Contract;
 use crate::evaluator::{Evaluator, Measurement, TrialError};
 use crate::tune::{Study, Trial, tune};
@@ -104,7 +104,7 @@ impl Evaluator for Response {
 }
 
 fn papers() -> Vec<GenerationParams> {
-    Grid::paper().candidates(&GenerationParams::vdi(1, 0.0).unwrap()).unwrap()
+    SearchGrid::paper().candidates(&GenerationParams::vdi(1, 0.0).unwrap()).unwrap()
 }
 
 /// A search among some parameters without end.
@@ -114,7 +114,7 @@ async fn searched(response: &mut Response, contract: &Contract, all: Vec<Generat
 
 /// Volumes and the VDIs of the paper's grid.
 fn both() -> CandidateSet {
-    CandidateSet::new(512, &Representation::ALL, &Grid::paper(), &GenerationParams::vdi(1, 0.0).unwrap()).unwrap()
+    CandidateSet::new(512, &Representation::ALL, &SearchGrid::paper(), &GenerationParams::vdi(1, 0.0).unwrap()).unwrap()
 }
 
 async fn exhaustive(contract: &Contract) -> Study {
@@ -157,7 +157,7 @@ async fn a_few_trials_find_what_thirteen_hundred_find() {
 async fn where_no_volume_can_stand_for_the_step_none_is_tried() {
     let base = GenerationParams::vdi(1, 0.0).unwrap();
     let mut response = Response { irreducible: true, ..Response::default() };
-    let of = |kinds: &[Representation]| CandidateSet::new(response.longest_side(), kinds, &Grid::paper(), &base);
+    let of = |kinds: &[Representation]| CandidateSet::new(response.longest_side(), kinds, &SearchGrid::paper(), &base);
     let (all, none) = (of(&Representation::ALL), of(&[Representation::Volume]).unwrap_err());
     assert_eq!(all.unwrap().all(&mut response).await.unwrap(), papers());
     assert!(none.to_string().contains("second field") && none.to_string().contains("allow VDIs"), "{none}");
@@ -227,7 +227,7 @@ async fn timing_is_for_what_may_be_too_slow() {
         let mut response = Response { dearer: 6, ..Response::default() };
         let kinds = if to_beat { &Representation::ALL[..] } else { &[Representation::Vdi] };
         let base = GenerationParams::vdi(1, 0.0).unwrap();
-        let all = CandidateSet::new(512, kinds, &Grid::paper(), &base).unwrap().all(&mut response).await.unwrap();
+        let all = CandidateSet::new(512, kinds, &SearchGrid::paper(), &base).unwrap().all(&mut response).await.unwrap();
         let found = searched(&mut response, &contract, all.clone()).await;
         let row = found.study.best.map(|n| found.study.rows[n].clone()).unwrap();
         assert!(contract.cost(&row.measured).is_finite(), "{text}");
@@ -280,7 +280,7 @@ async fn the_representation_that_serves_better_wins_and_the_other_is_soon_known_
 async fn gammas_come_from_the_data_where_none_are_stated() {
     let base = GenerationParams::vdi(1, 0.0).unwrap();
     let vdis = [Representation::Vdi];
-    let mut set = CandidateSet::new(512, &vdis, &Grid::default(), &base).unwrap();
+    let mut set = CandidateSet::new(512, &vdis, &SearchGrid::default(), &base).unwrap();
     let all = set.all(&mut Response::default()).await.unwrap();
     assert_eq!((all.len(), set.count()), (22 * 40, 22 * 40));
     assert!(set.spans(&all[77]) && !set.spans(&all[77].with_resolution(800).unwrap()));

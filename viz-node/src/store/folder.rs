@@ -1,7 +1,9 @@
 //! One run's folder: `run.json`, `steps.csv`, and `step_000012.vdi` for every step; `step_000012.row` while its quality is to be
 //! measured.
 
-use super::{QualityStatus, Run, StepRow, StoreError};
+use super::error::StoreError;
+use super::row::{QualityStatus, StepRow};
+use super::run::Run;
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};

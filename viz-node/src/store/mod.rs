@@ -2,66 +2,24 @@
 //!
 //! A recorded step is never lost: its bytes are whole in their file before its row is written, and rows are appended.
 
+mod error;
 mod folder;
 mod row;
+mod run;
 
+pub use error::StoreError;
 pub use row::{Number, QualityStatus, StepRow, ViewPsnr};
+pub use run::Run;
 
 use folder::Folder;
 use lamina_codec::DecodeLimits;
-use lamina_rpc::v1;
 use lamina_vdi_render::{Drawable, QualityEstimate};
-use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::broadcast;
 use tokio_stream::wrappers::BroadcastStream;
 use tokio_stream::{Stream, StreamExt};
-
-/// Why a step cannot be stored or shown.
-#[derive(Debug, thiserror::Error)]
-pub enum StoreError {
-    /// The folder cannot be used.
-    #[error("{path}: {reason}; give a folder that can be written with `store`")]
-    Folder {
-        /// Which.
-        path: String,
-        /// The system's words.
-        reason: std::io::Error,
-    },
-    /// No such step is held.
-    #[error("step {0} is not held; /api/state lists those that are")]
-    NoStep(u64),
-    /// The step's bytes are damaged.
-    #[error("step {step}: {reason}")]
-    Damaged {
-        /// Which.
-        step: u64,
-        /// What the codec says.
-        reason: lamina_codec::CodecError,
-    },
-}
-
-/// What is being simulated.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Run {
-    /// Unique.
-    pub id: String,
-    /// The user's name for it.
-    pub name: String,
-    /// What the scalar is.
-    pub field: String,
-    /// Sample points per axis.
-    pub dims: [u64; 3],
-}
-
-impl From<&v1::Run> for Run {
-    fn from(run: &v1::Run) -> Self {
-        let dims = run.grid.map_or([0; 3], |g| [g.nx, g.ny, g.nz]);
-        Self { id: run.run_id.clone(), name: run.name.clone(), field: run.field.clone(), dims }
-    }
-}
 
 /// What changed, for those who watch.
 #[derive(Debug, Clone)]
@@ -78,7 +36,7 @@ pub enum Event {
 const DECODED: usize = 4;
 
 #[derive(Debug, Default)]
-struct State {
+struct StoreState {
     run: Option<Run>,
     rows: BTreeMap<u64, StepRow>,
     /// Steps whose quality is to be measured.
@@ -94,7 +52,7 @@ pub struct Store {
     root: Option<std::path::PathBuf>,
     memory_bytes: u64,
     limits: DecodeLimits,
-    state: Mutex<State>,
+    state: Mutex<StoreState>,
     events: broadcast::Sender<Event>,
 }
 
@@ -104,23 +62,23 @@ impl Store {
     /// # Errors
     /// If the folder cannot be made, read or written.
     pub fn open(root: Option<&Path>, memory_bytes: u64, limits: DecodeLimits) -> Result<Self, StoreError> {
-        let mut state = State::default();
+        let mut state = StoreState::default();
         if let Some(root) = root
             && let Some((run, folder, rows)) = Folder::newest(root)?
         {
             tracing::info!(run = run.id, steps = rows.len(), "found recorded steps");
-            state = State {
+            state = StoreState {
                 run: Some(run),
                 rows: rows.into_iter().map(|r| (r.step, r)).collect(),
                 folder: Some(folder),
-                ..State::default()
+                ..StoreState::default()
             };
         }
         let root = root.map(Path::to_owned);
         Ok(Self { root, memory_bytes, limits, state: Mutex::new(state), events: broadcast::Sender::new(1024) })
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn state(&self) -> MutexGuard<'_, StoreState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -145,7 +103,7 @@ impl Store {
             None => (None, Vec::new()),
         };
         let rows = rows.into_iter().map(|r| (r.step, r)).collect();
-        *self.state() = State { run: Some(run.clone()), rows, folder, ..State::default() };
+        *self.state() = StoreState { run: Some(run.clone()), rows, folder, ..StoreState::default() };
         // Nobody watching is not an error.
         let _ = self.events.send(Event::Run(run));
         Ok(())
@@ -173,7 +131,7 @@ impl Store {
         Ok(())
     }
 
-    fn insert(&self, state: &mut State, row: StepRow) {
+    fn insert(&self, state: &mut StoreState, row: StepRow) {
         let run_id = state.run.as_ref().map(|r| r.id.clone()).unwrap_or_default();
         if row.measured == QualityStatus::Pending {
             state.pending.insert(row.step);
@@ -209,7 +167,7 @@ impl Store {
         Ok(count)
     }
 
-    fn update(&self, state: &mut State, row: StepRow) -> Result<(), StoreError> {
+    fn update(&self, state: &mut StoreState, row: StepRow) -> Result<(), StoreError> {
         let written = state.folder.as_mut().map_or(Ok(()), |folder| folder.settle(&row));
         self.insert(state, row);
         written

@@ -75,7 +75,7 @@ pub(crate) async fn nowhere(headers: HeaderMap) -> Response {
 }
 
 #[derive(Serialize)]
-struct Limit {
+struct ShownLimit {
     size_bytes: Option<u64>,
     time_ms: Option<f64>,
 }
@@ -83,7 +83,7 @@ struct Limit {
 #[derive(Serialize)]
 struct PageState {
     run: Option<Run>,
-    limit: Limit,
+    limit: ShownLimit,
     steps: Vec<StepRow>,
     missed_steps: u64,
     connected: bool,
@@ -115,7 +115,7 @@ async fn state(State(web): State<Web>) -> Json<PageState> {
     let steps = web.store.rows();
     let last = steps.last();
     let limit =
-        Limit { size_bytes: last.and_then(|r| r.size_limit_bytes), time_ms: last.and_then(|r| r.time_limit_ms) };
+        ShownLimit { size_bytes: last.and_then(|r| r.size_limit_bytes), time_ms: last.and_then(|r| r.time_limit_ms) };
     let missed_steps = last.map_or(0, |r| r.dropped_steps);
     let connected = web.connected.load(std::sync::atomic::Ordering::Relaxed);
     let study = web.intake.trials.study().map(StudyState::from);
@@ -161,7 +161,7 @@ struct ImageQuery {
 
 /// What a volume is seen under, for the page's editor.
 #[derive(Serialize)]
-struct Transfer {
+struct ShownTransfer {
     #[serde(flatten)]
     function: TransferFunction,
     /// Positions 0..1 whose values were not recorded, since nothing shows there.
@@ -180,7 +180,7 @@ async fn transfer(State(web): State<Web>, Query(query): Query<TransferQuery>) ->
             Some(function) => {
                 let parts = function.transparent_parts().into_iter();
                 let unrecorded = parts.map(|part| part.map(|end| end.clamp(0.0, 1.0))).collect();
-                Json(Transfer { function: function.clone(), unrecorded }).into_response()
+                Json(ShownTransfer { function: function.clone(), unrecorded }).into_response()
             }
             None => (StatusCode::BAD_REQUEST, "a VDI holds colours, not values").into_response(),
         },

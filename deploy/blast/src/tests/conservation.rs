@@ -3,14 +3,14 @@
 use super::{config, run_until};
 use crate::config::Boundary;
 use crate::gas::Gas;
-use crate::setup::Scene;
+use crate::setup::InitialState;
 use crate::state::QUANTITIES;
 
 /// The change of each total of the blast after `time`, as a share of mass or energy, or of the momentum's magnitude that
 /// the blast could at most have.
 fn drift(boundary: Boundary, time: f64) -> [f64; QUANTITIES] {
     let config = config(40, 5.0 / 3.0, boundary);
-    let scene = Scene::new(&config);
+    let scene = InitialState::new(&config);
     let mut gas = Gas::new([40; 3], &config, |position| scene.at(position));
     let before: [f64; QUANTITIES] = std::array::from_fn(|q| gas.total(q));
     run_until(&mut gas, time);
@@ -37,7 +37,7 @@ fn nothing_is_ever_lost_in_a_periodic_box() {
 #[test]
 fn an_open_box_empties() {
     let config = config(24, 5.0 / 3.0, Boundary::Outflow);
-    let scene = Scene::new(&config);
+    let scene = InitialState::new(&config);
     let mut gas = Gas::new([24; 3], &config, |position| scene.at(position));
     let initial_energy = gas.total(4);
     let mut totals = [gas.total(0), initial_energy];

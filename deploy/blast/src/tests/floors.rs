@@ -1,6 +1,6 @@
 //! Cells that arithmetic has spoiled become harmless, and are counted; all others stay as they are.
 
-use crate::state::{Block, ENERGY, GasLaw, LANES, lane, primitives, raise_to_floors};
+use crate::state::{ENERGY, GasLaw, LANES, LaneBlock, lane, primitives, raise_to_floors};
 
 const LAW: GasLaw = GasLaw { gamma: 1.4, least_density: 1e-5, least_pressure: 1e-7 };
 
@@ -20,7 +20,7 @@ fn only_spoiled_cells_are_changed() {
         [1.0, 2.0, 0.0, 0.0, 1.0],
     ];
     let good = [0.5, 1.0, -1.0, 0.25, 3.0];
-    let mut cells: Block = good.map(|value| [value; LANES]);
+    let mut cells: LaneBlock = good.map(|value| [value; LANES]);
     for (l, cell) in spoiled.iter().enumerate() {
         cell.iter().enumerate().for_each(|(q, &value)| cells[q][l] = value);
     }

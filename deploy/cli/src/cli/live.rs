@@ -6,7 +6,7 @@ use lamina_compute::CpuLimit;
 use lamina_compute::gpu::Choice;
 use lamina_model::Representation;
 use lamina_tuner::Contract;
-use lamina_tuner::search::Grid;
+use lamina_tuner::search::SearchGrid;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -22,7 +22,7 @@ pub struct Live {
     pub seed: u64,
     /// Steps a second of the example simulation; 0: as fast as it can
     #[arg(long, default_value = "2", value_name = "STEPS/S", allow_negative_numbers = true)]
-    pub pace: Pace,
+    pub pace: StepsPerSecond,
     /// Threads of the example simulation [default: half the cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub threads: Option<u16>,
@@ -51,16 +51,16 @@ pub struct Replay {
     pub raw: Raw,
     /// Steps a second, as a simulation that does not wait; without: as fast as the nodes take them
     #[arg(long, value_name = "STEPS/S", conflicts_with = "headless", allow_negative_numbers = true)]
-    pub pace: Option<Pace>,
+    pub pace: Option<StepsPerSecond>,
     #[command(flatten)]
     pub watch: Watch,
 }
 
 /// Steps a second; 0 is no limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pace(pub f64);
+pub struct StepsPerSecond(pub f64);
 
-impl FromStr for Pace {
+impl FromStr for StepsPerSecond {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -102,7 +102,7 @@ pub struct Watch {
     pub retune_every: u64,
     /// Parameters of VDIs that the tuner chooses from: auto, coarse, paper, or R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
     #[arg(long, default_value = "auto", value_name = "GRID")]
-    pub grid: Grid,
+    pub grid: SearchGrid,
     /// What casts rays and draws: auto (a GPU if there is a real one), cpu or gpu
     #[arg(long, default_value_t)]
     pub backend: Choice,

@@ -5,8 +5,8 @@
 mod live;
 mod offline;
 
-pub use live::{Live, Pace, Replay, Term, Watch};
-pub use offline::{CodecName, Compare, Generate, LayoutName, Raycast, Render, Tune, View};
+pub use live::{Live, Replay, StepsPerSecond, Term, Watch};
+pub use offline::{CodecArgument, Compare, Generate, LayoutArgument, Raycast, Render, Tune, View};
 
 use crate::dims::Dims;
 use clap::{Args, Parser, Subcommand};

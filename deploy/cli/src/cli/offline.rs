@@ -5,7 +5,7 @@ use clap::{Args, ValueEnum};
 use lamina_compute::gpu::Choice;
 use lamina_model::{Representation, Segmentation};
 use lamina_tuner::Contract;
-use lamina_tuner::search::Grid;
+use lamina_tuner::search::SearchGrid;
 use std::path::PathBuf;
 
 /// Options of `lamina tune`.
@@ -21,7 +21,7 @@ pub struct Tune {
     pub representation: Vec<Representation>,
     /// Parameters of VDIs to choose from: auto, coarse, paper, or R_FROM:R_TO:R_STEP,GAMMA_FROM:GAMMA_TO:GAMMA_STEP
     #[arg(long, default_value = "auto", value_name = "GRID")]
-    pub grid: Grid,
+    pub grid: SearchGrid,
 }
 
 /// The view and file of one picture.
@@ -70,24 +70,24 @@ pub struct Generate {
     pub segmentation: Segmentation,
     /// Byte layout: columns, or the paper's plain records
     #[arg(long, default_value = "columns")]
-    pub layout: LayoutName,
+    pub layout: LayoutArgument,
     /// What makes a VDI small: context-mixing (of neighboring rays), bzip2, or zstd in a sixth of the time [default:
     /// context-mixing; bzip2 for the plain layout]
     #[arg(long, value_name = "NAME", hide_possible_values = true)]
-    pub codec: Option<CodecName>,
+    pub codec: Option<CodecArgument>,
     /// Where to write it
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
-pub enum LayoutName {
+pub enum LayoutArgument {
     Columns,
     Plain,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum, PartialEq)]
-pub enum CodecName {
+pub enum CodecArgument {
     ContextMixing,
     Bzip2,
     Zstd,

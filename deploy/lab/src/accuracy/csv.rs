@@ -1,7 +1,7 @@
 //! `accuracy.csv`: every point of every curve, and the trials in which several knobs were turned at once.
 
 use super::Findings;
-use super::curve::{Convergence, Knob, Point, Price};
+use super::curve::{Convergence, Parameter, Point, Price};
 use anyhow::Context;
 use std::path::Path;
 
@@ -24,7 +24,7 @@ pub(super) fn write(folder: &Path, findings: &Findings) -> anyhow::Result<()> {
     std::fs::write(&path, text).with_context(|| format!("{}: cannot be written", path.display()))
 }
 
-fn line(knob: Option<&Knob>, p: &Point, price: Price, convergence: Convergence) -> String {
+fn line(knob: Option<&Parameter>, p: &Point, price: Price, convergence: Convergence) -> String {
     let number = |value: Option<f64>| value.filter(|v| v.is_finite()).map_or_else(String::new, |v| format!("{v:.6}"));
     let of = |value: Option<f64>| value.map_or_else(String::new, |v| v.to_string());
     let fields = [

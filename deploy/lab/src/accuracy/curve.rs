@@ -10,7 +10,7 @@ const FITTED: usize = 4;
 
 /// What a figure was taken from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Source {
+pub(super) enum ErrorSource {
     /// The product's ray caster: time of a whole picture.
     Raycast,
     /// The product's VDI: time of its generation.
@@ -23,7 +23,7 @@ pub(super) enum Source {
     Sample,
 }
 
-impl Source {
+impl ErrorSource {
     /// As it stands in files.
     pub(super) fn name(self) -> &'static str {
         match self {
@@ -38,7 +38,7 @@ impl Source {
 
 /// Something that can be set finer or coarser.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Knob {
+pub(super) struct Parameter {
     /// Its name in files.
     pub key: &'static str,
     /// Its name for people.
@@ -46,7 +46,7 @@ pub(super) struct Knob {
     /// What its values count.
     pub unit: &'static str,
     /// What is measured.
-    pub source: Source,
+    pub source: ErrorSource,
     /// The h of a value, which the error is a power of.
     pub coarseness: fn(f64) -> f64,
     /// Where a value stands on an axis.
@@ -68,7 +68,7 @@ pub(super) struct Point {
     pub error: Error,
     /// Against the knob's finest value: what the knob itself adds.
     pub alone: Option<Error>,
-    /// As [`Source`] says.
+    /// As [`ErrorSource`] says.
     pub time_ms: f64,
     /// Encoding the VDI.
     pub encode_ms: Option<f64>,
@@ -113,14 +113,14 @@ pub(super) struct Convergence {
 }
 
 /// A knob with its points, coarsest first.
-pub(super) struct Curve {
+pub(super) struct ErrorCurve {
     /// What was turned.
-    pub knob: Knob,
+    pub knob: Parameter,
     /// What was measured.
     pub points: Vec<Point>,
 }
 
-impl Curve {
+impl ErrorCurve {
     /// How the error falls; what is below `trusted` rms is the reference's own error and counts as level.
     pub(super) fn convergence(&self, trusted: f64) -> Convergence {
         let of = |p: &Point| ((self.knob.coarseness)(p.value), p.error.rms.max(trusted));
@@ -188,18 +188,18 @@ pub(super) fn front(costs: &[(f64, f64)]) -> Vec<usize> {
 mod tests {
     use super::*;
 
-    fn curve(errors: &[(f64, f64)]) -> Curve {
-        let knob = Knob {
+    fn curve(errors: &[(f64, f64)]) -> ErrorCurve {
+        let knob = Parameter {
             key: "k",
             title: "",
             unit: "",
-            source: Source::Plain,
+            source: ErrorSource::Plain,
             coarseness: |h| h,
             plotted: |h| h,
             priced: true,
         };
         let point = |&(value, rms): &(f64, f64)| Point::new(value, Error { rms, max: rms }, 1.0 / value);
-        Curve { knob, points: errors.iter().map(point).collect() }
+        ErrorCurve { knob, points: errors.iter().map(point).collect() }
     }
 
     #[test]

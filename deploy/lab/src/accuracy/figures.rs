@@ -1,6 +1,6 @@
 //! Curves as they are drawn: decibels against a knob, against time and against size.
 
-use super::curve::{Curve, Point, front};
+use super::curve::{ErrorCurve, Point, front};
 use lamina_model::decibels;
 use lamina_report::html::escape;
 use lamina_report::numbers::{fixed, significant};
@@ -10,7 +10,7 @@ use lamina_report::panel::{CLASSES, PlotLine};
 #[derive(Clone, Copy)]
 pub(super) enum Across {
     /// The knob itself.
-    Knob,
+    Parameter,
     /// Time, milliseconds.
     Time,
     /// Size, kilobytes.
@@ -18,9 +18,9 @@ pub(super) enum Across {
 }
 
 impl Across {
-    fn of(self, curve: &Curve, point: &Point) -> Option<f64> {
+    fn of(self, curve: &ErrorCurve, point: &Point) -> Option<f64> {
         match self {
-            Self::Knob => Some((curve.knob.plotted)(point.value)).filter(|x| *x > 0.0),
+            Self::Parameter => Some((curve.knob.plotted)(point.value)).filter(|x| *x > 0.0),
             Self::Time => Some(point.time_ms),
             Self::Size => point.kilobytes(),
         }
@@ -28,8 +28,8 @@ impl Across {
 }
 
 /// The curves as lines.
-pub(super) fn lines(curves: &[&Curve], across: Across) -> Vec<PlotLine> {
-    let line = |(n, curve): (usize, &&Curve)| {
+pub(super) fn lines(curves: &[&ErrorCurve], across: Across) -> Vec<PlotLine> {
+    let line = |(n, curve): (usize, &&ErrorCurve)| {
         let point = |p: &Point| {
             let x = across.of(curve, p)?;
             Some((x, p.decibels(), words(curve, p)))
@@ -41,7 +41,7 @@ pub(super) fn lines(curves: &[&Curve], across: Across) -> Vec<PlotLine> {
 }
 
 /// The greatest error anywhere, in decibels of its own.
-pub(super) fn greatest(curve: &Curve, across: Across) -> PlotLine {
+pub(super) fn greatest(curve: &ErrorCurve, across: Across) -> PlotLine {
     let point = |p: &Point| {
         let max = p.error.max;
         Some((across.of(curve, p)?, decibels(max * max), format!("at most {max:.1e} anywhere")))
@@ -49,7 +49,7 @@ pub(super) fn greatest(curve: &Curve, across: Across) -> PlotLine {
     PlotLine { class: "thin", name: "max-norm".into(), points: curve.points.iter().filter_map(point).collect() }
 }
 
-fn words(curve: &Curve, p: &Point) -> String {
+fn words(curve: &ErrorCurve, p: &Point) -> String {
     let size = p.kilobytes().map_or_else(String::new, |kb| format!(", {} kB", significant(kb, 4)));
     let (title, value) = (curve.knob.title, significant(p.value, 5));
     format!("{title} {value}: {} dB, {} ms{size}", fixed(p.decibels(), 2), significant(p.time_ms, 3))
@@ -59,7 +59,7 @@ fn words(curve: &Curve, p: &Point) -> String {
 pub(super) fn front_lines(trials: &[Point], across: Across) -> [PlotLine; 2] {
     let cost = |p: &Point| match across {
         Across::Size => p.kilobytes().unwrap_or(f64::NAN),
-        Across::Knob | Across::Time => p.time_ms,
+        Across::Parameter | Across::Time => p.time_ms,
     };
     let costs: Vec<(f64, f64)> = trials.iter().map(|p| (cost(p), p.error.rms)).collect();
     let point = |n: usize| (costs[n].0, trials[n].decibels(), setting(&trials[n]));

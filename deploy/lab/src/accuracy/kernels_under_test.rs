@@ -44,18 +44,18 @@ pub(super) fn timed<T>(work: impl FnOnce() -> anyhow::Result<T>) -> anyhow::Resu
 }
 
 /// A point, and the colours it was measured by.
-pub(super) type Shot = (Point, Vec<[f32; 3]>);
+pub(super) type TimedPicture = (Point, Vec<[f32; 3]>);
 
 /// A VDI's times, round by round, and what does not change with them.
 #[derive(Default)]
 struct KernelTimings {
-    shot: Option<Shot>,
+    shot: Option<TimedPicture>,
     generation: Vec<Duration>,
     drawing: Vec<Duration>,
 }
 
 /// Both nodes' kernels on one volume.
-pub(super) struct Product<'a> {
+pub(super) struct Kernels<'a> {
     field: &'a Field,
     backends: &'a (Backend, viz::Backend),
     views: &'a Views,
@@ -63,7 +63,7 @@ pub(super) struct Product<'a> {
     trials: HashMap<ParamsKey, KernelTimings>,
 }
 
-impl<'a> Product<'a> {
+impl<'a> Kernels<'a> {
     /// Measures on `field`, against the colours `reference` of the rays of `views`.
     pub(super) fn new(
         field: &'a Field,
@@ -75,7 +75,7 @@ impl<'a> Product<'a> {
     }
 
     /// Ray casting with another step. The step is the field's, which is made anew.
-    pub(super) fn raycast(&self, volume: &Volume, step_voxels: f64) -> anyhow::Result<Shot> {
+    pub(super) fn raycast(&self, volume: &Volume, step_voxels: f64) -> anyhow::Result<TimedPicture> {
         let scene = Scene { step_voxels, ..self.field.scene().clone() };
         let field = Field::new(volume.clone(), &scene);
         let (backend, size) = (&self.backends.0, self.views.size());
@@ -108,7 +108,7 @@ impl<'a> Product<'a> {
     }
 
     /// `vdi` encoded, as it comes back, and what it then looks like.
-    fn through_codec(&self, value: f64, vdi: &Vdi) -> anyhow::Result<(PreparedVdi, Shot)> {
+    fn through_codec(&self, value: f64, vdi: &Vdi) -> anyhow::Result<(PreparedVdi, TimedPicture)> {
         let (bytes, time) = timed(|| Ok(lamina_codec::encode(vdi, &EncodeOptions::default())?))?;
         let decoded = PreparedVdi::new(Arc::new(lamina_codec::decode(&bytes, &DecodeLimits::default())?));
         let (point, seen) = self.seen(value, &decoded, Detail::Cubic)?;
@@ -117,7 +117,7 @@ impl<'a> Product<'a> {
     }
 
     /// What the rounds gave for `params`, as the point of `value`.
-    pub(super) fn vdi(&self, value: f64, params: &VdiParams) -> Option<Shot> {
+    pub(super) fn vdi(&self, value: f64, params: &VdiParams) -> Option<TimedPicture> {
         let trial = self.trials.get(&GenerationParams::from(*params).key())?;
         let (point, seen) = trial.shot.as_ref()?;
         let (time_ms, draw_ms) = (median(&trial.generation), Some(median(&trial.drawing)));
@@ -130,18 +130,23 @@ impl<'a> Product<'a> {
     }
 
     /// `vdi` through the codec and drawn as it comes back.
-    pub(super) fn encoded(&self, value: f64, vdi: &Vdi) -> anyhow::Result<Shot> {
+    pub(super) fn encoded(&self, value: f64, vdi: &Vdi) -> anyhow::Result<TimedPicture> {
         Ok(self.through_codec(value, vdi)?.1)
     }
 
-    fn seen<V: Deref<Target = Vdi>>(&self, value: f64, vdi: &PreparedVdi<V>, detail: Detail) -> anyhow::Result<Shot> {
+    fn seen<V: Deref<Target = Vdi>>(
+        &self,
+        value: f64,
+        vdi: &PreparedVdi<V>,
+        detail: Detail,
+    ) -> anyhow::Result<TimedPicture> {
         let (viewer, size) = (&self.backends.1, [self.views.size(); 2]);
         let seen = self.views.gather(|camera, pixels| Ok(viewer.vdi_pixels(vdi, camera, size, pixels, detail)?))?;
         Ok((self.point(value, &seen), seen))
     }
 
     /// What `vdi` looks like drawn with `detail`; the time is that of drawing a whole picture.
-    pub(super) fn drawn(&self, value: f64, vdi: &PreparedVdi<&Vdi>, detail: Detail) -> anyhow::Result<Shot> {
+    pub(super) fn drawn(&self, value: f64, vdi: &PreparedVdi<&Vdi>, detail: Detail) -> anyhow::Result<TimedPicture> {
         let size = self.views.size();
         let (point, seen) = self.seen(value, vdi, detail)?;
         let draw = || Ok(self.backends.1.render_vdi(vdi, self.views.middle(), size, size, detail)?);
@@ -150,7 +155,7 @@ impl<'a> Product<'a> {
     }
 
     /// `vdi`, its colour and opacity rounded to `bits`.
-    pub(super) fn with_color_bits(&self, vdi: &Vdi, bits: u32) -> anyhow::Result<Shot> {
+    pub(super) fn with_color_bits(&self, vdi: &Vdi, bits: u32) -> anyhow::Result<TimedPicture> {
         // The codec stores eight bits: what has more is drawn as it is.
         let rounded = requantize::with_color_bits(vdi, bits)?;
         if bits <= 8 {

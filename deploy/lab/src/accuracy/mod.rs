@@ -25,10 +25,10 @@ mod views;
 
 use crate::cli;
 use anyhow::{Context, ensure};
-use curve::{Convergence, Curve, Point};
+use curve::{Convergence, ErrorCurve, Point};
 use error::Error;
 use integrator::Integrator;
-use kernels_under_test::Product;
+use kernels_under_test::Kernels;
 use lamina::offline::{open, prepare};
 use lamina::say;
 use lamina_model::{Effects, Image, Scene, VdiParams, Volume};
@@ -51,7 +51,7 @@ pub(crate) struct Findings {
     rays: usize,
     closed_forms: Vec<closed_forms::Met>,
     reference: Reference,
-    curves: Vec<Curve>,
+    curves: Vec<ErrorCurve>,
     /// Every VDI generated, whatever was turned.
     trials: Vec<Point>,
     /// Sums in single precision against double, where they differ most.
@@ -62,13 +62,13 @@ pub(crate) struct Findings {
 
 impl Findings {
     /// How the error of a curve falls. A quality sample has no reference but the whole pictures.
-    fn convergence(&self, curve: &Curve) -> Convergence {
-        let own = if curve.knob.source == curve::Source::Sample { 0.0 } else { self.reference.own_rms() };
+    fn convergence(&self, curve: &ErrorCurve) -> Convergence {
+        let own = if curve.knob.source == curve::ErrorSource::Sample { 0.0 } else { self.reference.own_rms() };
         curve.convergence(2.0 * own)
     }
 
     /// The curve of `key`.
-    fn curve(&self, key: &str) -> Option<&Curve> {
+    fn curve(&self, key: &str) -> Option<&ErrorCurve> {
         self.curves.iter().find(|c| c.knob.key == key)
     }
 }
@@ -144,8 +144,8 @@ fn measure(
     progress(&page::reference_words(&reference));
     let effects = Effects { pre_integrated: true, ..Effects::default() };
     let integrated = prepare(volume.clone(), &Scene { effects, ..scene.clone() });
-    let mut product = Product::new(field, &backends, &views, &reference.colors);
-    let mut integrating = Product::new(&integrated, &backends, &views, &reference.colors);
+    let mut product = Kernels::new(field, &backends, &views, &reference.colors);
+    let mut integrating = Kernels::new(&integrated, &backends, &views, &reference.colors);
     let (turned, by_integration) = (sweeps::of_generation(&base), sweeps::of_integration(&base, integrated.scene()));
     let mut curves = vec![
         run_sweeps::raycast(&product, volume, sweeps::RAYCAST_STEP, &sweeps::steps(&base))?,

@@ -1,6 +1,6 @@
 //! `report.html` and `accuracy.svg`.
 
-use super::curve::Curve;
+use super::curve::ErrorCurve;
 use super::figures::{self, Across};
 use super::reference::{AGREEMENT_DB, Reference};
 use super::tradeoffs::{across, optional, overview};
@@ -76,7 +76,7 @@ const GROUPS: [(&str, &str, &[&str]); 11] = [
 pub(super) fn write(folder: &Path, findings: &Findings, volume: &Volume, command: &str) -> anyhow::Result<()> {
     let mut parts = vec![heading(findings, volume, command), trust(findings), across(findings)];
     for (title, words, keys) in GROUPS {
-        let curves: Vec<&Curve> = keys.iter().filter_map(|key| findings.curve(key)).collect();
+        let curves: Vec<&ErrorCurve> = keys.iter().filter_map(|key| findings.curve(key)).collect();
         parts.push(group(findings, title, words, &curves));
     }
     parts.push(table(findings));
@@ -147,7 +147,7 @@ fn trust(findings: &Findings) -> String {
 }
 
 /// How a curve falls, in words.
-fn order_words(findings: &Findings, curve: &Curve) -> String {
+fn order_words(findings: &Findings, curve: &ErrorCurve) -> String {
     let found = findings.convergence(curve);
     let order = found.order.map_or_else(String::new, |o| format!("order {}", fixed(o, 2)));
     let level = found.level_from.map_or_else(String::new, |v| format!("levels off from {}", significant(v, 5)));
@@ -155,10 +155,10 @@ fn order_words(findings: &Findings, curve: &Curve) -> String {
     if both.is_empty() { "no order".to_owned() } else { both.join(", ") }
 }
 
-fn group(findings: &Findings, title: &str, words: &str, curves: &[&Curve]) -> String {
+fn group(findings: &Findings, title: &str, words: &str, curves: &[&ErrorCurve]) -> String {
     let Some(first) = curves.first() else { return String::new() };
     let knob = first.knob;
-    let named = |c: &&Curve| {
+    let named = |c: &&ErrorCurve| {
         let name = if curves.len() > 1 { format!("{}: ", c.knob.title) } else { String::new() };
         format!("{name}{}", order_words(findings, c))
     };
@@ -166,12 +166,12 @@ fn group(findings: &Findings, title: &str, words: &str, curves: &[&Curve]) -> St
     let x_name = if knob.unit.is_empty() { knob.title.to_lowercase() } else { knob.unit.to_owned() };
     let plot = |what: &str, name: &str, across| {
         let mut lines = figures::lines(curves, across);
-        if let (Across::Knob, [curve]) = (across, curves) {
+        if let (Across::Parameter, [curve]) = (across, curves) {
             lines.push(figures::greatest(curve, across));
         }
         figures::figure(what, "", &drawing(&format!("{title}: {what}"), name, &lines))
     };
-    let mut plots = plot("Quality by value", &x_name, Across::Knob);
+    let mut plots = plot("Quality by value", &x_name, Across::Parameter);
     if first.points.windows(2).any(|w| w[0].time_ms != w[1].time_ms) {
         plots += &plot("Quality by time", "ms", Across::Time);
     }

@@ -1,9 +1,9 @@
 //! Turns every knob, one at a time, around the base setting.
 
-use super::curve::{Curve, Knob, Point};
+use super::curve::{ErrorCurve, Parameter, Point};
 use super::error::Error;
 use super::integrator::{Integrator, Method};
-use super::kernels_under_test::{Product, Shot, median_ms, timed};
+use super::kernels_under_test::{Kernels, TimedPicture, median_ms, timed};
 use super::requantize;
 use super::scalars::{Interpolation, Scalars};
 use super::sweeps;
@@ -12,41 +12,50 @@ use lamina_model::{Ray, VdiParams, Volume};
 use lamina_vdi_render::{Detail, PreparedVdi};
 
 /// Points with what they add by themselves, against the last, the finest.
-fn curve<A: Copy + Into<f64>>(knob: Knob, shots: Vec<(Point, Vec<[A; 3]>)>) -> Curve {
+fn curve<A: Copy + Into<f64>>(knob: Parameter, shots: Vec<(Point, Vec<[A; 3]>)>) -> ErrorCurve {
     let last = shots.len().saturating_sub(1);
     let alone = |n: usize| (n < last).then(|| Error::between(&shots[n].1, &shots[last].1));
     let points = shots.iter().enumerate().map(|(n, (point, _))| Point { alone: alone(n), ..point.clone() }).collect();
-    Curve { knob, points }
+    ErrorCurve { knob, points }
 }
 
 /// The product's ray caster by its step, which takes `values`.
-pub(super) fn raycast(product: &Product, volume: &Volume, knob: Knob, values: &[f64]) -> anyhow::Result<Curve> {
+pub(super) fn raycast(
+    product: &Kernels,
+    volume: &Volume,
+    knob: Parameter,
+    values: &[f64],
+) -> anyhow::Result<ErrorCurve> {
     let shots = values.iter().map(|&step| product.raycast(volume, step));
-    Ok(curve(knob, shots.collect::<anyhow::Result<Vec<Shot>>>()?))
+    Ok(curve(knob, shots.collect::<anyhow::Result<Vec<TimedPicture>>>()?))
 }
 
 /// One generation parameter, of which rounds have been measured.
-pub(super) fn generation(product: &Product, base: &VdiParams, turned: &sweeps::Turned) -> anyhow::Result<Curve> {
+pub(super) fn generation(
+    product: &Kernels,
+    base: &VdiParams,
+    turned: &sweeps::ParameterSweep,
+) -> anyhow::Result<ErrorCurve> {
     let shot = |&v: &f64| Ok(product.vdi(v, &(turned.set)(*base, v)?));
-    let shots = turned.values.iter().map(shot).collect::<anyhow::Result<Vec<Option<Shot>>>>()?;
+    let shots = turned.values.iter().map(shot).collect::<anyhow::Result<Vec<Option<TimedPicture>>>>()?;
     Ok(curve(turned.knob, shots.into_iter().flatten().collect()))
 }
 
 /// The base's VDI with fewer bits of colour, and with fewer of depth; generation is the base's.
-pub(super) fn bits(product: &Product, base: &VdiParams) -> anyhow::Result<[Curve; 2]> {
+pub(super) fn bits(product: &Kernels, base: &VdiParams) -> anyhow::Result<[ErrorCurve; 2]> {
     let vdi = product.generate(base)?;
     let time_ms = product.vdi(0.0, base).map_or(f64::NAN, |(point, _)| point.time_ms);
-    let of_base = |(point, seen): Shot| (Point { time_ms, params: Some(*base), ..point }, seen);
+    let of_base = |(point, seen): TimedPicture| (Point { time_ms, params: Some(*base), ..point }, seen);
     let color = sweeps::COLOR_BITS.iter().map(|&bits| Ok(of_base(product.with_color_bits(&vdi, bits)?)));
-    let color = color.collect::<anyhow::Result<Vec<Shot>>>()?;
+    let color = color.collect::<anyhow::Result<Vec<TimedPicture>>>()?;
     let most = requantize::depth_bits(vdi.header());
     let depth = (sweeps::FEWEST_DEPTH_BITS.min(most)..=most)
         .map(|bits| Ok(of_base(product.encoded(bits.into(), &requantize::with_depth_bits(&vdi, bits)?)?)));
-    Ok([curve(sweeps::COLOR, color), curve(sweeps::DEPTH, depth.collect::<anyhow::Result<Vec<Shot>>>()?)])
+    Ok([curve(sweeps::COLOR, color), curve(sweeps::DEPTH, depth.collect::<anyhow::Result<Vec<TimedPicture>>>()?)])
 }
 
 /// The base's VDI, drawn by the nearest of its rays and by those around, blended.
-pub(super) fn blended(product: &Product, base: &VdiParams) -> anyhow::Result<Curve> {
+pub(super) fn blended(product: &Kernels, base: &VdiParams) -> anyhow::Result<ErrorCurve> {
     let vdi = product.generate(base)?;
     let vdi = PreparedVdi::new(&vdi);
     let shot = |(rays, detail)| {
@@ -54,7 +63,7 @@ pub(super) fn blended(product: &Product, base: &VdiParams) -> anyhow::Result<Cur
         Ok((Point { params: Some(*base), ..point }, seen))
     };
     let shots = [(1.0, Detail::Nearest), (12.0, Detail::Cubic)].map(shot).into_iter();
-    Ok(curve(sweeps::BLENDED, shots.collect::<anyhow::Result<Vec<Shot>>>()?))
+    Ok(curve(sweeps::BLENDED, shots.collect::<anyhow::Result<Vec<TimedPicture>>>()?))
 }
 
 /// The plain integrator on the sampled rays.
@@ -79,7 +88,7 @@ impl Plain<'_> {
     }
 
     /// Midpoint in double and in single precision, and pre-integration, by the step; and how far apart the first two are.
-    pub(super) fn steps(&self, base: &VdiParams) -> anyhow::Result<([Curve; 3], Error)> {
+    pub(super) fn steps(&self, base: &VdiParams) -> anyhow::Result<([ErrorCurve; 3], Error)> {
         let sweep = |single, preintegrated| {
             let method = |v| Method { single, preintegrated, ..Method::midpoint(v) };
             let shots = sweeps::steps(base).into_iter().map(|v| self.shot(&self.integrator, v, &method(v)));
@@ -97,7 +106,7 @@ impl Plain<'_> {
     }
 
     /// Interpolations, of all voxels and of every second, fourth and eighth.
-    pub(super) fn interpolations(&self, base: &VdiParams, tricubic: bool) -> anyhow::Result<Vec<Curve>> {
+    pub(super) fn interpolations(&self, base: &VdiParams, tricubic: bool) -> anyhow::Result<Vec<ErrorCurve>> {
         let how = [
             (sweeps::NEAREST, Interpolation::Nearest),
             (sweeps::TRILINEAR, Interpolation::Trilinear),
@@ -122,7 +131,7 @@ impl Plain<'_> {
 }
 
 /// Whole pictures of smaller sides: how far the RMS error that they tell is from that of pictures of the full side.
-pub(super) fn sample(product: &Product, views: &Views, base: &VdiParams) -> anyhow::Result<Curve> {
+pub(super) fn sample(product: &Kernels, views: &Views, base: &VdiParams) -> anyhow::Result<ErrorCurve> {
     let vdi = product.generate(base)?;
     let vdi = PreparedVdi::new(&vdi);
     let (whole, _) = product.whole_pictures(&vdi, views.size())?;
@@ -132,5 +141,5 @@ pub(super) fn sample(product: &Product, views: &Views, base: &VdiParams) -> anyh
         let error = Error { rms: (told.rms - whole.rms).abs(), max: (told.max - whole.max).abs() };
         points.push(Point { params: Some(*base), ..Point::new(side.into(), error, time_ms) });
     }
-    Ok(Curve { knob: sweeps::SAMPLE, points })
+    Ok(ErrorCurve { knob: sweeps::SAMPLE, points })
 }

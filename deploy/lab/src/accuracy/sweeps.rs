@@ -1,6 +1,6 @@
 //! What is turned, and how far.
 
-use super::curve::{Knob, Source};
+use super::curve::{ErrorSource, Parameter};
 use lamina_model::{GenerationParams, Invalid, Scene, VdiParams};
 
 /// Sampling steps in voxels.
@@ -35,52 +35,62 @@ fn halved_each(bits: f64) -> f64 {
     (-bits).exp2()
 }
 
-const fn knob(key: &'static str, title: &'static str, unit: &'static str, source: Source) -> Knob {
-    Knob { key, title, unit, source, coarseness: itself, plotted: itself, priced: true }
+const fn knob(key: &'static str, title: &'static str, unit: &'static str, source: ErrorSource) -> Parameter {
+    Parameter { key, title, unit, source, coarseness: itself, plotted: itself, priced: true }
 }
 
-pub(super) const RAYCAST_STEP: Knob = knob("raycast_step", "Sampling step", "voxels", Source::Raycast);
-pub(super) const STEP: Knob = knob("step", "Sampling step", "voxels", Source::Vdi);
+pub(super) const RAYCAST_STEP: Parameter = knob("raycast_step", "Sampling step", "voxels", ErrorSource::Raycast);
+pub(super) const STEP: Parameter = knob("step", "Sampling step", "voxels", ErrorSource::Vdi);
 /// The same of the kernels that integrate the transfer function over each step.
-pub(super) const RAYCAST_INTEGRATED: Knob =
-    knob("raycast_step_integrated", "Sampling step, pre-integrated", "voxels", Source::Raycast);
-pub(super) const STEP_INTEGRATED: Knob =
-    knob("step_integrated", "Sampling step, pre-integrated", "voxels", Source::Vdi);
-pub(super) const CUTOFF: Knob = Knob {
+pub(super) const RAYCAST_INTEGRATED: Parameter =
+    knob("raycast_step_integrated", "Sampling step, pre-integrated", "voxels", ErrorSource::Raycast);
+pub(super) const STEP_INTEGRATED: Parameter =
+    knob("step_integrated", "Sampling step, pre-integrated", "voxels", ErrorSource::Vdi);
+pub(super) const CUTOFF: Parameter = Parameter {
     coarseness: one_less,
     plotted: one_less,
-    ..knob("opacity_cutoff", "Opacity cut-off", "1 - opacity", Source::Vdi)
+    ..knob("opacity_cutoff", "Opacity cut-off", "1 - opacity", ErrorSource::Vdi)
 };
-pub(super) const GAMMA: Knob = knob("gamma", "Gamma", "", Source::Vdi);
-pub(super) const RESOLUTION: Knob =
-    Knob { coarseness: inverse, ..knob("resolution", "Resolution r", "rays a side", Source::Vdi) };
-pub(super) const COLOR: Knob =
-    Knob { coarseness: halved_each, ..knob("color_bits", "Bits of colour and opacity", "bits a channel", Source::Vdi) };
-pub(super) const DEPTH: Knob =
-    Knob { coarseness: halved_each, ..knob("depth_bits", "Bits of depth", "bits", Source::Vdi) };
-pub(super) const BLENDED: Knob =
-    Knob { coarseness: inverse, ..knob("blended", "Rays of the VDI for one of the picture", "rays", Source::Drawing) };
-pub(super) const NEAREST: Knob =
-    Knob { priced: false, coarseness: thinned, ..knob("nearest", "Nearest", "voxels apart", Source::Plain) };
-pub(super) const TRILINEAR: Knob =
-    Knob { priced: false, coarseness: thinned, ..knob("trilinear", "Trilinear", "voxels apart", Source::Plain) };
-pub(super) const TRICUBIC: Knob =
-    Knob { priced: false, coarseness: thinned, ..knob("tricubic", "Tricubic", "voxels apart", Source::Plain) };
-pub(super) const MIDPOINT: Knob = knob("midpoint_f64", "Midpoint, f64", "voxels", Source::Plain);
-pub(super) const MIDPOINT_SINGLE: Knob = knob("midpoint_f32", "Midpoint, f32", "voxels", Source::Plain);
-pub(super) const PREINTEGRATED: Knob = knob("preintegrated", "Pre-integrated", "voxels", Source::Plain);
-pub(super) const SAMPLE: Knob = Knob {
+pub(super) const GAMMA: Parameter = knob("gamma", "Gamma", "", ErrorSource::Vdi);
+pub(super) const RESOLUTION: Parameter =
+    Parameter { coarseness: inverse, ..knob("resolution", "Resolution r", "rays a side", ErrorSource::Vdi) };
+pub(super) const COLOR: Parameter = Parameter {
+    coarseness: halved_each,
+    ..knob("color_bits", "Bits of colour and opacity", "bits a channel", ErrorSource::Vdi)
+};
+pub(super) const DEPTH: Parameter =
+    Parameter { coarseness: halved_each, ..knob("depth_bits", "Bits of depth", "bits", ErrorSource::Vdi) };
+pub(super) const BLENDED: Parameter = Parameter {
     coarseness: inverse,
-    ..knob("sample_px", "Picture that quality is taken from", "pixels a side", Source::Sample)
+    ..knob("blended", "Rays of the VDI for one of the picture", "rays", ErrorSource::Drawing)
+};
+pub(super) const NEAREST: Parameter =
+    Parameter { priced: false, coarseness: thinned, ..knob("nearest", "Nearest", "voxels apart", ErrorSource::Plain) };
+pub(super) const TRILINEAR: Parameter = Parameter {
+    priced: false,
+    coarseness: thinned,
+    ..knob("trilinear", "Trilinear", "voxels apart", ErrorSource::Plain)
+};
+pub(super) const TRICUBIC: Parameter = Parameter {
+    priced: false,
+    coarseness: thinned,
+    ..knob("tricubic", "Tricubic", "voxels apart", ErrorSource::Plain)
+};
+pub(super) const MIDPOINT: Parameter = knob("midpoint_f64", "Midpoint, f64", "voxels", ErrorSource::Plain);
+pub(super) const MIDPOINT_SINGLE: Parameter = knob("midpoint_f32", "Midpoint, f32", "voxels", ErrorSource::Plain);
+pub(super) const PREINTEGRATED: Parameter = knob("preintegrated", "Pre-integrated", "voxels", ErrorSource::Plain);
+pub(super) const SAMPLE: Parameter = Parameter {
+    coarseness: inverse,
+    ..knob("sample_px", "Picture that quality is taken from", "pixels a side", ErrorSource::Sample)
 };
 
 /// How a value of a generation parameter is set.
 pub(super) type Set = fn(VdiParams, f64) -> Result<VdiParams, Invalid>;
 
 /// A generation parameter and the values it takes.
-pub(super) struct Turned {
+pub(super) struct ParameterSweep {
     /// What is turned.
-    pub knob: Knob,
+    pub knob: Parameter,
     /// Coarsest first.
     pub values: Vec<f64>,
     /// How a value is set.
@@ -88,16 +98,16 @@ pub(super) struct Turned {
 }
 
 /// The generation parameters that are turned around `base`.
-pub(super) fn of_generation(base: &VdiParams) -> [Turned; 4] {
+pub(super) fn of_generation(base: &VdiParams) -> [ParameterSweep; 4] {
     let most = f64::from(VdiParams::MAX_RESOLUTION);
     let rays = RESOLUTIONS.map(|share| (share * f64::from(base.resolution())).round().clamp(1.0, most));
-    let turned = |knob: Knob, values: &[f64], at_base, set| Turned {
+    let turned = |knob: Parameter, values: &[f64], at_base, set| ParameterSweep {
         knob,
         values: around(values, at_base, knob.coarseness),
         set,
     };
     [
-        Turned { knob: STEP, values: steps(base), set: with_step },
+        ParameterSweep { knob: STEP, values: steps(base), set: with_step },
         turned(CUTOFF, &CUTOFFS, base.opacity_cutoff(), |p, v| p.with_opacity_cutoff(v)),
         turned(GAMMA, &GAMMAS, base.gamma(), |p, v| p.with_gamma(v)),
         turned(RESOLUTION, &rays, base.resolution().into(), |p, v| p.with_resolution(v as u32)),
@@ -105,10 +115,10 @@ pub(super) fn of_generation(base: &VdiParams) -> [Turned; 4] {
 }
 
 /// The sampling step, of kernels that integrate the transfer function over it: none longer than those take.
-pub(super) fn of_integration(base: &VdiParams, scene: &Scene) -> Turned {
+pub(super) fn of_integration(base: &VdiParams, scene: &Scene) -> ParameterSweep {
     let mut values = steps(base);
     values.retain(|&step| scene.effects.check_step(step).is_ok());
-    Turned { knob: STEP_INTEGRATED, values, set: with_step }
+    ParameterSweep { knob: STEP_INTEGRATED, values, set: with_step }
 }
 
 fn with_step(params: VdiParams, step: f64) -> Result<VdiParams, Invalid> {
@@ -119,7 +129,7 @@ fn with_step(params: VdiParams, step: f64) -> Result<VdiParams, Invalid> {
 ///
 /// # Errors
 /// Never for a valid `base`.
-pub(super) fn settings(base: &VdiParams, turned: &[Turned]) -> Result<Vec<VdiParams>, Invalid> {
+pub(super) fn settings(base: &VdiParams, turned: &[ParameterSweep]) -> Result<Vec<VdiParams>, Invalid> {
     let one = turned.iter().flat_map(|t| t.values.iter().map(|&v| (t.set)(*base, v)));
     let mut all = one.collect::<Result<Vec<_>, _>>()?;
     all.extend(combined(base)?);
@@ -166,7 +176,7 @@ mod tests {
     fn the_base_is_among_the_values_and_the_coarsest_comes_first() {
         let base = VdiParams::new(100, 0.03).unwrap().with_step_voxels(0.7).unwrap();
         let turned = of_generation(&base);
-        for Turned { knob, values, set } in &turned {
+        for ParameterSweep { knob, values, set } in &turned {
             let h: Vec<f64> = values.iter().map(|&v| (knob.coarseness)(v)).collect();
             assert!(h.windows(2).all(|w| w[0] > w[1]), "{} {h:?}", knob.key);
             assert!(values.iter().any(|&v| set(base, v).unwrap() == base), "{}", knob.key);

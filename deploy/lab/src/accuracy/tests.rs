@@ -1,7 +1,7 @@
 //! Orders of convergence against closed forms.
 
 use super::closed_forms;
-use super::curve::{Curve, Knob, Point, Source};
+use super::curve::{ErrorCurve, ErrorSource, Parameter, Point};
 use super::error::Error;
 use super::integrator::{Integrator, Method};
 use super::optics::Optics;
@@ -10,10 +10,17 @@ use glam::DVec3;
 use lamina_model::{ControlPoint, Grid, Ray, ScalarRange, Scale, TransferFunction, Volume, Voxels, suggest};
 
 fn order(errors: &[(f64, Error)]) -> f64 {
-    let knob =
-        Knob { key: "h", title: "", unit: "", source: Source::Plain, coarseness: |h| h, plotted: |h| h, priced: false };
+    let knob = Parameter {
+        key: "h",
+        title: "",
+        unit: "",
+        source: ErrorSource::Plain,
+        coarseness: |h| h,
+        plotted: |h| h,
+        priced: false,
+    };
     let points = errors.iter().map(|&(h, error)| Point::new(h, error, 0.0)).collect();
-    Curve { knob, points }.convergence(0.0).order.unwrap()
+    ErrorCurve { knob, points }.convergence(0.0).order.unwrap()
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Across knobs: the front, the cheapest settings that reach a stated quality, and what one more decibel costs.
 
 use super::choice::{best, cheapest as cheapest_of};
-use super::curve::{Curve, Point, Price, front};
+use super::curve::{ErrorCurve, Point, Price, front};
 use super::figures::{self, Across};
 use super::{Findings, sweeps};
 use lamina_report::html::{self, escape};
@@ -11,7 +11,7 @@ use lamina_report::panel::{PlotLine, drawing};
 /// The knobs of a VDI, each through the base, with the front of everything tried.
 pub(super) fn overview(findings: &Findings, across: Across) -> Vec<PlotLine> {
     let keys = [sweeps::STEP.key, sweeps::CUTOFF.key, sweeps::GAMMA.key, sweeps::RESOLUTION.key];
-    let curves: Vec<&Curve> = keys.iter().filter_map(|key| findings.curve(key)).collect();
+    let curves: Vec<&ErrorCurve> = keys.iter().filter_map(|key| findings.curve(key)).collect();
     let [trials, front] = figures::front_lines(&findings.trials, across);
     [trials].into_iter().chain(figures::lines(&curves, across)).chain([front]).collect()
 }
@@ -95,7 +95,7 @@ pub(super) fn across(findings: &Findings) -> String {
 /// What one more decibel costs from the base on, by each knob: towards the next finer point that has a price.
 fn from_base(findings: &Findings) -> String {
     let turned = sweeps::of_generation(&findings.base);
-    let line = |t: &sweeps::Turned| {
+    let line = |t: &sweeps::ParameterSweep| {
         let curve = findings.curve(t.knob.key)?;
         let at_base = curve.points.iter().position(|p| p.params == Some(findings.base))?;
         let prices = curve.prices();

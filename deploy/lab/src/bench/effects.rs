@@ -40,14 +40,19 @@ fn all(scene: &Scene, volume: &Volume) -> Vec<(&'static str, Effects)> {
 const ITSELF: &str = "itself";
 
 /// What one set takes.
-struct Cost {
+struct EffectCost {
     prepare: Duration,
     raycast: Duration,
     generate: Duration,
     image: Image,
 }
 
-fn cost(arguments: &cli::Bench, backend: &Backend, volume: &Volume, scene: &Scene) -> anyhow::Result<Cost> {
+fn cost(
+    arguments: &cli::BenchArguments,
+    backend: &Backend,
+    volume: &Volume,
+    scene: &Scene,
+) -> anyhow::Result<EffectCost> {
     let params = VdiParams::new(arguments.resolution, arguments.gamma)?.with_step_voxels(scene.step_voxels)?;
     let (size, camera) = (arguments.size[0], &scene.camera);
     let mut times = [Vec::new(), Vec::new(), Vec::new()];
@@ -73,11 +78,11 @@ fn cost(arguments: &cli::Bench, backend: &Backend, volume: &Volume, scene: &Scen
         t[t.len() / 2]
     });
     let image = last.ok_or_else(|| anyhow::anyhow!("no round was made"))?;
-    Ok(Cost { prepare, raycast, generate, image })
+    Ok(EffectCost { prepare, raycast, generate, image })
 }
 
 /// Prints the table: medians, and the PSNR of each picture against the one without effects.
-pub(super) fn print(arguments: &cli::Bench) -> anyhow::Result<()> {
+pub(super) fn print(arguments: &cli::BenchArguments) -> anyhow::Result<()> {
     let (volume, scene) = open(&arguments.input)?;
     let itself = volume.voxels().clone();
     let volume = volume.with_color_field(ITSELF, itself)?;
@@ -85,7 +90,7 @@ pub(super) fn print(arguments: &cli::Bench) -> anyhow::Result<()> {
     let with = |effects: Effects| Scene { effects, ..scene.clone() }.check();
     let none = cost(arguments, &backend, &volume, &with(Effects::default())?)?;
     say!("{:40} {:>12} {:>12} {:>12} {:>12}", "effects", "prepare_ms", "raycast_ms", "generate_ms", "psnr_db");
-    let line = |name: &str, c: &Cost| -> anyhow::Result<()> {
+    let line = |name: &str, c: &EffectCost| -> anyhow::Result<()> {
         let ms = |d: Duration| 1e3 * d.as_secs_f64();
         let db = psnr(&c.image, &none.image)?;
         say!("{name:40} {:12.1} {:12.1} {:12.1} {db:12.2}", ms(c.prepare), ms(c.raycast), ms(c.generate));

@@ -9,7 +9,7 @@ use crate::cli;
 use anyhow::{Context, ensure};
 use glam::DVec3;
 use lamina::offline::{open, prepare};
-use lamina::process::{self, Used};
+use lamina::process::{self, ProcessorTime};
 use lamina::say;
 use lamina_codec::{DecodeLimits, EncodeOptions};
 use lamina_model::{Grid, Image, Scene, Segmentation, Supersegment, Vdi, VdiParams, Volume, Voxels, suggest};
@@ -27,7 +27,7 @@ const NOVEL_ANGLE_DEG: f64 = 30.0;
 const PAPER_GAMMAS: u32 = 65;
 
 /// `lamina-lab bench`.
-pub(crate) fn bench(arguments: &cli::Bench) -> anyhow::Result<()> {
+pub(crate) fn bench(arguments: &cli::BenchArguments) -> anyhow::Result<()> {
     for &size in &arguments.size {
         Image::check_size(size, size)?;
     }
@@ -60,7 +60,7 @@ fn read_vdi(path: &Path) -> anyhow::Result<Vec<u8>> {
     std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))
 }
 
-fn params(arguments: &cli::Bench, resolution: u32, scene: &Scene) -> anyhow::Result<VdiParams> {
+fn params(arguments: &cli::BenchArguments, resolution: u32, scene: &Scene) -> anyhow::Result<VdiParams> {
     Ok(VdiParams::new(resolution, arguments.gamma)?.with_step_voxels(scene.step_voxels)?)
 }
 
@@ -70,7 +70,7 @@ fn generator_round(
     backend: &Backend,
     volume: &Volume,
     scene: &Scene,
-    arguments: &cli::Bench,
+    arguments: &cli::BenchArguments,
 ) -> anyhow::Result<Vec<u8>> {
     let copy = volume.clone();
     let field = clock.time("prepare volume".to_owned(), || Field::new(copy, scene));
@@ -144,7 +144,7 @@ impl Clock {
 
     /// Runs `work`; what it returns is dropped by the caller, out of the measured time.
     fn time<T>(&mut self, name: String, work: impl FnOnce() -> T) -> T {
-        let (cpu, wall) = (Used::now(), Instant::now());
+        let (cpu, wall) = (ProcessorTime::now(), Instant::now());
         let made = work();
         let (wall, used) = (wall.elapsed(), cpu.secs());
         if self.warm {
@@ -160,7 +160,7 @@ impl Clock {
 
     fn print(&self, json: bool) -> anyhow::Result<()> {
         #[derive(Serialize)]
-        struct Line<'a> {
+        struct BenchLine<'a> {
             name: &'a str,
             wall_ms: f64,
             least_wall_ms: f64,
@@ -174,7 +174,7 @@ impl Clock {
             let least_wall_ms = m.wall_ms.iter().copied().fold(f64::INFINITY, f64::min);
             let (wall_ms, cpu_ms) = (median(&m.wall_ms).context("no round")?, median(&m.cpu_ms));
             if json {
-                let line = Line { name: &m.name, wall_ms, least_wall_ms, cpu_ms, rounds: m.wall_ms.len() };
+                let line = BenchLine { name: &m.name, wall_ms, least_wall_ms, cpu_ms, rounds: m.wall_ms.len() };
                 say!("{}", serde_json::to_string(&line)?);
             } else {
                 let cpu = cpu_ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.2}"));
@@ -233,7 +233,7 @@ fn memory_at_first(backend: &Backend) -> anyhow::Result<u64> {
 }
 
 /// While a VDI is generated. Reading the file took more for a moment; that is over and is not counted.
-fn generator_memory(arguments: &cli::Bench) -> anyhow::Result<Memory> {
+fn generator_memory(arguments: &cli::BenchArguments) -> anyhow::Result<Memory> {
     let backend = Backend::open(arguments.input.backend)?;
     let first = memory_at_first(&backend)?;
     let (volume, scene) = open(&arguments.input)?;
@@ -249,7 +249,7 @@ fn generator_memory(arguments: &cli::Bench) -> anyhow::Result<Memory> {
 }
 
 /// While a VDI is read, decoded, prepared and drawn.
-fn viewer_memory(arguments: &cli::Bench) -> anyhow::Result<Memory> {
+fn viewer_memory(arguments: &cli::BenchArguments) -> anyhow::Result<Memory> {
     let first = memory_at_first(&Backend::cpu())?;
     process::forget_peak()?;
     let bytes = read_vdi(&arguments.input.input)?;

@@ -15,7 +15,7 @@ pub(super) struct Sample {
 
 /// All samples of one coding.
 #[derive(Debug, Clone)]
-pub(super) struct Curve {
+pub(super) struct RateCurve {
     /// What the coding is called.
     pub coding: String,
     /// By rising bytes.
@@ -23,9 +23,9 @@ pub(super) struct Curve {
 }
 
 /// Corners of a front: ln(bytes) by rising decibels.
-type Corner = (f64, f64);
+type CurveCorner = (f64, f64);
 
-impl Curve {
+impl RateCurve {
     /// `samples` of `coding`, in any order.
     pub(super) fn new(coding: impl Into<String>, mut samples: Vec<Sample>) -> Self {
         samples.sort_by_key(|s| s.bytes);
@@ -58,7 +58,7 @@ impl Curve {
         front
     }
 
-    fn corners(&self) -> Vec<Corner> {
+    fn corners(&self) -> Vec<CurveCorner> {
         self.front().iter().map(|s| (s.psnr_db, (s.bytes.max(1) as f64).ln())).collect()
     }
 
@@ -69,7 +69,7 @@ impl Curve {
 }
 
 /// The second coordinate at `x`, linear between corners.
-fn at(corners: &[Corner], x: f64) -> Option<f64> {
+fn at(corners: &[CurveCorner], x: f64) -> Option<f64> {
     let next = corners.partition_point(|c| c.0 < x);
     let b = corners.get(next)?;
     match next.checked_sub(1).map(|n| corners[n]) {
@@ -79,7 +79,7 @@ fn at(corners: &[Corner], x: f64) -> Option<f64> {
 }
 
 /// Mean height of the line through `corners` over `from..to`, both within it.
-fn mean(corners: &[Corner], from: f64, to: f64) -> f64 {
+fn mean(corners: &[CurveCorner], from: f64, to: f64) -> f64 {
     let inner = corners.iter().map(|c| c.0).filter(|x| (from..to).contains(x) && *x > from);
     let xs: Vec<f64> = std::iter::once(from).chain(inner).chain([to]).collect();
     let height = |x: f64| at(corners, x).unwrap_or(f64::NAN);
@@ -100,15 +100,15 @@ pub(super) struct Difference {
 }
 
 /// `curve` against `anchor`; `None` if they have no decibels or no bytes in common.
-pub(super) fn difference(curve: &Curve, anchor: &Curve) -> Option<Difference> {
-    let [a, b] = [curve, anchor].map(Curve::corners);
-    let common = |a: &[Corner], b: &[Corner]| {
+pub(super) fn difference(curve: &RateCurve, anchor: &RateCurve) -> Option<Difference> {
+    let [a, b] = [curve, anchor].map(RateCurve::corners);
+    let common = |a: &[CurveCorner], b: &[CurveCorner]| {
         let (from, to) = (a.first()?.0.max(b.first()?.0), a.last()?.0.min(b.last()?.0));
         (from < to).then_some((from, to))
     };
     let range_db = common(&a, &b)?;
     let rate = mean(&a, range_db.0, range_db.1) - mean(&b, range_db.0, range_db.1);
-    let swap = |c: Vec<Corner>| c.into_iter().map(|(x, y)| (y, x)).collect::<Vec<Corner>>();
+    let swap = |c: Vec<CurveCorner>| c.into_iter().map(|(x, y)| (y, x)).collect::<Vec<CurveCorner>>();
     let (a, b) = (swap(a), swap(b));
     let psnr_db = common(&a, &b).map_or(f64::NAN, |(from, to)| mean(&a, from, to) - mean(&b, from, to));
     Some(Difference { rate_percent: 100.0 * rate.exp_m1(), psnr_db, range_db })
@@ -119,14 +119,14 @@ mod tests {
     use super::*;
 
     /// `scale` bytes, doubled every 6 dB from 30 to 60.
-    fn curve(scale: f64) -> Curve {
+    fn curve(scale: f64) -> RateCurve {
         let sample = |k: i32| Sample {
             bytes: (scale * 2_f64.powi(k)).round() as u64,
             psnr_db: 30.0 + 6.0 * f64::from(k),
             how: String::new(),
             times_ms: [0.0; 3],
         };
-        Curve::new("made up", (0..6).rev().map(sample).collect())
+        RateCurve::new("made up", (0..6).rev().map(sample).collect())
     }
 
     #[test]
@@ -147,7 +147,7 @@ mod tests {
         let equal = Sample { bytes: 1000, psnr_db: 29.0, ..c.samples[0].clone() };
         let infinite = Sample { bytes: 10, psnr_db: f64::INFINITY, ..c.samples[0].clone() };
         c.samples.extend([worse, equal, infinite]);
-        let c = Curve::new("more", c.samples);
+        let c = RateCurve::new("more", c.samples);
         let front: Vec<(u64, f64)> = c.front().iter().map(|s| (s.bytes, s.psnr_db)).collect();
         assert_eq!(front, (0..6).map(|k| (1000 << k, 30.0 + 6.0 * k as f64)).collect::<Vec<_>>());
         assert!((c.bytes_at(33.0).unwrap() - 1000.0 * 2_f64.sqrt()).abs() < 1e-6);
@@ -160,6 +160,6 @@ mod tests {
         let mut low = curve(1e5);
         low.samples.iter_mut().for_each(|s| s.psnr_db -= 40.0);
         assert_eq!(difference(&low, &curve(1e5)), None);
-        assert_eq!(difference(&Curve::new("none", Vec::new()), &curve(1e5)), None);
+        assert_eq!(difference(&RateCurve::new("none", Vec::new()), &curve(1e5)), None);
     }
 }

@@ -8,7 +8,7 @@ mod peers;
 
 use crate::cli;
 use anyhow::{Context, ensure};
-use curve::{Curve, Sample, difference};
+use curve::{RateCurve, Sample, difference};
 use indicatif::{ProgressBar, ProgressStyle};
 use lamina::offline::{open, prepare};
 use lamina::say;
@@ -54,7 +54,7 @@ struct Seen {
 }
 
 /// What is measured on.
-struct Bench {
+struct RateDistortion {
     field: Field,
     backend: Backend,
     viewer: viz::Backend,
@@ -62,7 +62,7 @@ struct Bench {
     bar: ProgressBar,
 }
 
-impl Bench {
+impl RateDistortion {
     fn psnr_db(&self, shown: &Drawable, detail: Detail) -> anyhow::Result<f64> {
         Ok(self.viewer.quality(shown, &self.reference, 0..self.reference.plan.batches, detail)?.psnr_db())
     }
@@ -103,7 +103,7 @@ impl Bench {
     /// Adds curves of VDIs to `results`, which are saved as they grow.
     fn vdis(&self, base: &GenerationParams, results: &mut Results) -> anyhow::Result<()> {
         let first = results.curves.len();
-        results.curves.extend(VDI_CODINGS.map(|(name, ..)| Curve::new(name, Vec::new())));
+        results.curves.extend(VDI_CODINGS.map(|(name, ..)| RateCurve::new(name, Vec::new())));
         for r in RAYS {
             for gamma in GAMMAS {
                 let params = base.with_resolution(r)?.with_gamma(gamma)?;
@@ -124,7 +124,7 @@ impl Bench {
     /// Adds curves of volumes: those of all sample points, to be compared with codecs of volumes, and those of fewer too.
     fn volumes(&self, base: &GenerationParams, results: &mut Results) -> anyhow::Result<()> {
         let first = results.curves.len();
-        results.curves.extend([WHOLE, "volume"].map(|name| Curve::new(name, Vec::new())));
+        results.curves.extend([WHOLE, "volume"].map(|name| RateCurve::new(name, Vec::new())));
         let side = f64::from(self.field.grid().longest_side());
         let base = GenerationParams::volume(base.resolution(), base.gamma())?;
         for share in SHARES {
@@ -147,7 +147,7 @@ impl Bench {
 
 /// All curves so far, and the folder they are saved in.
 struct Results<'a> {
-    curves: Vec<Curve>,
+    curves: Vec<RateCurve>,
     out: &'a Path,
 }
 
@@ -180,7 +180,7 @@ pub(crate) fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
     let bar = ProgressBar::new(encodings as u64);
     let style = ProgressStyle::with_template("{bar:30} {pos}/{len} encodings  {elapsed}  {eta} to go")?;
     bar.set_style(style);
-    let bench = Bench { field, backend, viewer, reference, bar };
+    let bench = RateDistortion { field, backend, viewer, reference, bar };
     let base = VdiParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?.into();
     let mut results = Results { curves: Vec::new(), out: &arguments.out };
     bench.vdis(&base, &mut results)?;
@@ -198,7 +198,7 @@ pub(crate) fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn samples_csv(curves: &[Curve]) -> String {
+fn samples_csv(curves: &[RateCurve]) -> String {
     let mut text = String::from("coding,how,bytes,psnr_db,generation_ms,encode_ms,decode_ms,front\n");
     for curve in curves {
         let front = curve.front();
@@ -216,7 +216,7 @@ fn samples_csv(curves: &[Curve]) -> String {
     text
 }
 
-fn bd_csv(curves: &[Curve]) -> String {
+fn bd_csv(curves: &[RateCurve]) -> String {
     let mut text = String::from("coding,bd_rate_percent,bd_psnr_db,from_db,to_db\n");
     for curve in curves {
         if let Some(d) = difference(curve, &curves[0]) {
@@ -230,7 +230,7 @@ fn bd_csv(curves: &[Curve]) -> String {
     text
 }
 
-fn table(curves: &[Curve]) -> String {
+fn table(curves: &[RateCurve]) -> String {
     let mut text = format!("{:24}", "coding");
     QUOTED_DB.iter().for_each(|db| text += &format!("{:>14}", format!("{db} dB")));
     text += &format!("{:>12}{:>12}\n", "BD-rate", "BD-PSNR");
@@ -248,8 +248,8 @@ fn table(curves: &[Curve]) -> String {
     text
 }
 
-fn drawing(curves: &[Curve]) -> String {
-    let line = |(n, curve): (usize, &Curve)| {
+fn drawing(curves: &[RateCurve]) -> String {
+    let line = |(n, curve): (usize, &RateCurve)| {
         let point = |s: &&Sample| {
             let words =
                 format!("{}, {}: {}, {} dB", curve.coding, s.how, show_bytes(s.bytes), significant(s.psnr_db, 4));

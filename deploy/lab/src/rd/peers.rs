@@ -1,7 +1,7 @@
 //! What users would ship instead, measured by the same eyes: a table of codings made elsewhere.
 
-use super::Bench;
-use super::curve::{Curve, Sample};
+use super::RateDistortion;
+use super::curve::{RateCurve, Sample};
 use anyhow::{Context, ensure};
 use lamina_model::{Volume, Voxels};
 use lamina_raycast::Field;
@@ -16,12 +16,12 @@ const HEADER: &str = "coding,how,bytes,psnr_db,volume";
 ///
 /// # Errors
 /// If the table or a volume cannot be read or used.
-pub(super) fn curves(table: &Path, bench: &Bench) -> anyhow::Result<Vec<Curve>> {
+pub(super) fn curves(table: &Path, bench: &RateDistortion) -> anyhow::Result<Vec<RateCurve>> {
     let name = table.display();
     let text = std::fs::read_to_string(table).with_context(|| format!("{name}: cannot be read"))?;
     let mut lines = text.lines();
     ensure!(lines.next() == Some(HEADER), "{name}: the first line must be {HEADER}");
-    let mut curves: Vec<Curve> = Vec::new();
+    let mut curves: Vec<RateCurve> = Vec::new();
     for line in lines {
         let fields: Vec<&str> = line.split(',').collect();
         let &[coding, how, bytes, psnr_db, volume] = fields.as_slice() else {
@@ -40,8 +40,8 @@ pub(super) fn curves(table: &Path, bench: &Bench) -> anyhow::Result<Vec<Curve>> 
         let sample = Sample { bytes, psnr_db, how: how.to_owned(), times_ms: [f64::NAN; 3] };
         match curves.iter_mut().find(|c| c.coding == coding) {
             Some(curve) => curve.samples.push(sample),
-            None => curves.push(Curve::new(coding, vec![sample])),
+            None => curves.push(RateCurve::new(coding, vec![sample])),
         }
     }
-    Ok(curves.into_iter().map(|c| Curve::new(c.coding, c.samples)).collect())
+    Ok(curves.into_iter().map(|c| RateCurve::new(c.coding, c.samples)).collect())
 }

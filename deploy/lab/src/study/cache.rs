@@ -21,7 +21,7 @@ const VERSION: u32 = 6;
 
 /// A trial as a line of the file.
 #[derive(Serialize, Deserialize)]
-struct Line {
+struct CacheLine {
     params: GenerationParams,
     size_bytes: u64,
     supersegments: u64,
@@ -33,7 +33,7 @@ struct Line {
     batch_mse: Vec<Vec<f64>>,
 }
 
-impl From<&RecordedTrial> for Line {
+impl From<&RecordedTrial> for CacheLine {
     fn from(t: &RecordedTrial) -> Self {
         Self {
             params: t.params,
@@ -49,8 +49,8 @@ impl From<&RecordedTrial> for Line {
     }
 }
 
-impl From<Line> for RecordedTrial {
-    fn from(l: Line) -> Self {
+impl From<CacheLine> for RecordedTrial {
+    fn from(l: CacheLine) -> Self {
         let cost = Cost {
             size_bytes: l.size_bytes,
             elements: l.supersegments,
@@ -130,7 +130,7 @@ impl TrialStore for Cache {
     }
 
     fn put(&mut self, trial: RecordedTrial) -> anyhow::Result<()> {
-        let json = serde_json::to_string(&Line::from(&trial))?;
+        let json = serde_json::to_string(&CacheLine::from(&trial))?;
         let line = format!("{:08x} {json}\n", crc32fast::hash(json.as_bytes()));
         self.file.write_all(line.as_bytes()).with_context(|| format!("{}: cannot be written", self.path.display()))?;
         self.trials.insert(trial.params.key(), trial);
@@ -144,7 +144,7 @@ fn parse(line: &str) -> Option<RecordedTrial> {
     if stated != crc32fast::hash(json.as_bytes()) {
         return None;
     }
-    let line: Line = serde_json::from_str(json).ok()?;
+    let line: CacheLine = serde_json::from_str(json).ok()?;
     (line.angles_deg.len() == line.batch_mse.len()).then(|| line.into())
 }
 

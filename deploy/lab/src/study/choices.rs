@@ -1,6 +1,6 @@
 //! What is best under which limit, and what it gives on another step.
 
-use super::StepStudy;
+use super::step_study::StepStudy;
 use crate::cli;
 use lamina_tuner::Contract;
 use lamina_tuner::tune::Trial;
@@ -12,16 +12,16 @@ const SIZES: i32 = 8;
 const TIMES: i32 = 6;
 
 /// Contracts with one limit each.
-pub(super) struct Limits {
+pub(super) struct StudyLimits {
     /// On size, rising.
     pub size: Vec<Contract>,
     /// On generation time, rising.
     pub time: Vec<Contract>,
 }
 
-impl Limits {
+impl StudyLimits {
     /// Those that the user names, or ladders.
-    pub(super) fn new(arguments: &cli::Study, all: &[StepStudy]) -> Self {
+    pub(super) fn new(arguments: &cli::StudyArguments, all: &[StepStudy]) -> Self {
         let size: Vec<u64> = if arguments.size_limits.is_empty() {
             (0..SIZES).map(|k| (1e5 * RUNG.powi(k)).round() as u64).collect()
         } else {
@@ -65,7 +65,7 @@ pub(super) fn excess(contract: &Contract, row: &Trial) -> f64 {
 }
 
 /// Parameters chosen on one step, used on another: the paper's Table 1.
-pub(super) struct Transfer<'a> {
+pub(super) struct ChoiceTransfer<'a> {
     /// The limit.
     pub contract: &'a Contract,
     /// Chosen on this step.
@@ -80,7 +80,7 @@ pub(super) struct Transfer<'a> {
     pub own: Option<&'a Trial>,
 }
 
-impl Transfer<'_> {
+impl ChoiceTransfer<'_> {
     /// By which share the limit is exceeded; see [`excess`].
     pub(super) fn excess(&self) -> f64 {
         excess(self.contract, self.used)
@@ -93,7 +93,7 @@ impl Transfer<'_> {
 }
 
 /// Every transfer between two steps of the same input, both ways, under each of `contracts`.
-pub(super) fn transfers<'a>(all: &'a [StepStudy], contracts: &'a [Contract]) -> Vec<Transfer<'a>> {
+pub(super) fn transfers<'a>(all: &'a [StepStudy], contracts: &'a [Contract]) -> Vec<ChoiceTransfer<'a>> {
     let mut transfers = Vec::new();
     for (from, to) in all.iter().flat_map(|a| all.iter().map(move |b| (a, b))) {
         if from.name != to.name || from.step == to.step {
@@ -103,7 +103,7 @@ pub(super) fn transfers<'a>(all: &'a [StepStudy], contracts: &'a [Contract]) -> 
             let Some(chosen) = best(&from.rows, contract).map(|n| &from.rows[n]) else { continue };
             let Some(used) = to.rows.iter().find(|r| r.params == chosen.params) else { continue };
             let own = best(&to.rows, contract).map(|n| &to.rows[n]);
-            transfers.push(Transfer { contract, from, to, chosen, used, own });
+            transfers.push(ChoiceTransfer { contract, from, to, chosen, used, own });
         }
     }
     transfers

@@ -1,8 +1,8 @@
 //! What a study writes for other programs.
 
-use super::StepStudy;
-use super::choices::{Limits, best, transfers};
+use super::choices::{StudyLimits, best, transfers};
 use super::recorded_search::Outcome;
+use super::step_study::StepStudy;
 use anyhow::Context;
 use lamina_tuner::Contract;
 use lamina_tuner::tune::Trial;
@@ -50,7 +50,7 @@ pub(super) fn measurements(folder: &Path, all: &[StepStudy]) -> anyhow::Result<(
 }
 
 /// `best_size.csv` and `best_time.csv`: the choice under each limit; empty where nothing keeps it.
-pub(super) fn choices(folder: &Path, all: &[StepStudy], limits: &Limits) -> anyhow::Result<()> {
+pub(super) fn choices(folder: &Path, all: &[StepStudy], limits: &StudyLimits) -> anyhow::Result<()> {
     let table = |unit: &str, contracts: &[Contract], limit: fn(&Contract) -> f64| {
         let mut text = format!("scene,step,{unit},{ROW}\n");
         for (m, contract) in all.iter().flat_map(|m| contracts.iter().map(move |c| (m, c))) {
@@ -64,7 +64,7 @@ pub(super) fn choices(folder: &Path, all: &[StepStudy], limits: &Limits) -> anyh
 }
 
 /// `cross.csv`: choices of one step, used on another.
-pub(super) fn cross(folder: &Path, all: &[StepStudy], limits: &Limits) -> anyhow::Result<()> {
+pub(super) fn cross(folder: &Path, all: &[StepStudy], limits: &StudyLimits) -> anyhow::Result<()> {
     let mut text = format!("scene,from_step,to_step,limit,{ROW},excess_percent,loss_db\n");
     for contracts in [&limits.size, &limits.time] {
         for t in transfers(all, contracts) {

@@ -1,7 +1,7 @@
 //! The paper's Fig. 7, 8 and 9 as drawings: what was measured, and what is best under which limit.
 
-use super::StepStudy;
 use super::choices::best;
+use super::step_study::StepStudy;
 use lamina_report::color_at;
 use lamina_report::html::escape;
 use lamina_report::numbers::{bytes, decibels, finite_range, fixed, significant};

@@ -1,6 +1,6 @@
 //! How quality, size and time follow the parameters: what the paper says of its data, counted on a measured grid.
 
-use super::choices::{Limits, best};
+use super::choices::{StudyLimits, best};
 use lamina_report::numbers::{fixed, significant};
 use lamina_tuner::tune::Trial;
 
@@ -62,7 +62,7 @@ pub(super) const HEAD: [&str; 6] = [
 ];
 
 /// What `rows` say, in the order of [`HEAD`].
-pub(super) fn row(rows: &[Trial], limits: &Limits) -> [String; 6] {
+pub(super) fn row(rows: &[Trial], limits: &StudyLimits) -> [String; 6] {
     let r = |row: &Trial| f64::from(row.params.resolution());
     let gamma = |row: &Trial| row.params.gamma();
     let q = |row: &Trial| row.measured.quality.psnr_db();
@@ -120,7 +120,7 @@ mod tests {
             Trial { params, measured: Measurement { cost, quality }, cost: 0.0 }
         };
         let rows: Vec<Trial> = measured.iter().map(row_of).collect();
-        let limits = Limits { size: [50, 95, 160].map(Contract::size).into(), time: Vec::new() };
+        let limits = StudyLimits { size: [50, 95, 160].map(Contract::size).into(), time: Vec::new() };
         // Gamma 0.2 is missing at r = 30: its neighbours are none of each other's.
         let expected = [
             "2 of 4, else by at most \u{221e} dB",

@@ -10,11 +10,12 @@ mod figures;
 mod findings;
 mod page;
 mod recorded_search;
+mod step_study;
 
 use crate::cli;
 use anyhow::{Context, ensure};
 use cache::Cache;
-use choices::Limits;
+use choices::StudyLimits;
 use indicatif::{ProgressBar, ProgressStyle};
 use lamina::in_process::{InProcessEvaluator, encode_options};
 use lamina::say;
@@ -23,10 +24,11 @@ use lamina_model::{GenerationParams, Representation, SamplePlan, Scene, Segmenta
 use lamina_raycast::Backend;
 use lamina_tuner::Contract;
 use lamina_tuner::evaluator::Evaluator as _;
-use lamina_tuner::search::{CandidateSet, Grid};
-use lamina_tuner::tune::{Trial, tune};
+use lamina_tuner::search::{CandidateSet, SearchGrid};
+use lamina_tuner::tune::tune;
 use lamina_vdi_render as viz;
 use lamina_volume_io::Series;
+use step_study::StepStudy;
 
 /// How often a generation is timed: once in each of as many rounds over the grid, because what else a machine does may last
 /// for minutes.
@@ -34,20 +36,8 @@ const TIMES: u32 = 3;
 /// What a trial takes besides its generation, in generations, about: for the bar.
 const BESIDES: u64 = 4;
 
-/// One step of one input, measured.
-pub(crate) struct StepStudy {
-    /// The input's name.
-    pub name: String,
-    /// Which step of it.
-    pub step: u64,
-    /// Every trial, gamma by gamma within a resolution.
-    pub rows: Vec<Trial>,
-    /// What can measure more of it.
-    pub trial: InProcessEvaluator,
-}
-
 /// `lamina-lab study`.
-pub(crate) fn study(arguments: &cli::Study) -> anyhow::Result<()> {
+pub(crate) fn study(arguments: &cli::StudyArguments) -> anyhow::Result<()> {
     std::fs::create_dir_all(&arguments.out)
         .with_context(|| format!("{}: cannot be created", arguments.out.display()))?;
     let backends = (Backend::open(arguments.backend)?, viz::Backend::open(arguments.backend)?);
@@ -70,7 +60,7 @@ pub(crate) fn study(arguments: &cli::Study) -> anyhow::Result<()> {
             csv::measurements(&arguments.out, &all)?;
         }
     }
-    let limits = Limits::new(arguments, &all);
+    let limits = StudyLimits::new(arguments, &all);
     csv::choices(&arguments.out, &all, &limits)?;
     csv::cross(&arguments.out, &all, &limits)?;
     let contracts: Vec<&Contract> = limits.size.iter().chain(&limits.time).collect();
@@ -94,7 +84,7 @@ fn open(
     volume: Volume,
     scene: &Scene,
     backends: &(Backend, viz::Backend),
-    arguments: &cli::Study,
+    arguments: &cli::StudyArguments,
 ) -> anyhow::Result<InProcessEvaluator> {
     let plan = SamplePlan::default();
     let mut kernel = format!("{:?}", std::mem::discriminant(&backends.0));
@@ -112,7 +102,7 @@ fn measure(
     step: u64,
     scene: &Scene,
     mut trial: InProcessEvaluator,
-    grid: &Grid,
+    grid: &SearchGrid,
 ) -> anyhow::Result<StepStudy> {
     let base = VdiParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?.into();
     let runtime = tokio::runtime::Builder::new_current_thread().build()?;

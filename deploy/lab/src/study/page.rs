@@ -1,8 +1,9 @@
 //! `report.html` of a study: its figures and tables on one self-contained page.
 
-use super::choices::{Limits, Transfer, best, transfers};
+use super::choices::{ChoiceTransfer, StudyLimits, best, transfers};
 use super::recorded_search::Outcome;
-use super::{StepStudy, figures, findings};
+use super::step_study::StepStudy;
+use super::{figures, findings};
 use anyhow::Context;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -26,7 +27,7 @@ const PICTURE: u32 = 256;
 pub(super) fn write(
     folder: &Path,
     all: &[StepStudy],
-    limits: &Limits,
+    limits: &StudyLimits,
     outcomes: &[Outcome],
     command: &str,
 ) -> anyhow::Result<()> {
@@ -75,13 +76,13 @@ fn heading(all: &[StepStudy], command: &str) -> String {
 }
 
 /// What the pictures are made with: the best under the middle limit that something keeps.
-fn pictured<'a>(m: &'a StepStudy, limits: &Limits) -> Option<(&'a Trial, String)> {
+fn pictured<'a>(m: &'a StepStudy, limits: &StudyLimits) -> Option<(&'a Trial, String)> {
     let kept: Vec<(&Contract, usize)> = limits.size.iter().filter_map(|c| best(&m.rows, c).map(|n| (c, n))).collect();
     kept.get(kept.len() / 2).map(|(c, n)| (&m.rows[*n], figures::limit(c)))
 }
 
 /// The VDI's pictures above the ray-cast ones, q under each.
-fn strip(m: &StepStudy, limits: &Limits) -> anyhow::Result<String> {
+fn strip(m: &StepStudy, limits: &StudyLimits) -> anyhow::Result<String> {
     let Some((row, limit)) = pictured(m, limits) else { return Ok(String::new()) };
     let shown = m.trial.decoded(&row.params)?;
     let mut cells = String::new();
@@ -113,7 +114,7 @@ fn strip(m: &StepStudy, limits: &Limits) -> anyhow::Result<String> {
 }
 
 /// What the paper says of its data, on this.
-fn trends(all: &[StepStudy], limits: &Limits) -> String {
+fn trends(all: &[StepStudy], limits: &StudyLimits) -> String {
     let head = ["input", "step"].iter().chain(&findings::HEAD).map(|h| (*h).to_owned());
     let line = |m: &StepStudy| {
         let cells = [m.name.clone(), m.step.to_string()].into_iter().chain(findings::row(&m.rows, limits));
@@ -125,13 +126,13 @@ fn trends(all: &[StepStudy], limits: &Limits) -> String {
 }
 
 /// Table 1: choices of one step, used on another.
-fn cross(all: &[StepStudy], limits: &Limits) -> String {
-    let found: Vec<Transfer> = [&limits.size, &limits.time].into_iter().flat_map(|c| transfers(all, c)).collect();
+fn cross(all: &[StepStudy], limits: &StudyLimits) -> String {
+    let found: Vec<ChoiceTransfer> = [&limits.size, &limits.time].into_iter().flat_map(|c| transfers(all, c)).collect();
     if found.is_empty() {
         return String::new();
     }
     let broken = found.iter().filter(|t| t.excess() > 0.0).count();
-    let worst = found.iter().map(Transfer::excess).fold(0.0, f64::max);
+    let worst = found.iter().map(ChoiceTransfer::excess).fold(0.0, f64::max);
     let words = format!(
         "Parameters chosen on one step and used on another: {broken} of {} transfers break their limit, by up to {} %.",
         found.len(),
@@ -139,7 +140,7 @@ fn cross(all: &[StepStudy], limits: &Limits) -> String {
     );
     let head =
         ["input", "limit", "chosen on", "used on", "r", "gamma", "size kB", "ms", "dB", "best there dB", "limit"];
-    let line = |t: &Transfer| {
+    let line = |t: &ChoiceTransfer| {
         let excess = t.excess();
         let cells = vec![
             t.from.name.clone(),
@@ -161,7 +162,7 @@ fn cross(all: &[StepStudy], limits: &Limits) -> String {
 }
 
 /// What nothing beats, and what more would buy.
-fn front_section(all: &[StepStudy], limits: &Limits) -> String {
+fn front_section(all: &[StepStudy], limits: &StudyLimits) -> String {
     let mut content = String::new();
     for m in all {
         let on_front = front(&m.rows);

@@ -1,10 +1,10 @@
 //! The search beside the exhaustive study: it asks for trials that the study has measured, and each is charged the processor
 //! time that measuring it took. So both see the same noise, and a limit on time is kept or broken by the same figure.
 
-use super::StepStudy;
 use super::choices::{best, excess};
+use super::step_study::StepStudy;
 use lamina::in_process::InProcessEvaluator;
-use lamina::process::Used;
+use lamina::process::ProcessorTime;
 use lamina_model::Cost;
 use lamina_model::{GenerationParams, Invalid, ParamsKey};
 use lamina_tuner::Contract;
@@ -48,7 +48,7 @@ impl Outcome {
 }
 
 /// Answers from what was measured.
-struct Replay<'a> {
+struct RecordedEvaluator<'a> {
     study: &'a mut InProcessEvaluator,
     /// Processor time of the march that gives sizes, seconds, once it was made.
     march_secs: &'a mut Option<f64>,
@@ -59,7 +59,7 @@ struct Replay<'a> {
     spent_secs: f64,
 }
 
-impl Evaluator for Replay<'_> {
+impl Evaluator for RecordedEvaluator<'_> {
     fn step(&self) -> u64 {
         self.study.step()
     }
@@ -75,7 +75,7 @@ impl Evaluator for Replay<'_> {
     async fn sizes(&mut self, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {
         // No exhaustive study has a figure for it: it is made once.
         if self.march_secs.is_none() {
-            let before = Used::now();
+            let before = ProcessorTime::now();
             self.study.sizes(params, gammas).await?;
             *self.march_secs = Some(before.secs().unwrap_or(0.0));
         }
@@ -103,7 +103,7 @@ impl Evaluator for Replay<'_> {
     }
 }
 
-impl Replay<'_> {
+impl RecordedEvaluator<'_> {
     fn one(&mut self, params: &GenerationParams, batches: u32) -> Result<evaluator::Measurement, Invalid> {
         let trial = self.study.trial(params).ok_or_else(unmeasured)?;
         let (spent, key) = (&trial.spent, params.key());
@@ -140,10 +140,10 @@ pub(super) fn outcomes(all: &mut [StepStudy], contracts: &[&Contract]) -> anyhow
         let exhaustive_secs = spent.map(|t| t.spent.secs()).sum();
         for contract in contracts {
             // Its own arithmetic; the march, if it is made now, counts as it does every time.
-            let (marched, before) = (march_secs.is_some(), Used::now());
+            let (marched, before) = (march_secs.is_some(), ProcessorTime::now());
             let (study, march_secs) = (&mut m.trial, &mut march_secs);
             let mut replay =
-                Replay { study, march_secs, given: HashMap::new(), asked: HashSet::new(), spent_secs: 0.0 };
+                RecordedEvaluator { study, march_secs, given: HashMap::new(), asked: HashSet::new(), spent_secs: 0.0 };
             let mut candidates = CandidateSet::from(candidates.clone());
             let request = SearchRequest::new(contract, &mut candidates);
             let found = runtime.block_on(search(&mut replay, request, |_| {}))?;

@@ -1,7 +1,7 @@
 //! Byte compressors. Every block is compressed on its own, so that all cores take part and a reader knows the decompressed
 //! size in advance; a block that yields more or fewer bytes is refused.
 
-use super::Codec;
+use super::options::Codec;
 use crate::error::CodecError;
 use std::io::{self, Read, Write};
 

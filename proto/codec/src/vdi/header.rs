@@ -3,7 +3,7 @@
 //! It has a plain struct of its own, so that a change to a model type cannot silently change the bytes. `proto/formats/vdi.md`
 //! lists the fields; golden bytes in the tests pin both.
 
-use super::{Codec, EncodedHeader, Layout};
+use super::options::{Codec, EncodedHeader, Layout};
 use crate::error::{CodecError, invalid};
 use lamina_model::camera::CameraFields;
 use lamina_model::{Aabb, Camera, Invalid, VdiHeader, VdiParams};

@@ -11,11 +11,13 @@ mod columns;
 mod compress;
 mod context;
 mod header;
+mod options;
 mod plain;
 mod quantize;
 mod rays;
 mod sections;
 
+pub use options::{Codec, EncodeOptions, EncodedHeader, Layout};
 pub use quantize::quantize;
 
 use crate::envelope::{CRC_BYTES, checked_body, take_version, too_short};
@@ -23,7 +25,7 @@ use crate::error::{self, CodecError};
 use crate::limits::DecodeLimits;
 use compress::ByteCompressor;
 use header::Contents;
-use lamina_model::{Invalid, Supersegment, Vdi, VdiHeader};
+use lamina_model::{Supersegment, Vdi};
 
 /// First bytes of every encoded VDI.
 const MAGIC: [u8; 4] = *b"LVDI";
@@ -31,101 +33,6 @@ const MAGIC: [u8; 4] = *b"LVDI";
 const NEWEST: u16 = 3;
 /// Bytes of magic, version, and header length.
 const PREAMBLE_BYTES: usize = 8;
-
-/// Compression method of a VDI.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Codec {
-    /// bzip2 at level 9, which published sizes are compared with.
-    Bzip2,
-    /// zstd at level 3: many times faster than bzip2, larger files.
-    Zstd,
-    /// The smallest: context mixing of neighboring rays, not of bytes.
-    #[default]
-    ContextMixing,
-}
-
-impl Codec {
-    fn id(self) -> u8 {
-        match self {
-            Self::Bzip2 => 0,
-            Self::Zstd => 1,
-            Self::ContextMixing => 2,
-        }
-    }
-
-    /// The format version that introduced it.
-    fn version(self) -> u16 {
-        match self {
-            Self::Bzip2 | Self::Zstd => 1,
-            Self::ContextMixing => 3,
-        }
-    }
-
-    fn from_id(id: u8) -> Option<Self> {
-        [Self::Bzip2, Self::Zstd, Self::ContextMixing].into_iter().find(|c| c.id() == id)
-    }
-}
-
-/// Arrangement of supersegments before compression by a byte compressor.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Layout {
-    /// Depths as integer differences in byte planes; opacity codes that are fine near transparent and near opaque.
-    #[default]
-    Columns,
-    /// The paper's records of two float depths and RGBA, for comparison; opacity codes are linear.
-    Plain,
-}
-
-impl Layout {
-    fn id(self) -> u8 {
-        match self {
-            Self::Columns => 0,
-            Self::Plain => 1,
-        }
-    }
-
-    fn from_id(id: u8) -> Option<Self> {
-        [Self::Columns, Self::Plain].into_iter().find(|l| l.id() == id)
-    }
-}
-
-/// Options of an encoder.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct EncodeOptions {
-    /// Compression method.
-    pub codec: Codec,
-    /// Arrangement; [`Codec::ContextMixing`] takes [`Layout::Columns`] only.
-    pub layout: Layout,
-}
-
-impl EncodeOptions {
-    /// Columns compressed by bzip2, which published sizes are compared with.
-    pub const BZIP2: Self = Self { codec: Codec::Bzip2, layout: Layout::Columns };
-
-    /// These options, if the codec supports the layout.
-    ///
-    /// # Errors
-    /// If it does not.
-    pub fn check(self) -> Result<Self, Invalid> {
-        if self.codec == Codec::ContextMixing && self.layout == Layout::Plain {
-            return Err(Invalid::new("codec", "context-mixing has no plain layout; give bzip2 or zstd for that"));
-        }
-        Ok(self)
-    }
-}
-
-/// What can be read from an encoded VDI without decompressing it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct EncodedHeader {
-    /// Camera, box and step length.
-    pub header: VdiHeader,
-    /// Compression method.
-    pub codec: Codec,
-    /// Arrangement of supersegments.
-    pub layout: Layout,
-    /// Number of supersegments.
-    pub segments: u32,
-}
 
 /// Encodes a VDI, on all cores. Colors and opacities are rounded as [`quantize()`] does, under [`Layout::Plain`] to 8 bits.
 ///

@@ -1,8 +1,9 @@
 //! Decoder of one band.
 use super::block_flags::BlockFlags;
 use super::grid::{Lattice, PointClass};
+use super::multigrid::WEIGHTS;
 use super::multigrid::{LevelParams, MultigridField, within};
-use super::predict::{PredictionRow, WEIGHTS};
+use super::predict::PredictionRow;
 use super::quantize::reconstruct;
 use super::symbols::{
     ClassContext, RAW_VALUE, ResidualContext, ResidualNeighborhood, VolumeModels, block_range, saturated,

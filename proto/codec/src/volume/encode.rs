@@ -1,8 +1,9 @@
 //! Encoder of one band.
 use super::block_flags::BlockFlags;
 use super::grid::{BLOCK, Lattice, PointClass};
+use super::multigrid::WEIGHTS;
 use super::multigrid::{LevelParams, MultigridField};
-use super::predict::{PredictionRow, SCALE, WEIGHTS, cubic};
+use super::predict::{PredictionRow, SCALE, cubic};
 use super::quantize::{QuantizationTarget, Quantizer};
 use super::regression::fit;
 use super::settings::EncoderSettings;

@@ -1,7 +1,9 @@
 //! Multigrid state of a volume while it is coded, lattice by lattice. The points of a lattice are stored in eight parts, by
 //! which of their coordinates are odd, so that the neighbors of all points of a row form rows as well.
 use super::grid::{Lattice, PointClass, part};
-use super::predict::WEIGHTS;
+
+/// Largest number of weights of a class.
+pub(super) const WEIGHTS: usize = 7;
 
 /// The part of the volume known so far.
 #[derive(Debug)]

@@ -1,10 +1,8 @@
 //! Prediction of points from the points already known: the mean of the nearest neighbors along the odd axes, corrected by
 //! weighted differences whose weights are fitted to the volume. Whole rows are predicted at a time.
 use super::grid::{PointClass, part};
-use super::multigrid::{LatticePart, LevelParams, MultigridField, within};
+use super::multigrid::{LatticePart, LevelParams, MultigridField, WEIGHTS, within};
 
-/// Largest number of weights of a class.
-pub(super) const WEIGHTS: usize = 7;
 /// A weight is a multiple of 1 / SCALE.
 pub(super) const SCALE: f32 = 64.0;
 

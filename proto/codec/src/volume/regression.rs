@@ -1,7 +1,8 @@
 //! Least-squares fit of a class's prediction weights to a sample of its points.
 use super::grid::PointClass;
+use super::multigrid::WEIGHTS;
 use super::multigrid::{LevelParams, MultigridField};
-use super::predict::{PredictionRow, PredictionTerms, SCALE, WEIGHTS, cubic, weights};
+use super::predict::{PredictionRow, PredictionTerms, SCALE, cubic, weights};
 
 /// Fewest informative points of a sample at which fitted weights save more bytes than they cost.
 const MIN_SAMPLE: usize = 200;

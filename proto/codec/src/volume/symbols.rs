@@ -1,8 +1,9 @@
 //! Residual coder: binarizes residuals, block flags and weights, and codes each bit by context mixing.
 use super::grid::{BLOCK, PointClass};
 use super::mixer::{INPUTS, Mixer, code_mixed_bit};
+use super::multigrid::WEIGHTS;
 use super::multigrid::{LatticePart, MultigridField};
-use super::predict::{SCALE, WEIGHTS, cubic};
+use super::predict::{SCALE, cubic};
 use crate::entropy::logistic::{BitModel, LogisticTables, code_bit};
 use crate::entropy::range_coder::Coder;
 use std::ops::Range;

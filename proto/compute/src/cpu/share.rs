@@ -29,12 +29,12 @@ struct Inner {
     cores: f64,
     background: ThreadPool,
     pictures: ThreadPool,
-    state: Mutex<State>,
+    state: Mutex<ShareState>,
     /// Notifies waiting work of changes.
     changed: Notify,
 }
 
-struct State {
+struct ShareState {
     total: TokenBucket,
     pictures: TokenBucket,
     /// Queue of each lane.
@@ -46,7 +46,7 @@ struct State {
     held_until: Option<Instant>,
 }
 
-impl State {
+impl ShareState {
     fn bucket(&mut self, lane: Lane) -> &mut TokenBucket {
         match lane {
             Lane::Pictures => &mut self.pictures,
@@ -107,7 +107,7 @@ impl CpuShare {
 
     fn on(cores: f64, threads: usize, scheduling: Scheduling) -> Result<Self, ThreadPoolBuildError> {
         let now = Instant::now();
-        let state = State {
+        let state = ShareState {
             total: TokenBucket::new(cores, now),
             pictures: TokenBucket::new(PICTURES * cores, now),
             queues: Default::default(),
@@ -125,7 +125,7 @@ impl CpuShare {
         Ok(Self { inner: Arc::new(inner) })
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn state(&self) -> MutexGuard<'_, ShareState> {
         self.inner.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

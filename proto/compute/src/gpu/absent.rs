@@ -1,10 +1,19 @@
 //! Stands in for a device in builds without the feature `gpu`: none can be opened, and what needs one has no code.
 
-use super::{AdapterFacts, Choice, DeviceError, Opened};
+use super::{AdapterFacts, Choice, DeviceError};
 
 /// A GPU that cannot exist.
 #[derive(Debug, Clone, Copy)]
 pub enum Gpu {}
+
+/// The outcome of [`Gpu::open`].
+#[derive(Debug)]
+pub enum Opened {
+    /// A GPU.
+    Gpu(Box<Gpu>),
+    /// The processor, with the reason for the log.
+    Cpu(String),
+}
 
 impl Gpu {
     /// The processor.

@@ -1,7 +1,7 @@
 //! An open GPU. Every failure inside [`Gpu::run`] is returned as an error; a lost device stays lost.
 
 use super::adapter::{adapters, facts, may_have_gpu};
-use super::{AdapterFacts, Choice, DeviceError, Opened};
+use super::{AdapterFacts, Choice, DeviceError};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 use wgpu::{Buffer, BufferDescriptor, BufferUsages, Device, Error, ErrorFilter, Features, Limits, Queue};
@@ -15,6 +15,15 @@ pub struct Gpu {
     limits: Limits,
     /// Why the device was lost; `None` while it works.
     lost: Arc<Mutex<Option<String>>>,
+}
+
+/// The outcome of [`Gpu::open`].
+#[derive(Debug)]
+pub enum Opened {
+    /// A GPU.
+    Gpu(Box<Gpu>),
+    /// The processor, with the reason for the log.
+    Cpu(String),
 }
 
 impl Gpu {

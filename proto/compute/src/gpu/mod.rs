@@ -15,7 +15,6 @@ mod error;
 mod facts;
 #[cfg(feature = "gpu")]
 pub mod layout;
-mod opened;
 #[cfg(feature = "gpu")]
 pub mod pipeline;
 #[cfg(feature = "gpu")]
@@ -24,17 +23,16 @@ mod submit;
 pub mod testing;
 
 #[cfg(not(feature = "gpu"))]
-pub use absent::{Gpu, adapter};
+pub use absent::{Gpu, Opened, adapter};
 #[cfg(feature = "gpu")]
 pub use adapter::adapter;
 pub use choice::Choice;
 #[cfg(feature = "gpu")]
 pub use color_pass::ColorPass;
 #[cfg(feature = "gpu")]
-pub use device::Gpu;
+pub use device::{Gpu, Opened};
 pub use error::{DeviceError, KernelError};
 pub use facts::AdapterFacts;
-pub use opened::Opened;
 #[cfg(feature = "gpu")]
 pub use submit::PassResult;
 #[cfg(feature = "gpu")]

@@ -6,7 +6,7 @@
 
 use super::layout::{ClusteringUniforms, GpuSegment, UNSURE};
 use super::scan::PrefixSum;
-use super::{BAND, BoundField, CameraRays, GpuError, GpuKernels};
+use super::{BAND, BoundField, GpuError, GpuKernels, PerspectiveRays};
 use crate::Field;
 use crate::vdi::assemble::{RowBand, VdiBuilder, header};
 use crate::vdi::segmentation::Segmenter;
@@ -37,7 +37,7 @@ impl GpuKernels {
         let fit = Segmenter::new(&header, segmentation, field.unit_length());
         let gamma = fit.initial_gamma(params.gamma());
         let r = params.resolution();
-        let rays = CameraRays { camera: &header.camera, width: r, height: r, step_length: header.step_length };
+        let rays = PerspectiveRays { camera: &header.camera, width: r, height: r, step_length: header.step_length };
         self.with("a VDI", field, &rays, |bound| {
             let work = VdiGeneration {
                 bound,

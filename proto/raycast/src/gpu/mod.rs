@@ -4,6 +4,7 @@
 //! The choice between GPU and processor is made elsewhere ([`crate::Backend`]).
 
 mod effects;
+mod error;
 mod generate;
 mod layout;
 mod pipelines;
@@ -14,18 +15,17 @@ mod scan;
 mod tests;
 mod view;
 
+pub use error::GpuError;
+
 use super::Field;
 use effects::{EffectResources, EffectSet};
 use lamina_compute::gpu::wgpu::{BindGroup, BufferUsages};
-use lamina_compute::gpu::{AdapterFacts, DeviceError, Gpu, KernelError};
-use lamina_model::{Camera, Invalid};
+use lamina_compute::gpu::{AdapterFacts, DeviceError, Gpu};
+use lamina_model::Camera;
 use layout::ViewUniforms;
 use pipelines::{MarchPipelines, Pipelines};
 use resident::ResidentField;
 use std::sync::{Mutex, PoisonError};
-
-/// Why a kernel gave no result. The processor can always do the work instead.
-pub type GpuError = KernelError<Invalid>;
 
 /// Bytes of supersegments written by one dispatch: enough to keep the device busy, little compared to its memory.
 const CHUNK_BYTES: u64 = 256 << 20;
@@ -67,7 +67,7 @@ impl BoundField<'_> {
 }
 
 /// The rays of a picture or VDI.
-struct CameraRays<'a> {
+struct PerspectiveRays<'a> {
     camera: &'a Camera,
     width: u32,
     height: u32,
@@ -101,7 +101,7 @@ impl GpuKernels {
         &self,
         doing: &str,
         field: &Field,
-        rays: &CameraRays<'_>,
+        rays: &PerspectiveRays<'_>,
         work: impl FnOnce(&BoundField<'_>) -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
         let gpu = &self.gpu;

@@ -1,7 +1,7 @@
 //! Ray casting of the field on the GPU; counterpart of `reference/raycast.rs`.
 
 use super::layout::PictureUniforms;
-use super::{BAND, BoundField, CameraRays, GpuError, GpuKernels};
+use super::{BAND, BoundField, GpuError, GpuKernels, PerspectiveRays};
 use crate::Field;
 use lamina_compute::gpu::ColorPass;
 use lamina_compute::gpu::wgpu::BindGroup;
@@ -16,7 +16,7 @@ impl GpuKernels {
     #[doc(alias = "reference image")]
     pub fn raycast(&self, field: &Field, camera: &Camera, width: u32, height: u32) -> Result<Image, GpuError> {
         Image::check_size(width, height).map_err(GpuError::Invalid)?;
-        let rays = CameraRays { camera, width, height, step_length: field.scene().step_length(field.grid()) };
+        let rays = PerspectiveRays { camera, width, height, step_length: field.scene().step_length(field.grid()) };
         let colors = self.with("a picture", field, &rays, |bound| {
             let uniforms = |first, count| uniforms(field, first, count);
             Ok(color_pass(bound, &bound.bindings()).rows(&bound.march.raycast_rows, [width, height], uniforms)?)
@@ -37,7 +37,7 @@ impl GpuKernels {
         pixels: &[(u32, u32)],
     ) -> Result<Vec<[f32; 3]>, GpuError> {
         Image::check_size(width, height).map_err(GpuError::Invalid)?;
-        let rays = CameraRays { camera, width, height, step_length: field.scene().step_length(field.grid()) };
+        let rays = PerspectiveRays { camera, width, height, step_length: field.scene().step_length(field.grid()) };
         self.with("pixels of a picture", field, &rays, |bound| {
             let uniforms = |count| uniforms(field, 0, count);
             Ok(color_pass(bound, &bound.bindings()).pixels(&bound.march.raycast_pixels, pixels, uniforms)?)

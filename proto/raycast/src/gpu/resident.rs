@@ -1,6 +1,6 @@
 //! A field on the device: voxels as raw bits, the empty-space map, and transfer function tables for the step lengths in use.
 
-use super::GpuError;
+use super::error::GpuError;
 use super::layout::VolumeUniforms;
 use crate::Field;
 use crate::volume::stored::StoredVoxels;

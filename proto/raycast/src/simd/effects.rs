@@ -7,8 +7,8 @@ mod integration;
 mod light;
 mod surfaces;
 
-use super::generate::ShadedSample;
 use super::march::{RayPacket, RaySetup, VolumeSampler};
+use super::shaded_sample::ShadedSample;
 use crate::volume::effects::{FieldEffects, SHORTEST, cue_range};
 use crate::volume::transfer_lut::{OPAQUE, PreintegrationTable, TransferLut};
 use crate::{Field, count};

@@ -5,8 +5,9 @@
 //! all of them. Gammas that the sample does not join leave the state and meet in the state that starts at that sample. The
 //! results equal those of one generation per gamma, bit for bit.
 
-use super::generate::{ShadedSample, VdiRays, reciprocal};
+use super::generate::{VdiRays, reciprocal};
 use super::march::{RayPacket, SampleSink, VolumeSampler};
+use super::shaded_sample::ShadedSample;
 use super::tile::Tile;
 use crate::Field;
 use crate::vdi::assemble::{RowBand, VdiBuilder, header, in_order};

@@ -5,6 +5,7 @@ mod generate;
 mod generate_all;
 mod march;
 mod raycast;
+mod shaded_sample;
 mod tile;
 
 pub use generate::generate;

@@ -7,6 +7,7 @@
 //! and 1/2000 of a step. So pictures agree to 1e-3 where colors vary smoothly; a ray that passes the edge of something opaque
 //! more closely may hit it where the oracle's does not. tests/gpu.rs verifies this.
 
+mod error;
 mod layout;
 mod pipelines;
 mod resident;
@@ -14,19 +15,18 @@ mod resident;
 mod tests;
 mod view;
 
+pub use error::GpuError;
+
 use super::{Displacement, PreparedVdi};
 use lamina_compute::gpu::wgpu::{BindGroup, BufferUsages};
-use lamina_compute::gpu::{AdapterFacts, ColorPass, DeviceError, Gpu, KernelError};
-use lamina_model::{Camera, Image, Invalid, Vdi};
+use lamina_compute::gpu::{AdapterFacts, ColorPass, DeviceError, Gpu};
+use lamina_model::{Camera, Image, Vdi};
 use layout::{PictureUniforms, ViewUniforms};
 use pipelines::Pipelines;
 use resident::ResidentVdis;
 use std::ops::Deref;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
-
-/// Why a kernel gave no result. The processor can always do the work instead.
-pub type GpuError = KernelError<Invalid>;
 
 /// Pixels of one dispatch: far less than a second of work, so that no watchdog takes it for a hang.
 const BAND: u64 = 1 << 20;

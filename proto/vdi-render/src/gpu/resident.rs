@@ -1,6 +1,6 @@
 //! VDIs on the device: supersegments as two columns, and the parts of the acceleration grid that kernels read.
 
-use super::GpuError;
+use super::error::GpuError;
 use super::layout::StoredVdi;
 use crate::PreparedVdi;
 use crate::simd::AccelerationGrid;

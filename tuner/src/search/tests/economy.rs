@@ -3,7 +3,7 @@
 use super::{Response, exhaustive, papers, searched};
 use crate::Contract;
 use crate::evaluator::Measurement;
-use crate::search::{CandidateSet, Grid, SearchRequest, search};
+use crate::search::{CandidateSet, SearchGrid, SearchRequest, search};
 use crate::tune::{Study, Trial, tune};
 use lamina_model::{GenerationParams, Representation};
 use std::time::Duration;
@@ -19,7 +19,7 @@ async fn a_limit_on_size_is_filled_and_never_broken() {
     for limit in limits() {
         for kinds in [&[Representation::Vdi][..], &[Representation::Volume], &Representation::ALL] {
             let base = GenerationParams::vdi(1, 0.0).unwrap();
-            let mut all = CandidateSet::new(512, kinds, &Grid::default(), &base).unwrap();
+            let mut all = CandidateSet::new(512, kinds, &SearchGrid::default(), &base).unwrap();
             let (mut response, contract) = (Response::default(), Contract::size(limit));
             let found = search(&mut response, SearchRequest::new(&contract, &mut all), |_| {}).await.unwrap();
             let best = &found.study.rows[found.study.best.unwrap()];
@@ -44,7 +44,7 @@ async fn a_limit_is_filled_only_where_bytes_buy_what_is_wanted() {
     assert!(found.study.rows[found.study.best.unwrap()].measured.cost.size_bytes < 200_000);
     let mut response = Response { jump: 0.02, ..Response::default() };
     let base = GenerationParams::vdi(1, 0.0).unwrap();
-    let volumes = CandidateSet::new(512, &[Representation::Volume], &Grid::paper(), &base).unwrap();
+    let volumes = CandidateSet::new(512, &[Representation::Volume], &SearchGrid::paper(), &base).unwrap();
     let volumes = volumes.clone().all(&mut response).await.unwrap();
     let contract = Contract::size(800_000);
     let found = searched(&mut response, &contract, volumes.clone()).await;
@@ -59,7 +59,7 @@ async fn the_first_or_second_quality_measured_is_within_3_db_of_the_best() {
     for limit in limits() {
         for kinds in [&[Representation::Vdi][..], &Representation::ALL] {
             let base = GenerationParams::vdi(1, 0.0).unwrap();
-            let mut all = CandidateSet::new(512, kinds, &Grid::default(), &base).unwrap();
+            let mut all = CandidateSet::new(512, kinds, &SearchGrid::default(), &base).unwrap();
             let (contract, mut kept) = (Contract::size(limit), Vec::new());
             let progress =
                 |row: &Trial| kept.extend(Some(row.measured.quality.psnr_db()).filter(|_| row.cost.is_finite()));
@@ -77,7 +77,7 @@ async fn the_range_of_vdis_is_looked_for_only_after_the_volumes() {
     let base = GenerationParams::vdi(1, 0.0).unwrap();
     let contract = Contract::size(200_000);
     let takes = Duration::from_millis(10);
-    let mut all = CandidateSet::new(512, &Representation::ALL, &Grid::default(), &base).unwrap();
+    let mut all = CandidateSet::new(512, &Representation::ALL, &SearchGrid::default(), &base).unwrap();
     let mut response = Response { takes, ..Response::default() };
     // A march, an encoding and a quality, and no time for more.
     let request = SearchRequest { until: Some(Instant::now() + takes * 4), ..SearchRequest::new(&contract, &mut all) };
@@ -88,7 +88,7 @@ async fn the_range_of_vdis_is_looked_for_only_after_the_volumes() {
     let mut response = Response { takes, ..Response::default() };
     search(&mut response, SearchRequest::new(&contract, &mut all), |_| {}).await.unwrap();
     assert_eq!(response.marches, 2);
-    let next = CandidateSet::new(512, &[Representation::Vdi], &Grid::default(), &base).unwrap();
+    let next = CandidateSet::new(512, &[Representation::Vdi], &SearchGrid::default(), &base).unwrap();
     let (mut next, mut later) = (next.with_range_of(&all), Response { takes, ..Response::default() });
     let request = SearchRequest { until: Some(Instant::now() + takes * 3), ..SearchRequest::new(&contract, &mut next) };
     search(&mut later, request, |_| {}).await.unwrap();

@@ -10,6 +10,7 @@ mod geometry;
 mod mixer;
 mod neighbors;
 mod palette;
+mod segment;
 mod symbols;
 #[cfg(test)]
 mod tests;
@@ -19,20 +20,10 @@ use crate::entropy::range_coder::{Decoder, Encoder};
 use neighbors::RayRow;
 use palette::Palette;
 use rayon::prelude::*;
+pub(super) use segment::QuantizedSegment;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::mpsc::channel;
-
-/// A supersegment with its quantized color and opacity.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct QuantizedSegment {
-    /// First step inside.
-    pub start: u32,
-    /// First step beyond.
-    pub end: u32,
-    /// Red, green, blue, opacity.
-    pub code: [u8; 4],
-}
 
 /// The largest `end` of a supersegment, steps.
 pub(super) const MAX_DEPTH: u32 = 1 << 24;

@@ -1,6 +1,6 @@
 //! Palettes of a VDI: all colors and all opacities that occur, sorted; supersegments refer to them by index.
-use super::QuantizedSegment;
 use super::neighbors::PaletteSegment;
+use super::segment::QuantizedSegment;
 use super::symbols::{fold, unfold};
 use crate::entropy::EntropyError;
 use crate::entropy::logistic::{BitModel, code_bit};
