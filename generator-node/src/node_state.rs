@@ -8,7 +8,8 @@ use lamina_codec::EncodeOptions;
 use lamina_compute::CpuShare;
 use lamina_model::{GenerationParams, Limits, SamplePlan, Segmentation, StepReport};
 use lamina_raycast::Backend;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use parking_lot::{Mutex, MutexGuard};
+use std::sync::Arc;
 use tokio::sync::broadcast;
 
 /// Configuration in force, the newest step, and what is scheduled.
@@ -69,7 +70,7 @@ impl NodeState {
     }
 
     fn state(&self) -> MutexGuard<'_, Current> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        self.state.lock()
     }
 
     /// The newest step, held for as long as the caller keeps it.

@@ -7,7 +7,8 @@
 //! cheaper parameters (time a step and bytes).
 
 use lamina_compute::CpuShare;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use parking_lot::{Mutex, MutexGuard};
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::Instant;
 
@@ -181,7 +182,7 @@ impl Overhead {
     }
 
     fn controller(&self) -> MutexGuard<'_, Controller> {
-        self.controller.lock().unwrap_or_else(PoisonError::into_inner)
+        self.controller.lock()
     }
 
     /// What is known and done now.

@@ -9,7 +9,8 @@ use lamina_compute::{Activity, Laps, Priority};
 use lamina_model::{GenerationParams, Invalid, Scene, StepReport, suggest::suggest};
 use lamina_raycast::Field;
 use lamina_rpc::v1;
-use std::sync::{Arc, Mutex, PoisonError};
+use parking_lot::Mutex;
+use std::sync::Arc;
 
 /// The pipeline's own memory from step to step.
 struct Pipeline {
@@ -34,7 +35,7 @@ pub(crate) async fn run(ingest: Arc<Ingest>, node: Arc<NodeState>, reference_eve
         // By now a newer one may be there.
         let Some(step) = ingest.take() else { continue };
         let (number, pipeline) = (step.step, pipeline.clone());
-        let work = move |laps: &mut Laps| pipeline.lock().unwrap_or_else(PoisonError::into_inner).process(step, laps);
+        let work = move |laps: &mut Laps| pipeline.lock().process(step, laps);
         match permit.run(Activity::Generate, work).await {
             Ok(Ok(())) => {}
             Ok(Err(error)) => tracing::error!(step = number, %error, "step not generated"),

@@ -8,9 +8,10 @@ use futures::{Stream, StreamExt, stream};
 use lamina_rpc::chunks::deliver;
 use lamina_rpc::invalid;
 use lamina_rpc::v1::{self, delivery::Part, frames_server};
+use parking_lot::{Mutex, MutexGuard};
 use std::collections::VecDeque;
 use std::pin::Pin;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use tokio::sync::watch;
 use tonic::{Request, Response, Status};
 
@@ -63,7 +64,7 @@ impl Publisher {
     }
 
     fn history(&self) -> MutexGuard<'_, History> {
-        self.history.lock().unwrap_or_else(PoisonError::into_inner)
+        self.history.lock()
     }
 
     /// The subscribers that measure trials, now and at every change.

@@ -3,7 +3,8 @@
 use crate::evaluator::TrialError;
 use crate::tune::Trial;
 use lamina_rpc::v1::{self, tuning_server};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use parking_lot::{Mutex, MutexGuard};
+use std::sync::Arc;
 use tonic::{Request, Response};
 
 /// Trials remembered.
@@ -17,7 +18,7 @@ pub(crate) struct Status {
 
 impl Status {
     fn state(&self) -> MutexGuard<'_, v1::TunerStatus> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        self.state.lock()
     }
 
     /// A step is being dealt with.

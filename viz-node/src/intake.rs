@@ -9,9 +9,10 @@ use lamina_model::ReferenceSamples;
 use lamina_rpc::reference;
 use lamina_rpc::v1::{self, delivery::Part};
 use lamina_vdi_render::{Backend, Detail};
+use parking_lot::{Mutex, MutexGuard};
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 use tonic::Status;
 
@@ -63,7 +64,7 @@ pub(crate) struct Intake {
 }
 
 fn lock(references: &Mutex<References>) -> MutexGuard<'_, References> {
-    references.lock().unwrap_or_else(PoisonError::into_inner)
+    references.lock()
 }
 
 fn keep(references: &Mutex<References>, announcement: v1::Reference, payload: &[u8]) -> Result<(), String> {

@@ -3,7 +3,8 @@
 use crate::store::{Store, StoreError};
 use lamina_model::{ControlPoint, Image, Invalid};
 use lamina_vdi_render::{Backend, Detail, Drawable};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use parking_lot::{Mutex, MutexGuard};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// What the page asks for.
@@ -97,7 +98,7 @@ impl Painter {
     }
 
     fn last(&self) -> MutexGuard<'_, Option<Recoloured>> {
-        self.recoloured.lock().unwrap_or_else(PoisonError::into_inner)
+        self.recoloured.lock()
     }
 
     fn recoloured(&self, from: Arc<Drawable>, points: Vec<ControlPoint>) -> Result<Arc<Drawable>, Invalid> {

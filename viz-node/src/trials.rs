@@ -5,8 +5,9 @@ use lamina_codec::{CodecError, DecodeLimits};
 use lamina_model::{Quality, ReferenceSamples};
 use lamina_rpc::v1;
 use lamina_vdi_render::Drawable;
+use parking_lot::{Mutex, MutexGuard};
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 use tokio::sync::watch;
 use tonic::Status;
 
@@ -131,7 +132,7 @@ impl ShownTrials {
     }
 
     fn measured(&self) -> MutexGuard<'_, VecDeque<(v1::Frame, Quality)>> {
-        self.measured.lock().unwrap_or_else(PoisonError::into_inner)
+        self.measured.lock()
     }
 
     /// Remembers what some batches of a trial came to; with those before, if it was asked about again.
@@ -158,17 +159,17 @@ impl ShownTrials {
 
     /// A study asks.
     pub(crate) fn set_study(&self, study: StudyStatus) {
-        *self.study.lock().unwrap_or_else(PoisonError::into_inner) = Some(study);
+        *self.study.lock() = Some(study);
     }
 
     /// A run began: the study before was of another.
     pub(crate) fn forget_study(&self) {
-        *self.study.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        *self.study.lock() = None;
     }
 
     /// How far the newest study is.
     pub(crate) fn study(&self) -> Option<StudyStatus> {
-        *self.study.lock().unwrap_or_else(PoisonError::into_inner)
+        *self.study.lock()
     }
 }
 

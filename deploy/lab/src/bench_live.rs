@@ -16,9 +16,9 @@ use lamina_compute::{Activity, CpuLimit, CpuShare, Priority};
 use lamina_model::{Representation, TuningState, Volume};
 use lamina_tuner::search::SearchGrid;
 use lamina_viz_node::store::{QualityStatus, StepRow};
+use parking_lot::Mutex;
 use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
@@ -211,7 +211,7 @@ fn coupled(arguments: &cli::BenchLive, time: Duration, burnt: &Burnt) -> anyhow:
     picks.fill(&mut figures);
     let without_busy = used.secs().map(|secs| secs - (busy() - busy_before));
     processor_time(&mut figures, &share, without_busy, source.cpu_time(), wall);
-    pages.into_inner().unwrap_or_default().fill(&mut figures, wall);
+    pages.into_inner().fill(&mut figures, wall);
     let rows = nodes.store.rows();
     let part = |count: usize, of: usize| 100.0 * count as f64 / of.max(1) as f64;
     let measured = rows.iter().filter(|r| r.measured == QualityStatus::Yes).count();
@@ -349,7 +349,7 @@ fn turn(viewer: SocketAddr, page: u16, done: &AtomicBool, pages: &Mutex<Pages>) 
         let drawn = agent.get(&url).call().and_then(|mut answer| answer.body_mut().read_to_vec());
         let took = asked.elapsed();
         {
-            let mut pages = pages.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            let mut pages = pages.lock();
             match drawn {
                 Ok(_) => {
                     pages.latencies_ms.push(1e3 * took.as_secs_f64());

@@ -6,8 +6,9 @@ use futures::{Stream, StreamExt};
 use lamina_model::{Invalid, Scene, VoxelType};
 use lamina_rpc::v1::{self, ingest_server, push_part::Part};
 use lamina_rpc::{chunks::CHUNK_BYTES, invalid, required};
+use parking_lot::{Mutex, MutexGuard};
 use std::pin::Pin;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tokio::sync::{Notify, mpsc};
 use tonic::{Code, Request, Response, Status, Streaming};
@@ -38,7 +39,7 @@ impl Ingest {
 
     /// The state; a panic elsewhere leaves it whole, because no method of it panics between two changes.
     fn core(&self) -> MutexGuard<'_, Core> {
-        self.core.lock().unwrap_or_else(PoisonError::into_inner)
+        self.core.lock()
     }
 
     /// Waits until there is a complete step.

@@ -2,7 +2,8 @@
 
 use crate::evaluator::Measurement;
 use lamina_rpc::v1;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use parking_lot::{Mutex, MutexGuard};
+use std::sync::Arc;
 
 /// How far a study is, as viz-nodes are told with every question. Clones share it.
 #[derive(Debug, Clone, Default)]
@@ -15,7 +16,7 @@ impl Progress {
     }
 
     pub(super) fn state(&self) -> MutexGuard<'_, v1::StudyProgress> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.lock()
     }
 
     pub(super) fn get(&self) -> v1::StudyProgress {

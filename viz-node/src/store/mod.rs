@@ -14,9 +14,10 @@ pub use run::Run;
 use folder::Folder;
 use lamina_codec::DecodeLimits;
 use lamina_vdi_render::{Drawable, QualityEstimate};
+use parking_lot::{Mutex, MutexGuard};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use tokio::sync::broadcast;
 use tokio_stream::wrappers::BroadcastStream;
 use tokio_stream::{Stream, StreamExt};
@@ -79,7 +80,7 @@ impl Store {
     }
 
     fn state(&self) -> MutexGuard<'_, StoreState> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        self.state.lock()
     }
 
     /// Changes from now on; who falls behind misses some.

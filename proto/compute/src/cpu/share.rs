@@ -9,8 +9,9 @@ use super::queue::{Priority, Queue};
 use super::threads::{Laps, Scheduling, pool};
 use super::token_bucket::TokenBucket;
 use super::usage::{Activity, Usage};
+use parking_lot::{Mutex, MutexGuard};
 use rayon::{ThreadPool, ThreadPoolBuildError};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::task::{JoinError, spawn_blocking};
@@ -126,7 +127,7 @@ impl CpuShare {
     }
 
     fn state(&self) -> MutexGuard<'_, ShareState> {
-        self.inner.state.lock().unwrap_or_else(PoisonError::into_inner)
+        self.inner.state.lock()
     }
 
     /// Number of cores granted; infinite without a limit.

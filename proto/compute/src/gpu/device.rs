@@ -2,8 +2,9 @@
 
 use super::adapter::{adapters, facts, may_have_gpu};
 use super::{AdapterFacts, Choice, DeviceError};
+use parking_lot::Mutex;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use wgpu::{Buffer, BufferDescriptor, BufferUsages, Device, Error, ErrorFilter, Features, Limits, Queue};
 
 /// An open GPU.
@@ -135,7 +136,7 @@ impl Gpu {
     /// # Errors
     /// If it was lost.
     pub fn check(&self) -> Result<(), DeviceError> {
-        match &*self.lost.lock().unwrap_or_else(PoisonError::into_inner) {
+        match &*self.lost.lock() {
             Some(reason) => Err(DeviceError::Lost(reason.clone())),
             None => Ok(()),
         }
@@ -164,7 +165,7 @@ impl Gpu {
 
 /// Records `reason` unless an earlier one is recorded, from which it follows.
 fn set(lost: &Mutex<Option<String>>, reason: String) {
-    lost.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(reason);
+    lost.lock().get_or_insert(reason);
 }
 
 #[cfg(test)]

@@ -1,8 +1,9 @@
 //! Submission of a compute pass, with its duration and copies of its results to the host.
 
 use super::{DeviceError, Gpu};
+use parking_lot::Mutex;
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use wgpu::{
     Buffer, BufferUsages, BufferView, CommandEncoderDescriptor, ComputePass, ComputePassDescriptor,
@@ -84,13 +85,13 @@ impl Gpu {
             let failure = failure.clone();
             buffer.map_async(MapMode::Read, .., move |outcome| {
                 if let Err(e) = outcome {
-                    *failure.lock().unwrap_or_else(PoisonError::into_inner) = Some(e.to_string());
+                    *failure.lock() = Some(e.to_string());
                 }
             });
         }
         let fault = |reason: String| DeviceError::Fault { doing: label.to_owned(), reason };
         self.device().poll(PollType::wait_indefinitely()).map_err(|e| fault(e.to_string()))?;
-        if let Some(reason) = failure.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        if let Some(reason) = failure.lock().take() {
             return Err(fault(reason));
         }
         staged.iter().map(|b| b.slice(..).get_mapped_range().map_err(|e| fault(e.to_string()))).collect()

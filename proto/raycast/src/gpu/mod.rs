@@ -23,9 +23,9 @@ use lamina_compute::gpu::wgpu::{BindGroup, BufferUsages};
 use lamina_compute::gpu::{AdapterFacts, DeviceError, Gpu};
 use lamina_model::Camera;
 use layout::ViewUniforms;
+use parking_lot::Mutex;
 use pipelines::{MarchPipelines, Pipelines};
 use resident::ResidentField;
-use std::sync::{Mutex, PoisonError};
 
 /// Bytes of supersegments written by one dispatch: enough to keep the device busy, little compared to its memory.
 const CHUNK_BYTES: u64 = 256 << 20;
@@ -106,7 +106,7 @@ impl GpuKernels {
     ) -> Result<T, GpuError> {
         let gpu = &self.gpu;
         resident::check_size(gpu, field)?;
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut state = self.state.lock();
         let KernelCache { marches, resident } = &mut *state;
         let done = gpu.run(doing, || {
             if resident.as_ref().is_none_or(|r| r.id != field.id()) {

@@ -2,9 +2,9 @@
 
 use crate::Field;
 use lamina_model::{Invalid, Supersegment, Vdi, VdiHeader, VdiParams};
+use parking_lot::Mutex;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
 
 /// The header of `field`'s VDI with `params`.
 ///
@@ -52,7 +52,7 @@ pub(crate) fn in_order<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync, 
                 return;
             }
             let band = work(n);
-            let mut reordering = reordering.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut reordering = reordering.lock();
             reordering.waiting.insert(n, band);
             let Reordering { waiting, next, take } = &mut *reordering;
             while let Some(band) = waiting.remove(next) {

@@ -22,11 +22,11 @@ use lamina_compute::gpu::wgpu::{BindGroup, BufferUsages};
 use lamina_compute::gpu::{AdapterFacts, ColorPass, DeviceError, Gpu};
 use lamina_model::{Camera, Image, Vdi};
 use layout::{PictureUniforms, ViewUniforms};
+use parking_lot::Mutex;
 use pipelines::Pipelines;
 use resident::ResidentVdis;
 use std::ops::Deref;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
 
 /// Pixels of one dispatch: far less than a second of work, so that no watchdog takes it for a hang.
 const BAND: u64 = 1 << 20;
@@ -162,7 +162,7 @@ impl GpuKernels {
             return Ok(vec![vdi.vdi().header().background; count]);
         }
         resident::check_size(self.array_bytes, vdi.vdi(), grid)?;
-        let mut residents = self.residents.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut residents = self.residents.lock();
         let done = gpu.run(doing, || {
             let resident = residents.get(gpu, vdi);
             let view = ViewUniforms::new(vdi.vdi(), grid, shot.camera, shot.size, shot.by);

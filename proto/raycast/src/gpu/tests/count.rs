@@ -69,7 +69,7 @@ fn put(kernels: &GpuKernels, field: &Field, source: &str) {
     let kernel =
         || Ok::<_, DeviceError>(kernels.pipelines.march_of(gpu, VoxelKind::Single, EffectSet::of(field), source));
     let march = gpu.run("compiling", kernel).unwrap();
-    kernels.state.lock().unwrap().marches.push(march);
+    kernels.state.lock().marches.push(march);
 }
 
 #[test]
