@@ -86,7 +86,7 @@ class Band:
     def expect(self, i, at, h, odd, weights):
         v, half = self.values, lambda a, b: f32(f32(a + b) * 0.5)
 
-        # Where the neighbours d before and after along an axis are, relative to the point.
+        # Where the neighbors d before and after along an axis are, relative to the point.
         def places(a, d, after_outside):
             s = d * self.strides[a]
             return -s if at[a] >= d else 0, s if at[a] + d < self.size[a] else after_outside * s

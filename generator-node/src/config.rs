@@ -15,6 +15,8 @@ pub struct Config {
     pub listen: SocketAddr,
     /// Bytes for time steps: those that arrive, wait, and are worked on. Decides admission.
     pub memory_bytes: u64,
+    /// Whether simulations on this host hand their bricks over in memory that both map.
+    pub shared_memory: bool,
     /// The most whole time steps that wait for their turn: so many the viewers may be behind.
     pub waiting_steps: u32,
     /// Bytes of encoded frames kept for viz-nodes that connect late or again.
@@ -70,6 +72,7 @@ impl Default for Config {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 7101)),
             memory_bytes: 2 << 30,
+            shared_memory: true,
             waiting_steps: 32,
             history_bytes: 256 << 20,
             idle_secs: 30.0,

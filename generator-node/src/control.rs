@@ -1,12 +1,11 @@
 //! The control service: parameters and trials in, numbers out.
 
 use crate::node_state::NodeState;
-use crate::schedule::Setting;
 use crate::trials::TrialSession;
 use futures::{Stream, StreamExt, stream};
-use lamina_model::GenerationParams;
+use lamina_model::Setting;
+use lamina_rpc::invalid;
 use lamina_rpc::v1::{self, control_server};
-use lamina_rpc::{invalid, required};
 use std::pin::Pin;
 use std::sync::Arc;
 use tokio::sync::broadcast::error::RecvError;
@@ -26,9 +25,11 @@ impl control_server::Control for ControlService {
         request: Request<v1::SetParametersRequest>,
     ) -> Result<Response<v1::SetParametersReply>, Status> {
         let request = request.into_inner();
-        let applies_from_step = match (request.params, request.limits) {
-            (None, Some(limits)) => self.0.limit(limits.into(), request.only_vdis),
-            _ => self.0.set(request.from_step, setting_from(&request).map_err(|e| invalid(&e))?),
+        let from_step = request.from_step;
+        let setting = Setting::try_from(request).map_err(|e| invalid(&e))?;
+        let applies_from_step = match setting.params {
+            None => self.0.limit(setting.limits, setting.only_vdis),
+            Some(_) => self.0.set(from_step, Setting { only_vdis: false, ..setting }),
         };
         tracing::info!(applies_from_step, "parameters set");
         Ok(Response::new(v1::SetParametersReply { applies_from_step }))
@@ -73,14 +74,4 @@ impl control_server::Control for ControlService {
     async fn viewers(&self, _: Request<v1::ViewersRequest>) -> Result<Response<Self::ViewersStream>, Status> {
         Ok(Response::new(WatchStream::new(self.0.publisher.viewers()).map(Ok).boxed()))
     }
-}
-
-fn setting_from(request: &v1::SetParametersRequest) -> Result<Setting, lamina_model::Invalid> {
-    Ok(Setting {
-        params: Some(required(request.params, "params")?.try_into()?),
-        limits: request.limits.unwrap_or_default().into(),
-        only_vdis: false,
-        fallbacks: request.fallbacks.iter().map(|p| GenerationParams::try_from(*p)).collect::<Result<_, _>>()?,
-        tuning: request.tuning_state().into(),
-    })
 }

@@ -1,21 +1,29 @@
 //! One announcement of a run with its payload, as subscribers receive it.
 
-use lamina_rpc::v1::{self, delivery::Part};
+use lamina_model::{Frame, ReferenceSamples, RunInfo};
+use lamina_rpc::Bytes;
+use lamina_rpc::reference;
+use lamina_rpc::v1::delivery::Part;
 use std::sync::Arc;
-use tonic::codegen::Bytes;
 
 /// Something to deliver: an announcement and its payload, of one run.
 #[derive(Clone)]
 pub(crate) struct Delivery {
-    pub(crate) run: Arc<v1::Run>,
+    pub(crate) run: Arc<RunInfo>,
     pub(crate) announcement: Part,
     pub(crate) payload: Bytes,
 }
 
 impl Delivery {
-    /// Reference samples or a frame of `run`.
-    pub(crate) fn new(run: &Arc<v1::Run>, announcement: Part, payload: impl Into<Bytes>) -> Self {
-        Self { run: run.clone(), announcement, payload: payload.into() }
+    /// An encoded step of `run`.
+    pub(crate) fn frame(run: &Arc<RunInfo>, frame: Frame, payload: impl Into<Bytes>) -> Self {
+        Self { run: run.clone(), announcement: Part::Frame(frame.into()), payload: payload.into() }
+    }
+
+    /// What a step of `run` is compared with.
+    pub(crate) fn reference(run: &Arc<RunInfo>, samples: &ReferenceSamples) -> Self {
+        let (announcement, payload) = reference::encode(&run.id, samples);
+        Self { run: run.clone(), announcement: Part::Reference(announcement), payload: payload.into() }
     }
 
     /// Bytes of the payload.
@@ -30,7 +38,7 @@ impl Delivery {
 
     /// True for live steps and their references up to `step` of run `run_id`.
     pub(crate) fn is_recorded(&self, run_id: &str, step: u64) -> bool {
-        self.run.run_id == run_id
+        self.run.id == run_id
             && match &self.announcement {
                 Part::Frame(f) => f.step <= step,
                 Part::Reference(r) => r.step <= step,

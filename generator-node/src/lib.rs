@@ -1,7 +1,7 @@
 //! The generator-node: stands beside a simulation, takes its time steps in and gives Volumetric Depth Images out.
 //!
 //! Ingest -> pipeline -> publish, and control takes parameters in. Nothing leaves it but VDIs, reduced
-//! volumes and sampled reference colours.
+//! volumes and sampled reference colors.
 
 pub mod config;
 mod control;
@@ -23,6 +23,7 @@ use lamina_compute::CpuShare;
 use lamina_raycast::Backend;
 use lamina_rpc::daemon::{NodeError, Shutdown, serve};
 use lamina_rpc::{MAX_MESSAGE_BYTES, v1};
+use lamina_shared_memory::{Receiver, Rings};
 use std::{sync::Arc, time::Duration};
 use tokio::net::TcpListener;
 
@@ -44,6 +45,7 @@ pub async fn run(
         Duration::from_secs_f64(config.idle_secs),
         config.scene.clone(),
         overhead.clone(),
+        share_memory(&config),
     ));
     let publisher = Arc::new(publish::Publisher::new(config.history_bytes));
     let node = Arc::new(node_state::NodeState::new(node_state::Parts {
@@ -78,4 +80,22 @@ pub async fn run(
     let served = serve(router, listener, shutdown).await;
     pipeline.abort();
     served
+}
+
+/// Lets simulations on this host share memory with the node, if the configuration and the system allow it.
+fn share_memory(config: &Config) -> Option<ingest::SharedMemory> {
+    if !config.shared_memory {
+        return None;
+    }
+    match Receiver::bind(config.memory_bytes) {
+        Ok(receiver) => {
+            let (name, rings) = (receiver.name().to_owned(), Arc::new(Rings::default()));
+            tokio::spawn(receiver.serve(rings.clone()));
+            Some(ingest::SharedMemory { name, rings })
+        }
+        Err(reason) => {
+            tracing::info!(%reason, "no shared memory; all bricks come through connections");
+            None
+        }
+    }
 }

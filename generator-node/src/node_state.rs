@@ -2,11 +2,11 @@
 
 use crate::overhead::{Coupling, Overhead};
 use crate::publish::Publisher;
-use crate::schedule::{Schedule, Setting};
+use crate::schedule::Schedule;
 use crate::step::Step;
 use lamina_codec::EncodeOptions;
 use lamina_compute::CpuShare;
-use lamina_model::{GenerationParams, Limits, SamplePlan, Segmentation, StepReport};
+use lamina_model::{GenerationParams, Limits, SamplePlan, Segmentation, Setting, StepReport};
 use lamina_raycast::Backend;
 use parking_lot::{Mutex, MutexGuard};
 use std::sync::Arc;

@@ -6,9 +6,8 @@ use crate::overhead::Coupling;
 use crate::rate_control::{Rung, generate_within, start_params};
 use crate::step::{Purpose, Step};
 use lamina_compute::{Activity, Laps, Priority};
-use lamina_model::{GenerationParams, Invalid, Scene, StepReport, suggest::suggest};
+use lamina_model::{GenerationParams, Invalid, RunInfo, Scene, StepReport, suggest::suggest};
 use lamina_raycast::Field;
-use lamina_rpc::v1;
 use parking_lot::Mutex;
 use std::sync::Arc;
 
@@ -18,7 +17,7 @@ struct Pipeline {
     reference_every: u64,
     /// Batches of sampled pixels that live steps are compared at; 0 for all.
     live_batches: u32,
-    run: Option<(Arc<v1::Run>, Scene)>,
+    run: Option<(Arc<RunInfo>, Scene)>,
     /// What steps are generated with until the tuner sends parameters.
     start: Option<GenerationParams>,
     rung: Rung,
@@ -78,7 +77,7 @@ impl Pipeline {
         items.push(step.frame(&params, cost, bytes, purpose));
         self.node.publisher.publish(items);
         let report = StepReport {
-            run_id: step.run.run_id.clone(),
+            run_id: step.run.id.clone(),
             step: number,
             time: step.time,
             params,
@@ -100,15 +99,15 @@ impl Pipeline {
 
     fn prepare(&mut self, step: CompleteStep) -> Result<Step, Invalid> {
         let (run_id, number, time) = (step.run_id.clone(), step.step, step.time);
-        let description = v1::Run {
-            run_id: run_id.clone(),
+        let description = RunInfo {
+            id: run_id.clone(),
             name: step.spec.name.clone(),
             field: step.spec.field.clone(),
-            grid: Some((&step.spec.grid).into()),
+            grid: step.spec.grid,
         };
         let stated = step.spec.scene.clone();
         let volume = step.into_volume()?;
-        let known = self.run.take().filter(|(run, _)| run.run_id == run_id);
+        let known = self.run.take().filter(|(run, _)| run.id == run_id);
         let (run, scene) = match known {
             Some(known) => known,
             None => {

@@ -5,6 +5,7 @@
 use crate::delivery::Delivery;
 use crate::subscribers::{Subscribers, reachable, trim};
 use futures::{Stream, StreamExt, stream};
+use lamina_model::RunInfo;
 use lamina_rpc::chunks::deliver;
 use lamina_rpc::invalid;
 use lamina_rpc::v1::{self, delivery::Part, frames_server};
@@ -25,7 +26,7 @@ struct History {
 impl History {
     /// Where run `run_id` begins, for one that has recorded part of it; the oldest held for all others.
     fn first_of(&self, run_id: &str) -> u64 {
-        self.live.iter().find(|(_, delivery)| delivery.run.run_id == run_id).map_or(0, |(number, _)| *number)
+        self.live.iter().find(|(_, delivery)| delivery.run.id == run_id).map_or(0, |(number, _)| *number)
     }
 
     /// The first delivery from number `cursor` on.
@@ -144,11 +145,11 @@ type Deliveries = Pin<Box<dyn Stream<Item = Result<v1::Delivery, Status>> + Send
 
 /// As messages, each run announced before its first delivery.
 fn messages(deliveries: impl Stream<Item = Delivery> + Send + 'static) -> Deliveries {
-    let mut announced: Option<Arc<v1::Run>> = None;
+    let mut announced: Option<Arc<RunInfo>> = None;
     let messages = deliveries.flat_map(move |delivery| {
-        let new_run = announced.as_ref().is_none_or(|run| run.run_id != delivery.run.run_id);
+        let new_run = announced.as_ref().is_none_or(|run| run.id != delivery.run.id);
         announced = Some(delivery.run.clone());
-        let run = new_run.then(|| v1::Delivery { part: Some(Part::Run((*delivery.run).clone())) });
+        let run = new_run.then(|| v1::Delivery { part: Some(Part::Run((&*delivery.run).into())) });
         stream::iter(run.into_iter().chain(deliver(delivery.announcement, &delivery.payload)).map(Ok))
     });
     messages.boxed()
@@ -186,11 +187,13 @@ impl frames_server::Frames for FramesService {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lamina_model::{Frame, Grid};
 
     fn delivery(run_id: &str, step: u64, bytes: usize, trial_id: u64) -> Delivery {
-        let run = Arc::new(v1::Run { run_id: run_id.into(), ..Default::default() });
-        let frame = v1::Frame { step, trial_id, bytes: bytes as u64, ..Default::default() };
-        Delivery::new(&run, Part::Frame(frame), vec![0; bytes])
+        let grid = Grid::new([1; 3], glam::DVec3::ONE, glam::DVec3::ZERO).unwrap();
+        let run = Arc::new(RunInfo { id: run_id.into(), name: String::new(), field: String::new(), grid });
+        let trial_id = Some(trial_id).filter(|id| *id > 0);
+        Delivery::frame(&run, Frame { step, trial_id, bytes: bytes as u64, ..Frame::default() }, vec![0; bytes])
     }
 
     /// Step and trial number of `n` deliveries; reference samples are trial 0.

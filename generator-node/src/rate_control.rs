@@ -1,10 +1,9 @@
 //! Rate control: the first of several parameters whose bytes keep the size limit, and what a run starts with.
 
-use crate::schedule::Setting;
 use crate::step::Step;
 use lamina_codec::EncodeOptions;
 use lamina_compute::Laps;
-use lamina_model::{Cost, GenerationParams, Invalid, Representation};
+use lamina_model::{Cost, GenerationParams, Invalid, Representation, Setting};
 use std::time::Duration;
 
 /// A step generated: its parameters, its bytes, what they cost.

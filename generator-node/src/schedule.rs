@@ -1,21 +1,6 @@
 //! Which parameters hold for which step.
 
-use lamina_model::{GenerationParams, Limits, TuningState};
-
-/// Parameters and what to do when a step's VDI exceeds the size limit.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Setting {
-    /// Used first; `None`: what the node starts with by itself.
-    pub params: Option<GenerationParams>,
-    /// What every step has to keep. Only the size is looked at here: time cannot be taken back, and quality is not known.
-    pub limits: Limits,
-    /// What the node starts with by itself is to be a VDI.
-    pub only_vdis: bool,
-    /// Tried in turn while the VDI is larger.
-    pub fallbacks: Vec<GenerationParams>,
-    /// What the parameters come from.
-    pub tuning: TuningState,
-}
+use lamina_model::{GenerationParams, Limits, Setting};
 
 /// Settings by the first step they hold for.
 pub(crate) struct Schedule {
@@ -26,14 +11,7 @@ pub(crate) struct Schedule {
 impl Schedule {
     /// `params` for every step until told otherwise.
     pub(crate) fn new(params: Option<GenerationParams>) -> Self {
-        let setting = Setting {
-            params,
-            limits: Limits::default(),
-            only_vdis: false,
-            fallbacks: Vec::new(),
-            tuning: TuningState::None,
-        };
-        Self { settings: vec![(0, setting)], next_step: 0 }
+        Self { settings: vec![(0, Setting { params, ..Setting::default() })], next_step: 0 }
     }
 
     /// Gives all settings other limits, and says whether the node is to start with VDIs; returns the step from which on they hold.
@@ -71,6 +49,7 @@ impl Schedule {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lamina_model::TuningState;
 
     fn setting(resolution: u32) -> Setting {
         Setting {

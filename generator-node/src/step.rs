@@ -1,21 +1,20 @@
 //! One time step, prepared: its volumes and VDIs, their costs, its reference samples.
 
 use crate::delivery::Delivery;
-use crate::schedule::Setting;
 use lamina_codec::{EncodeOptions, encode_timed};
 use lamina_compute::{Activity, Laps};
-use lamina_model::{Cost, GenerationParams, Intermediate, Invalid, ReferenceSamples, SamplePlan, Segmentation};
+use lamina_model::{
+    Cost, Frame, GenerationParams, Intermediate, Invalid, ReferenceSamples, RunInfo, SamplePlan, Segmentation, Setting,
+};
 use lamina_raycast::{Backend, Field, most_points};
-use lamina_rpc::reference;
-use lamina_rpc::v1::{self, delivery::Part};
+use lamina_rpc::Bytes;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
-use tonic::codegen::Bytes;
 
 /// A step ready to be generated from: kept for trials until a newer one comes.
 pub(crate) struct Step {
     /// What is being simulated.
-    pub run: Arc<v1::Run>,
+    pub run: Arc<RunInfo>,
     /// The step.
     pub step: u64,
     /// Simulation time.
@@ -29,7 +28,7 @@ pub(crate) struct Step {
 impl Step {
     /// The step of `run` that `field` holds, rays cast by `backend`.
     pub(crate) fn new(
-        run: Arc<v1::Run>,
+        run: Arc<RunInfo>,
         (step, time): (u64, f64),
         (backend, segmentation): (Backend, Segmentation),
         field: Field,
@@ -107,16 +106,14 @@ impl Step {
         }
         let slice = plan.rotating_slice(self.step, batches);
         let samples = self.backend.reference_slice(&self.field, plan, self.step, slice)?;
-        let (announcement, payload) = reference::encode(&self.run.run_id, &samples);
-        Ok(Delivery::new(&self.run, Part::Reference(announcement), payload))
+        Ok(Delivery::reference(&self.run, &samples))
     }
 
     /// All of the step's reference samples, cast once.
     pub(crate) fn reference(&self, plan: &SamplePlan) -> Result<Delivery, Invalid> {
         let cast = || self.backend.reference_samples(&self.field, plan, self.step);
         let samples = self.reference.get_or_init(cast).as_ref().map_err(Clone::clone)?;
-        let (announcement, payload) = reference::encode(&self.run.run_id, samples);
-        Ok(Delivery::new(&self.run, Part::Reference(announcement), payload))
+        Ok(Delivery::reference(&self.run, samples))
     }
 
     /// Announces the encoded step.
@@ -129,27 +126,27 @@ impl Step {
     ) -> Delivery {
         let bytes = bytes.into();
         let purpose = match purpose {
-            Purpose::Trial(trial_id) => v1::Frame { trial_id, ..Default::default() },
-            Purpose::Live { dropped_steps, setting, overhead, throttle } => v1::Frame {
+            Purpose::Trial(trial_id) => Frame { trial_id: Some(trial_id), ..Frame::default() },
+            Purpose::Live { dropped_steps, setting, overhead, throttle } => Frame {
                 dropped_steps,
-                limits: Some(setting.limits.into()),
-                tuning_state: v1::TuningState::from(setting.tuning).into(),
+                limits: setting.limits,
+                tuning: setting.tuning,
                 overhead,
                 throttle,
-                ..Default::default()
+                ..Frame::default()
             },
         };
-        let frame = v1::Frame {
-            run_id: self.run.run_id.clone(),
+        let frame = Frame {
+            run_id: self.run.id.clone(),
             step: self.step,
             time: self.time,
-            params: Some(params.into()),
-            cost: Some(cost.into()),
+            params: *params,
+            cost,
             bytes: bytes.len() as u64,
             empty_voxels: self.field.empty_voxels(),
             ..purpose
         };
-        Delivery::new(&self.run, Part::Frame(frame), bytes)
+        Delivery::frame(&self.run, frame, bytes)
     }
 }
 

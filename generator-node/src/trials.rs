@@ -5,13 +5,13 @@ use crate::step::{Purpose, Step};
 use lamina_codec::encode_timed;
 use lamina_compute::{Activity, Laps, Permit, Priority};
 use lamina_model::{Cost, GenerationParams, Invalid};
+use lamina_rpc::Bytes;
 use lamina_rpc::daemon::with_heartbeat;
 use lamina_rpc::{required, v1};
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
-use tonic::codegen::Bytes;
 use tonic::{Status, Streaming};
 
 /// Encoded steps kept, so that one whose cost was asked for can be sent without being generated again.
@@ -70,7 +70,7 @@ impl TrialSession {
         answers: &mpsc::Sender<Result<v1::TrialReply, Status>>,
     ) -> Result<(), Status> {
         let greeting = v1::TrialReply {
-            run_id: self.held.run.run_id.clone(),
+            run_id: self.held.run.id.clone(),
             step: self.held.step,
             batches: self.node.plan.batches,
             longest_side: self.held.longest_side(),

@@ -7,7 +7,7 @@ import numpy as np
 def read_pfm(path):
     with open(path, "rb") as file:
         if file.readline().strip() != b"PF":
-            raise SystemExit(f"{path}: not a colour PFM")
+            raise SystemExit(f"{path}: not a color PFM")
         width, height = map(int, file.readline().split())
         scale = float(file.readline())
         return np.fromfile(file, "<f4" if scale < 0 else ">f4").reshape(height, width, 3)[::-1]

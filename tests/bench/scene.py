@@ -13,7 +13,7 @@ assert SCENE["transfer"]["range"] == {"lo": 0.0, "hi": 1.0, "scale": "linear"} a
 
 
 def spacing(n):
-    """World distance between neighbours of n voxels."""
+    """World distance between neighbors of n voxels."""
     return SIDE / (n - 1)
 
 

@@ -52,7 +52,7 @@ int main(int argc, char **argv) {
     expect("a negative spacing", lamina_connect(&run, &client), LAMINA_INVALID, "grid");
     run = right(argv[1]);
     run.color_field = "heat";
-    expect("colours without a type", lamina_connect(&run, &client), LAMINA_INVALID, "color_type");
+    expect("colors without a type", lamina_connect(&run, &client), LAMINA_INVALID, "color_type");
     run = right(argv[1]);
     run.full_policy = 9;
     expect("a policy of its own", lamina_connect(&run, &client), LAMINA_INVALID, "full_policy");
@@ -96,10 +96,10 @@ int main(int argc, char **argv) {
     expect("backwards", lamina_push(client, 1, 0, &brick), LAMINA_INVALID, "negative");
     brick = whole;
     brick.color_type = LAMINA_F32;
-    expect("a type of colours that the run does not name", lamina_push(client, 1, 0, &brick), LAMINA_INVALID, "color_field");
+    expect("a type of colors that the run does not name", lamina_push(client, 1, 0, &brick), LAMINA_INVALID, "color_field");
     brick = whole;
     brick.colors = values;
-    expect("colours that the run does not name", lamina_push(client, 1, 0, &brick), LAMINA_INVALID, "color_field");
+    expect("colors that the run does not name", lamina_push(client, 1, 0, &brick), LAMINA_INVALID, "color_field");
 
     lamina_summary summary;
     lamina_close(NULL, &summary);

@@ -1,5 +1,6 @@
 //! What the suites share: small scenes with known answers.
 
+pub mod languages;
 pub mod processes;
 pub mod reference;
 pub mod vdi_reference;
@@ -23,7 +24,7 @@ pub fn sampled_cube(n: usize, f: impl Fn(DVec3) -> f64) -> Volume {
     Volume::new(grid, Voxels::F64(voxels)).expect("as many voxels as the grid has")
 }
 
-/// A transfer function over 0..1 from (position, colour, opacity) corners, opacities per world length `unit_length`.
+/// A transfer function over 0..1 from (position, color, opacity) corners, opacities per world length `unit_length`.
 ///
 /// # Panics
 /// If the corners are not valid.

@@ -69,6 +69,11 @@ impl Daemon {
         format!("http://{}", self.address)
     }
 
+    /// Its process.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
     /// SIGSTOP: it stays, and answers nothing.
     ///
     /// # Panics

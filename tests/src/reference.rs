@@ -7,7 +7,7 @@ use glam::DVec3;
 use lamina_model::camera::CameraFields;
 use lamina_model::{Camera, ControlPoint, Ray, Scale, Scene, Volume};
 
-/// What has been gathered along a ray: premultiplied colour, and the share of light from behind that comes through.
+/// What has been gathered along a ray: premultiplied color, and the share of light from behind that comes through.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Light {
     /// Premultiplied red, green, blue.
@@ -29,7 +29,7 @@ impl Light {
         }
     }
 
-    /// The colour in front of `background`.
+    /// The color in front of `background`.
     pub fn over(self, background: [f32; 3]) -> [f64; 3] {
         [0, 1, 2].map(|c| self.color[c] + self.transmittance * f64::from(background[c]))
     }
@@ -198,7 +198,7 @@ impl Medium {
         sum
     }
 
-    /// Colour and opacity of a unit length at position `u`; of two points at one position the later one counts there.
+    /// Color and opacity of a unit length at position `u`; of two points at one position the later one counts there.
     fn looked_up(&self, u: f64) -> Option<([f64; 3], f64)> {
         if u.is_nan() {
             return None;

@@ -90,15 +90,9 @@ fn every_knob_is_measured_and_errors_fall_with_the_step() {
     }
 
     let report = fs::read_to_string(out.join("report.html")).unwrap();
-    for part in [
-        "Across knobs",
-        "Sampling step",
-        "Opacity cut-off",
-        "Gamma",
-        "Stored bits of colour",
-        "Interpolation",
-        "order ",
-    ] {
+    for part in
+        ["Across knobs", "Sampling step", "Opacity cut-off", "Gamma", "Stored bits of color", "Interpolation", "order "]
+    {
         assert!(report.contains(part), "{part}");
     }
     assert!(report.matches("<svg").count() >= 20, "{} plots", report.matches("<svg").count());

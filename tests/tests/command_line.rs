@@ -106,7 +106,7 @@ fn the_parts_agree_at_the_generation_view() {
     lamina(&["render", &vdi, "--size", "160", "--out", &b]);
     let printed = lamina(&["compare", &a, &b]);
     let last = printed.lines().last().unwrap();
-    assert!(figure(last, "psnr_db ") > 45.0, "8-bit colours at the generation view: {last}");
+    assert!(figure(last, "psnr_db ") > 45.0, "8-bit colors at the generation view: {last}");
     assert_eq!(figure(&lamina(&["compare", &a, &a]), "psnr_db "), f64::INFINITY);
 
     let size = |arguments: &[&str]| {
@@ -169,9 +169,9 @@ fn effects_of_a_scene_are_seen_everywhere() {
     }
 }
 
-/// A second array gives the colours of pictures, of VDIs and of a run; a reduced volume is never made of it.
+/// A second array gives the colors of pictures, of VDIs and of a run; a reduced volume is never made of it.
 #[test]
-fn a_second_field_colours_what_is_shown() {
+fn a_second_field_colors_what_is_shown() {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str| text(&folder.path().join(name));
     let config = lamina_blast::Config { cells: 32, tracer: true, ..Default::default() };

@@ -217,7 +217,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 96, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn colours_are_numbers_from_0_to_1(world in prop_oneof![world(), lit_world()]) {
+    fn colors_are_numbers_from_0_to_1(world in prop_oneof![world(), lit_world()]) {
         let (field, vdi, [w, h]) = (world.field(), world.vdi(), SIZE);
         let camera = &world.scene.camera;
         for picture in [
@@ -263,7 +263,7 @@ proptest! {
     }
 
     #[test]
-    fn neither_order_nor_neighbours_nor_threads_nor_level_change_a_bit(world in prop_oneof![world(),
+    fn neither_order_nor_neighbors_nor_threads_nor_level_change_a_bit(world in prop_oneof![world(),
         lit_world()], chunk in 1_usize..40, turn in 1_usize..273) {
         let (field, pixels, [w, h]) = (world.field(), all_pixels(), SIZE);
         // A prime beside 273 = 21 x 13 and any start visit every pixel once.
@@ -290,7 +290,7 @@ proptest! {
     }
 
     #[test]
-    fn on_a_gpu_colours_are_numbers_from_0_to_1_and_order_changes_no_bit(world in world()) {
+    fn on_a_gpu_colors_are_numbers_from_0_to_1_and_order_changes_no_bit(world in world()) {
         static KERNELS: LazyLock<Option<(CastKernels, DrawKernels)>> = LazyLock::new(|| {
             let cast = CastKernels::new(testing::gpu()?).unwrap();
             Some((cast, DrawKernels::new(testing::gpu()?).unwrap()))

@@ -5,6 +5,7 @@
 use glam::DVec3;
 use lamina_client::{Brick, Client, RunOptions, VoxelSlice};
 use lamina_model::{Grid, VoxelType};
+use lamina_tests::languages::{compile, library, python_with, source};
 use lamina_tests::processes::{Daemon, binary, free_port, wait_for};
 use std::collections::BTreeSet;
 use std::io::Read;
@@ -15,34 +16,6 @@ use std::time::Duration;
 
 const STEPS: u64 = 3;
 
-/// A file of the source tree.
-fn source(path: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join(path)
-}
-
-fn library() -> PathBuf {
-    binary(&format!("{}lamina_c{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX))
-}
-
-/// Compiles with warnings as errors against the library; the program.
-fn compile(compiler: &[&str], sources: &[&str], folder: &Path) -> PathBuf {
-    let (program, library) = (folder.join(sources[sources.len() - 1].replace(['/', '.'], "_")), library());
-    let beside = library.parent().unwrap().display().to_string();
-    let made = Command::new(compiler[0])
-        .current_dir(folder)
-        .args(&compiler[1..])
-        .args(["-Wall", "-Wextra", "-Werror", "-O2", "-ffp-contract=off"])
-        .args(sources.iter().map(|s| source(s)))
-        .arg("-I")
-        .arg(source("proto/client/c"))
-        .args([&format!("-L{beside}"), "-llamina_c", &format!("-Wl,-rpath,{beside}"), "-o"])
-        .arg(&program)
-        .output();
-    let made = made.unwrap_or_else(|e| panic!("{compiler:?} is needed: {e}"));
-    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
-    program
-}
-
 /// A generator-node, and a viz-node that records its runs.
 struct Recorder {
     store: tempfile::TempDir,
@@ -51,9 +24,12 @@ struct Recorder {
 }
 
 impl Recorder {
-    fn start() -> Self {
+    /// The simulations hand their bricks over in shared memory, or send them.
+    fn start(shared_memory: bool) -> Self {
         let store = tempfile::tempdir().unwrap();
-        let generator = Daemon::start("generator-node", free_port(), &[]);
+        let config = store.path().join("generator-node.toml");
+        std::fs::write(&config, format!("shared_memory = {shared_memory}\n")).unwrap();
+        let generator = Daemon::start("generator-node", free_port(), &["--config", &config.display().to_string()]);
         let config = store.path().join("viz-node.toml");
         std::fs::write(&config, format!("store = \"{}\"\n", store.path().join("runs").display())).unwrap();
         let (config, url) = (config.display().to_string(), generator.url());
@@ -108,13 +84,19 @@ where
 
 /// Runs `program URL RANK 2` for both ranks at once.
 fn run_ranks(program: &[&Path], url: &str) {
+    run_each(program, url, 2);
+}
+
+/// Runs `program URL RANK RANKS` for all ranks at once.
+fn run_each(program: &[&Path], url: &str, ranks: u32) {
     let start = |rank: u32| {
         let mut command = Command::new(program[0]);
-        command.args(&program[1..]).args([url, &rank.to_string(), "2"]).env("LAMINA_LIBRARY", library());
+        command.args(&program[1..]).args([url, &rank.to_string(), &ranks.to_string()]);
+        command.env("LAMINA_LIBRARY", library()).env("PYTHONPATH", source("proto/client/python"));
         command.env("PYTHONDONTWRITEBYTECODE", "1");
         command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
     };
-    for rank in [0, 1].map(start) {
+    for rank in (0..ranks).map(start).collect::<Vec<_>>() {
         let ended = rank.wait_with_output().unwrap();
         let [said, complained] = [&ended.stdout, &ended.stderr].map(|s| String::from_utf8_lossy(s).into_owned());
         assert_eq!((said.trim(), complained.trim()), ("pushed 3 dropped 0 lost 0", ""));
@@ -124,8 +106,8 @@ fn run_ranks(program: &[&Path], url: &str) {
 
 #[test]
 fn two_ranks_in_each_language_show_what_one_in_rust_does() {
-    let (recorder, folder) = (Recorder::start(), tempfile::tempdir().unwrap());
-    let expected = recorder.record(|url| push_blob(url, VoxelType::F64, |x| x));
+    let (recorder, folder) = (Recorder::start(true), tempfile::tempdir().unwrap());
+    let expected = Recorder::start(false).record(|url| push_blob(url, VoxelType::F64, |x| x));
     assert!(expected.iter().all(|(_, bytes)| bytes.len() > 1000), "nothing to compare");
 
     let c = compile(&["cc", "-std=c11"], &["proto/client/c/blob.c"], folder.path());
@@ -135,6 +117,16 @@ fn two_ranks_in_each_language_show_what_one_in_rust_does() {
     let rust = binary(&format!("examples/blob{}", std::env::consts::EXE_SUFFIX));
     for program in [&[c.as_path()][..], &[&fortran], &[&rust], &[Path::new("python3"), &python]] {
         let recorded = recorder.record(|url| run_ranks(program, url));
+        assert!(recorded == expected, "{program:?} pushed something else");
+    }
+
+    // Computed into the node's memory.
+    let c = compile(&["cc", "-std=c11"], &["tests/languages/buffers.c"], folder.path());
+    let fortran = ["proto/client/fortran/lamina.f90", "tests/languages/buffers.f90"];
+    let fortran = compile(&["gfortran"], &fortran, folder.path());
+    let (script, python) = (source("tests/languages/buffers.py"), python_with("numpy"));
+    for program in [&[c.as_path()][..], &[&fortran], &[Path::new(python), &script]] {
+        let recorded = recorder.record(|url| run_each(program, url, 1));
         assert!(recorded == expected, "{program:?} pushed something else");
     }
 

@@ -36,7 +36,7 @@ fn psnr_db(vdi: &Vdi, reference: &ReferenceSamples, detail: Detail) -> f64 {
 }
 
 #[test]
-fn at_the_generation_view_the_unquantised_vdi_is_the_ray_cast_image() {
+fn at_the_generation_view_the_unquantized_vdi_is_the_ray_cast_image() {
     let (scene, field) = scene_and_field();
     let db = compare(&field, &vdi(&field, SIZE, 0.0), &scene.camera);
     assert!(db > 90.0, "{db} dB");
@@ -70,7 +70,7 @@ fn linear_db(vdi: &Vdi, reference: &ReferenceSamples) -> f64 {
 }
 
 #[test]
-fn neighbouring_rays_blended_are_nearer_to_the_truth_than_the_nearest_one_and_than_linear_interpolation() {
+fn neighboring_rays_blended_are_nearer_to_the_truth_than_the_nearest_one_and_than_linear_interpolation() {
     let (_, field) = scene_and_field();
     let plan = SamplePlan { image_size: SIZE, tile: 1, batches: 1, angles_deg: vec![10.0, 30.0, 60.0] };
     let reference = Backend::cpu().reference_samples(&field, &plan, 0).unwrap();

@@ -156,11 +156,11 @@ const DRAWN: &str = "(() => { const c = document.querySelector('#picture').datas
     c.step === document.querySelector('#timeline').ariaValueNow && !document.querySelector('#stage').ariaBusy })()";
 
 #[test]
-fn a_volume_is_drawn_in_the_colours_chosen_on_the_page() {
+fn a_volume_is_drawn_in_the_colors_chosen_on_the_page() {
     let arguments = ["--cells", "24", "--steps", "60", "--representation", "volume"];
     let (lamina, browser, _profile) = watched(&arguments);
     browser.wait_js("document.querySelector('#picture').dataset.step !== undefined");
-    browser.js("document.querySelector('#colours summary').click()");
+    browser.js("document.querySelector('#colors summary').click()");
     browser.js("document.querySelector('#timeline').focus()");
     browser.key("End");
     browser
@@ -173,7 +173,7 @@ fn a_volume_is_drawn_in_the_colours_chosen_on_the_page() {
     browser.wait_js(&format!("{DRAWN} && {PICTURE} !== {recorded}"));
     browser.wait_js("document.querySelector('#corner').textContent.endsWith('opacity 0')");
     // Back, to the last pixel.
-    browser.js("document.querySelector('#recorded-colours').click()");
+    browser.js("document.querySelector('#recorded-colors').click()");
     browser.wait_js(&format!("{DRAWN} && {PICTURE} === {recorded}"));
     end(&browser, lamina);
 }
@@ -211,8 +211,8 @@ fn the_page_shows_the_newest_step_and_the_mouse_turns_it() {
     assert_eq!(browser.js("document.querySelector('#picture').dataset.step"), chosen);
     assert!(chosen.as_str().unwrap().parse::<u64>().unwrap() < before, "{chosen} is not the newest");
 
-    // Steps are VDIs: their colours are their data.
-    browser.js("document.querySelector('#colours summary').click()");
+    // Steps are VDIs: their colors are their data.
+    browser.js("document.querySelector('#colors summary').click()");
     browser.js("document.querySelector('#timeline').focus()");
     browser.key("Home");
     browser.wait_js("!document.querySelector('#fixed').hidden && document.querySelector('#editor').hidden");

@@ -8,7 +8,7 @@ use lamina_raycast::{Backend, Field};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
 use lamina_vdi_render::{PreparedVdi, reference};
 
-/// Picture sizes whose pixel centres lie on no pixel boundary of a VDI with an odd number of rays.
+/// Picture sizes whose pixel centers lie on no pixel boundary of a VDI with an odd number of rays.
 const SIZES: [(u32, u32); 2] = [(96, 96), (40, 72)];
 
 #[test]

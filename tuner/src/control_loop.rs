@@ -4,14 +4,14 @@ use crate::characteristic_steps::choose;
 use crate::evaluator::{Evaluator as _, TrialError};
 use crate::live::LiveQuality;
 use crate::provisional::{ProvisionalChoice, follow};
-use crate::push::{limits_alone, params_of, push, setting};
+use crate::push::{limits_alone, push, setting};
 use crate::remote::{Remote, connect};
 use crate::run_state::{RunState, StudyEnd};
 use crate::search::{CandidateSet, SearchRequest, search_with_margin};
 use crate::tune::Trial;
 use crate::{Config, status::Status};
 use futures::StreamExt;
-use lamina_model::{Cost, GenerationParams, StepReport, TuningState};
+use lamina_model::{Cost, GenerationParams, Setting, StepReport, TuningState};
 use lamina_rpc::v1::{self, control_client::ControlClient};
 use std::sync::Arc;
 use std::time::Duration;
@@ -31,7 +31,7 @@ struct Daemon {
     status: Arc<Status>,
     run: RunState,
     /// What was pushed last.
-    setting: Option<v1::SetParametersRequest>,
+    setting: Option<Setting>,
     /// First step the setting holds for: earlier ones do not speak against it.
     holds_from: u64,
 }
@@ -41,7 +41,7 @@ enum Call {
     /// The parameters in use are right.
     Nothing,
     /// It is like a step studied before: that one's parameters.
-    Switch(v1::SetParametersRequest, f64),
+    Switch(Setting, f64),
     /// It is like none, or the contract was broken.
     Study,
 }
@@ -80,7 +80,7 @@ impl Daemon {
         // A restarted generator-node has forgotten its parameters; a new one knows no limits yet.
         let begin = self.setting.clone();
         let limits = || limits_alone(&self.config.contract, &self.config.representations);
-        let from = push(&control, begin.clone().unwrap_or_else(limits)).await?;
+        let from = push(&control, &begin.clone().unwrap_or_else(limits)).await?;
         if begin.is_some() {
             self.holds_from = self.holds_from.max(from);
         }
@@ -176,11 +176,11 @@ impl Daemon {
     async fn switch(
         &mut self,
         control: &ControlClient<Channel>,
-        setting: v1::SetParametersRequest,
+        setting: Setting,
         psnr_db: f64,
     ) -> Result<(), TrialError> {
-        let from = push(control, setting.clone()).await?;
-        let params = GenerationParams::try_from(setting.params.unwrap_or_default()).unwrap_or_default();
+        let from = push(control, &setting).await?;
+        let params = setting.params.unwrap_or_default();
         tracing::info!(
             resolution = params.resolution(),
             gamma = params.gamma(),
@@ -242,7 +242,7 @@ impl Daemon {
         let (found, pushed) =
             if first { tokio::join!(searching, follow(control, status, chosen)) } else { (searching.await, None) };
         if let Some((setting, from)) = pushed {
-            in_use = params_of(&setting);
+            in_use = setting.params;
             (self.setting, self.holds_from) = (Some(setting), from);
         }
         self.run.candidates = all;
@@ -277,7 +277,7 @@ impl Daemon {
         }
         let state = if cut { TuningState::Provisional } else { TuningState::Done };
         let setting = setting(&study, chosen, &limits, state);
-        let from = push(control, setting.clone()).await?;
+        let from = push(control, &setting).await?;
         tracing::info!(
             step = study.step,
             trials = study.rows.len(),
@@ -292,7 +292,7 @@ impl Daemon {
             "tuned"
         );
         self.run.studied_step = Some(studied);
-        let before = self.setting.replace(setting).and_then(|s| params_of(&s));
+        let before = self.setting.replace(setting).and_then(|s| s.params);
         self.holds_from = from;
         // What was chosen on steps like this one did not serve.
         if let (Some(_), Some(before)) = (study.best, before) {

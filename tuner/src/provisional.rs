@@ -7,8 +7,8 @@ use crate::push::{push, setting};
 use crate::remote::Progress;
 use crate::status::Status;
 use crate::tune::{Study, Trial};
-use lamina_model::{GenerationParams, TuningState};
-use lamina_rpc::v1::{self, control_client::ControlClient};
+use lamina_model::{GenerationParams, Setting, TuningState};
+use lamina_rpc::v1::control_client::ControlClient;
 use tokio::sync::watch;
 use tonic::transport::Channel;
 
@@ -23,7 +23,7 @@ pub(crate) struct ProvisionalChoice<'a> {
 }
 
 /// Parameters to push, and what their trial came to, decibels.
-pub(crate) type Chosen = (v1::SetParametersRequest, f64);
+pub(crate) type Chosen = (Setting, f64);
 
 impl<'a> ProvisionalChoice<'a> {
     /// No trial yet; and what it chooses, for [`follow`].
@@ -58,11 +58,11 @@ pub(crate) async fn follow(
     control: &ControlClient<Channel>,
     status: &Status,
     mut chosen: watch::Receiver<Option<Chosen>>,
-) -> Option<(v1::SetParametersRequest, u64)> {
+) -> Option<(Setting, u64)> {
     let mut last = None;
     while chosen.changed().await.is_ok() {
         let Some((setting, psnr_db)) = chosen.borrow_and_update().clone() else { continue };
-        match push(control, setting.clone()).await {
+        match push(control, &setting).await {
             Ok(from) => {
                 status.chosen(setting.params, psnr_db);
                 last = Some((setting, from));
@@ -93,9 +93,7 @@ mod tests {
             choice.add(&Trial { params: params(resolution), cost, measured });
             let changed = chosen.has_changed().unwrap();
             let setting = chosen.borrow_and_update().clone();
-            setting.filter(|_| changed).map(|(s, _)| {
-                (GenerationParams::try_from(s.params.unwrap()).unwrap().resolution(), s.tuning_state().into())
-            })
+            setting.filter(|_| changed).map(|(s, _)| (s.params.unwrap().resolution(), s.tuning))
         };
         let in_use = |resolution| Some((resolution, TuningState::Provisional));
         assert_eq!(trial(62, 1001, 1e-6), None, "too large");

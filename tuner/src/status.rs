@@ -2,6 +2,7 @@
 
 use crate::evaluator::TrialError;
 use crate::tune::Trial;
+use lamina_model::GenerationParams;
 use lamina_rpc::v1::{self, tuning_server};
 use parking_lot::{Mutex, MutexGuard};
 use std::sync::Arc;
@@ -44,9 +45,9 @@ impl Status {
     }
 
     /// Parameters whose trial came to `psnr_db` are in use.
-    pub(crate) fn chosen(&self, params: Option<v1::GenerationParams>, psnr_db: f64) {
+    pub(crate) fn chosen(&self, params: Option<GenerationParams>, psnr_db: f64) {
         let mut state = self.state();
-        (state.chosen, state.chosen_psnr_db) = (params, Some(psnr_db));
+        (state.chosen, state.chosen_psnr_db) = (params.as_ref().map(Into::into), Some(psnr_db));
     }
 
     /// A trial was measured; its step is filled in when the study ends.

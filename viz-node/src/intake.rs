@@ -2,10 +2,10 @@
 //! where they are measured when asked for.
 
 use crate::store::{Run, StepRow, Store};
-use crate::trials::{ArrivedTrial, ShownTrials};
+use crate::trials::{Arrived, ArrivedTrial, ShownTrials};
 use lamina_codec::DecodeLimits;
 use lamina_compute::{Activity, CpuShare, Priority};
-use lamina_model::ReferenceSamples;
+use lamina_model::{Frame, Invalid, ReferenceSamples, RunInfo};
 use lamina_rpc::reference;
 use lamina_rpc::v1::{self, delivery::Part};
 use lamina_vdi_render::{Backend, Detail};
@@ -79,7 +79,7 @@ fn keep(references: &Mutex<References>, announcement: v1::Reference, payload: &[
     Ok(())
 }
 
-fn find(references: &Mutex<References>, frame: &v1::Frame) -> Option<Arc<ReferenceSamples>> {
+fn find(references: &Mutex<References>, frame: &Frame) -> Option<Arc<ReferenceSamples>> {
     let references = lock(references);
     let found = references.iter().find(|(run, r)| *run == frame.run_id && r.step == frame.step);
     found.map(|(_, samples)| samples.clone())
@@ -104,9 +104,11 @@ impl Intake {
     /// Takes one whole delivery of live steps. Blocking: writes files.
     pub(crate) fn take_live(&self, part: Part, payload: Vec<u8>) {
         let outcome = match part {
-            Part::Run(run) => self.begin(Run::from(&run)),
+            Part::Run(run) => RunInfo::try_from(run).map_err(|e| e.to_string()).and_then(|run| self.begin(run.into())),
             Part::Reference(announcement) => keep(&self.live_references, announcement, &payload),
-            Part::Frame(frame) => self.record(&frame, payload),
+            Part::Frame(frame) => {
+                Frame::try_from(frame).map_err(|e| e.to_string()).and_then(|f| self.record(&f, payload))
+            }
             Part::Chunk(_) => Ok(()),
         };
         self.log(outcome);
@@ -125,15 +127,19 @@ impl Intake {
         match part {
             Part::Reference(announcement) => self.log(keep(&self.trial_references, announcement, &payload)),
             Part::Frame(frame) => {
-                let missing =
-                    || Status::failed_precondition(format!("no reference samples of step {} have arrived", frame.step));
-                let reference = find(&self.trial_references, &frame).ok_or_else(missing);
-                let (trial_id, limits) = (frame.trial_id, self.limits);
-                let arrived = reference.map(|r| Arc::new(ArrivedTrial::new(frame, payload, r, limits)));
-                self.trials.keep(trial_id, arrived);
+                let (trial_id, frame) = (frame.trial_id, Frame::try_from(frame));
+                self.trials.keep(trial_id, self.arrived(frame, payload));
             }
             Part::Run(_) | Part::Chunk(_) => {}
         }
+    }
+
+    fn arrived(&self, frame: Result<Frame, Invalid>, payload: Vec<u8>) -> Arrived {
+        let frame = frame.map_err(|e| lamina_rpc::invalid(&e))?;
+        let missing =
+            || Status::failed_precondition(format!("no reference samples of step {} have arrived", frame.step));
+        let reference = find(&self.trial_references, &frame).ok_or_else(missing)?;
+        Ok(Arc::new(ArrivedTrial::new(frame, payload, reference, self.limits)))
     }
 
     fn log(&self, outcome: Result<(), String>) {
@@ -143,7 +149,7 @@ impl Intake {
         }
     }
 
-    fn record(&self, frame: &v1::Frame, payload: Vec<u8>) -> Result<(), String> {
+    fn record(&self, frame: &Frame, payload: Vec<u8>) -> Result<(), String> {
         let step = frame.step;
         lamina_codec::check_any(&payload, &self.limits).map_err(|e| format!("step {step}: {e}"))?;
         let reference = find(&self.live_references, frame);

@@ -47,18 +47,18 @@ pub enum PaintError {
 /// Largest side of a picture for the page.
 const MAX_SIZE: u32 = 2048;
 
-/// Draws steps, from anywhere and, where they are volumes, in other colours.
+/// Draws steps, from anywhere and, where they are volumes, in other colors.
 #[derive(Debug)]
 pub struct Painter {
     store: Arc<Store>,
     backend: Backend,
-    recoloured: Mutex<Option<Recoloured>>,
+    recolored: Mutex<Option<Recolored>>,
 }
 
-/// The volume last drawn in other colours: the next picture is likely to be of it, in the same; if it is not in other
-/// colours, this is dropped.
+/// The volume last drawn in other colors: the next picture is likely to be of it, in the same; if it is not in other
+/// colors, this is dropped.
 #[derive(Debug)]
-struct Recoloured {
+struct Recolored {
     from: Arc<Drawable>,
     points: Vec<ControlPoint>,
     shown: Arc<Drawable>,
@@ -67,7 +67,7 @@ struct Recoloured {
 impl Painter {
     /// Draws what `store` holds with `backend`.
     pub fn new(store: Arc<Store>, backend: Backend) -> Self {
-        Self { store, backend, recoloured: Mutex::new(None) }
+        Self { store, backend, recolored: Mutex::new(None) }
     }
 
     /// Draws `step`, under `points` if there are any: they take the place of its transfer function's, and what that leaves
@@ -89,7 +89,7 @@ impl Painter {
         let camera = shown.camera().orbit(orbit.azimuth_deg, orbit.elevation_deg, orbit.zoom)?;
         let start = Instant::now();
         match points {
-            Some(points) => shown = self.recoloured(shown, points)?,
+            Some(points) => shown = self.recolored(shown, points)?,
             None => *self.last() = None,
         }
         let image = self.backend.render_while(&shown, &camera, [orbit.size; 2], orbit.detail, wanted)?;
@@ -97,17 +97,17 @@ impl Painter {
         image.map(|image| Ok(PaintedPicture { step, png: png(&image)?, render_time })).transpose()
     }
 
-    fn last(&self) -> MutexGuard<'_, Option<Recoloured>> {
-        self.recoloured.lock()
+    fn last(&self) -> MutexGuard<'_, Option<Recolored>> {
+        self.recolored.lock()
     }
 
-    fn recoloured(&self, from: Arc<Drawable>, points: Vec<ControlPoint>) -> Result<Arc<Drawable>, Invalid> {
+    fn recolored(&self, from: Arc<Drawable>, points: Vec<ControlPoint>) -> Result<Arc<Drawable>, Invalid> {
         let mut last = self.last();
         if let Some(last) = last.as_ref().filter(|l| Arc::ptr_eq(&l.from, &from) && l.points == points) {
             return Ok(last.shown.clone());
         }
         let shown = Arc::new(from.with_points(points.clone())?);
-        *last = Some(Recoloured { from, points, shown: shown.clone() });
+        *last = Some(Recolored { from, points, shown: shown.clone() });
         Ok(shown)
     }
 }

@@ -68,8 +68,8 @@ impl quality_server::Quality for QualityService {
 async fn measure(intake: Arc<Intake>, request: v1::QualityRequest) -> Result<Quality, Status> {
     let v1::QualityRequest { trial_id, first_batch, batches, study } = request;
     let trial = intake.trials.find(trial_id).await?;
-    let progress = study.unwrap_or_default();
-    intake.trials.set_study(StudyStatus { progress, step: trial.frame.step });
+    let v1::StudyProgress { first, trials, best_psnr_db, best_size_bytes } = study.unwrap_or_default();
+    intake.trials.set_study(StudyStatus { step: trial.frame.step, first, trials, best_psnr_db, best_size_bytes });
     let end = if batches == 0 { trial.reference.plan.batches } else { first_batch.saturating_add(batches) };
     let (backend, of) = (intake.backend.clone(), trial.clone());
     let work = move |laps: &mut Laps| {
@@ -78,7 +78,7 @@ async fn measure(intake: Arc<Intake>, request: v1::QualityRequest) -> Result<Qua
         let quality = backend.quality(shown, &of.reference, first_batch..end, Detail::Cubic);
         quality.map_err(|e| lamina_rpc::invalid(&e))
     };
-    let permit = intake.share.acquire(Priority::of_trial(progress.first)).await;
+    let permit = intake.share.acquire(Priority::of_trial(first)).await;
     let quality = permit.run(Activity::Measure, work).await.map_err(|e| Status::internal(e.to_string()))??;
     intake.trials.remember(&trial.frame, &quality);
     intake.store.tried();

@@ -2,8 +2,7 @@
 
 use crate::store::StepRow;
 use lamina_codec::{CodecError, DecodeLimits};
-use lamina_model::{Quality, ReferenceSamples};
-use lamina_rpc::v1;
+use lamina_model::{Frame, Quality, ReferenceSamples};
 use lamina_vdi_render::Drawable;
 use parking_lot::{Mutex, MutexGuard};
 use std::collections::VecDeque;
@@ -21,7 +20,7 @@ const MEASURED: usize = 256;
 /// A trial that can be measured.
 pub(crate) struct ArrivedTrial {
     /// As announced.
-    pub frame: v1::Frame,
+    pub frame: Frame,
     /// With what it is compared.
     pub reference: Arc<ReferenceSamples>,
     payload: Vec<u8>,
@@ -31,12 +30,7 @@ pub(crate) struct ArrivedTrial {
 
 impl ArrivedTrial {
     /// Not decoded yet.
-    pub(crate) fn new(
-        frame: v1::Frame,
-        payload: Vec<u8>,
-        reference: Arc<ReferenceSamples>,
-        limits: DecodeLimits,
-    ) -> Self {
+    pub(crate) fn new(frame: Frame, payload: Vec<u8>, reference: Arc<ReferenceSamples>, limits: DecodeLimits) -> Self {
         Self { frame, reference, payload, limits, shown: OnceLock::new() }
     }
 
@@ -55,7 +49,7 @@ impl ArrivedTrial {
     }
 }
 
-type Arrived = Result<Arc<ArrivedTrial>, Status>;
+pub(crate) type Arrived = Result<Arc<ArrivedTrial>, Status>;
 
 #[derive(Default)]
 struct Held {
@@ -88,17 +82,23 @@ impl Held {
 /// How far the newest study is that asked here.
 #[derive(Default, Clone, Copy)]
 pub(crate) struct StudyStatus {
-    /// As the tuner said.
-    pub progress: v1::StudyProgress,
     /// The step it is of.
     pub step: u64,
+    /// True for a run's first study.
+    pub first: bool,
+    /// Trials begun.
+    pub trials: u32,
+    /// Quality of the best trial that keeps the contract so far, decibels.
+    pub best_psnr_db: Option<f64>,
+    /// Its encoded bytes.
+    pub best_size_bytes: u64,
 }
 
 /// The trials kept, and what those measured came to.
 #[derive(Default)]
 pub(crate) struct ShownTrials {
     held: watch::Sender<Held>,
-    measured: Mutex<VecDeque<(v1::Frame, Quality)>>,
+    measured: Mutex<VecDeque<(Frame, Quality)>>,
     study: Mutex<Option<StudyStatus>>,
 }
 
@@ -131,12 +131,12 @@ impl ShownTrials {
         known.find(trial_id, subscription).unwrap_or_else(|| Err(Status::internal("trials")))
     }
 
-    fn measured(&self) -> MutexGuard<'_, VecDeque<(v1::Frame, Quality)>> {
+    fn measured(&self) -> MutexGuard<'_, VecDeque<(Frame, Quality)>> {
         self.measured.lock()
     }
 
     /// Remembers what some batches of a trial came to; with those before, if it was asked about again.
-    pub(crate) fn remember(&self, frame: &v1::Frame, quality: &Quality) {
+    pub(crate) fn remember(&self, frame: &Frame, quality: &Quality) {
         let mut measured = self.measured();
         if let Some((_, known)) = measured.iter_mut().find(|(f, _)| f.trial_id == frame.trial_id) {
             if known.extend(quality).is_err() {
@@ -223,7 +223,8 @@ mod tests {
     fn what_trials_came_to_is_remembered_by_run_and_batches_add_up() {
         let trials = ShownTrials::default();
         let quality = |mse: &[f64]| Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: mse.to_vec() }] };
-        let frame = |trial_id, run_id: &str| v1::Frame { trial_id, run_id: run_id.into(), ..v1::Frame::default() };
+        let frame =
+            |trial_id, run_id: &str| Frame { trial_id: Some(trial_id), run_id: run_id.into(), ..Frame::default() };
         trials.remember(&frame(1, "a"), &quality(&[1e-4]));
         trials.remember(&frame(2, "b"), &quality(&[1e-3]));
         trials.remember(&frame(1, "a"), &quality(&[3e-4, 2e-4]));

@@ -35,7 +35,7 @@ pub(crate) struct Gas {
 
 impl Gas {
     /// A box of `shape` cells whose edge, gas law, boundary and Courant number `config` gives (its `cells` set the edge
-    /// only). It is centred on the origin, and `initial` gives the primitive quantities at a cell's centre.
+    /// only). It is centered on the origin, and `initial` gives the primitive quantities at a cell's center.
     pub(crate) fn new(
         shape: [usize; 3],
         config: &Config,

@@ -13,7 +13,7 @@
 //! Units are arbitrary but consistent: length in half box edges, density in ambient densities, time such that the
 //! blast meets the faces of the box after about 50 output steps of the default interval and has left it after about 200.
 //!
-//! Results are the same to the bit for any number of threads: a cell depends on its neighbours only, and the one
+//! Results are the same to the bit for any number of threads: a cell depends on its neighbors only, and the one
 //! reduction across threads is a maximum.
 //!
 //! A run does not restart by itself. A caller that never stops asks [`Simulation::finished`] and begins anew:
@@ -127,7 +127,7 @@ impl Simulation {
         self.config.spacing()
     }
 
-    /// The coordinate of the first cell's centre, the same on each axis.
+    /// The coordinate of the first cell's center, the same on each axis.
     pub fn origin(&self) -> f64 {
         0.5 * self.spacing() - 1.0
     }

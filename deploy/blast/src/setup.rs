@@ -1,4 +1,4 @@
-//! The state at time 0: a hot, dented sphere near the centre of a cold box full of dense clumps.
+//! The state at time 0: a hot, dented sphere near the center of a cold box full of dense clumps.
 //!
 //! Ambient density is 1. Clumps are in pressure equilibrium with the ambient gas and at rest, so that nothing happens to
 //! them before the blast arrives. Edges are smooth over a few cells of the default grid and do not depend on the grid, so
@@ -15,13 +15,13 @@ const BLAST_EDGE: f64 = 0.04;
 /// Bumps on the blast, and the most that each adds to its radius, as a share of it.
 const BUMPS: usize = 12;
 const BUMP_HEIGHT: f64 = 0.05;
-/// Clumps lie up to here from the blast's centre; what sticks out of the box is cut off.
+/// Clumps lie up to here from the blast's center; what sticks out of the box is cut off.
 const FARTHEST_CLUMP: f64 = 1.1;
 
 /// What fills the box at time 0.
 pub(crate) struct InitialState {
     blast: [f64; 3],
-    /// No point of the blast is farther than this from its centre.
+    /// No point of the blast is farther than this from its center.
     blast_reach: f64,
     bumps: [Bump; BUMPS],
     clumps: Vec<Clump>,

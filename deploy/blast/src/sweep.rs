@@ -1,10 +1,10 @@
 //! One MUSCL-Hancock step of every cell along one axis.
 //!
 //! Toro, chapter 14.4: (1) linear reconstruction of the primitive quantities, slopes limited; (2) both face values of a
-//! cell go forward by half a step with the 1-D primitive equations (chapter 3.2.3); (3) HLLC between neighbours. The
+//! cell go forward by half a step with the 1-D primitive equations (chapter 3.2.3); (3) HLLC between neighbors. The
 //! limiter is van Leer's monotonised central one (J. Comput. Phys. 23, 1977).
 //!
-//! All axes share one kernel. It walks along the axis, and [`LANES`] neighbouring lines go side by side. Each thread
+//! All axes share one kernel. It walks along the axis, and [`LANES`] neighboring lines go side by side. Each thread
 //! writes its own layers and may read everybody's, so that a face between two threads is computed twice, to the same bits.
 
 use crate::config::Boundary;

@@ -49,7 +49,7 @@ struct Around {
 }
 
 impl Around {
-    /// The neighbour of cell `p` one step up or down `axis`; itself at a face through which gas leaves.
+    /// The neighbor of cell `p` one step up or down `axis`; itself at a face through which gas leaves.
     fn beside(&self, p: [usize; 3], axis: usize, up: bool) -> [usize; 3] {
         let (n, mut q) = (self.shape[axis], p);
         q[axis] = match (self.boundary, up) {
@@ -62,7 +62,7 @@ impl Around {
     }
 }
 
-/// Writes to `to` what `from` becomes in `dt` under a constant dynamic `viscosity`: momentum diffuses between neighbours,
+/// Writes to `to` what `from` becomes in `dt` under a constant dynamic `viscosity`: momentum diffuses between neighbors,
 /// and energy with it, so that both totals stay and what motion is lost is heat.
 pub(crate) fn rub(from: &State, to: &mut State, config: &Config, dt: f64) {
     let (around, plane, layer) =

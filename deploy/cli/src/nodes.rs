@@ -195,7 +195,7 @@ impl Nodes {
 /// Tells the generator-node the limits.
 async fn announce(generator: &str, tuning: &Tuning) -> anyhow::Result<()> {
     let control = ControlClient::new(connect(generator).await?);
-    push(&control, limits_alone(&tuning.contract, &tuning.representations)).await?;
+    push(&control, &limits_alone(&tuning.contract, &tuning.representations)).await?;
     Ok(())
 }
 

@@ -45,7 +45,7 @@ fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
 }
 
-/// Colour, little-endian (scale -1), rows from the bottom.
+/// Color, little-endian (scale -1), rows from the bottom.
 fn pfm(image: &Image) -> Vec<u8> {
     let mut bytes = format!("PF\n{} {}\n-1.0\n", image.width(), image.height()).into_bytes();
     for row in image.pixels().chunks_exact(image.width() as usize).rev() {
@@ -57,7 +57,7 @@ fn pfm(image: &Image) -> Vec<u8> {
 fn from_pfm(bytes: &[u8]) -> anyhow::Result<Image> {
     let mut lines = bytes.splitn(4, |&b| b == b'\n');
     let mut line = || lines.next().and_then(|l| std::str::from_utf8(l).ok()).context("header cut short");
-    ensure!(line()?.trim() == "PF", "not a colour PFM");
+    ensure!(line()?.trim() == "PF", "not a color PFM");
     let size: Vec<u32> = line()?.split_whitespace().map(str::parse).collect::<Result<_, _>>()?;
     let &[width, height] = size.as_slice() else { bail!("its second line must be width and height") };
     let little: bool = line()?.trim().parse::<f64>()? < 0.0;

@@ -169,7 +169,7 @@ pub fn scene_of(series: &Series, file: Option<&Path>) -> anyhow::Result<Scene> {
     scene_for(file, &volumes.iter().collect::<Vec<_>>())
 }
 
-/// `volume`, which is step `n`, with the second field that `scene` takes colours from, if it does.
+/// `volume`, which is step `n`, with the second field that `scene` takes colors from, if it does.
 pub fn with_colors(series: &Series, n: usize, volume: Volume, scene: &Scene) -> anyhow::Result<Volume> {
     match &scene.effects.color_field {
         None => Ok(volume),

@@ -160,11 +160,11 @@ fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume) -> anyhow::Result
         untuned.map_or_else(|| options.representation.contains(&Representation::Vdi), |r| *r == Representation::Vdi);
     if let Some(second) = scene.effects.color_field.as_ref().filter(|_| !vdis) {
         bail!(
-            "--representation: a reduced volume holds one field, and colours come from \"{}\"; allow vdi",
+            "--representation: a reduced volume holds one field, and colors come from \"{}\"; allow vdi",
             second.name
         );
     }
-    // In work, each field and its colours take four bytes a voxel.
+    // In work, each field and its colors take four bytes a voxel.
     let voxels = volume.grid().voxels() as u64 * (1 + u64::from(volume.color_field().is_some()));
     Ok(Setup {
         viewer: if options.headless { SocketAddr::from((Ipv4Addr::LOCALHOST, 0)) } else { options.viewer },

@@ -17,7 +17,7 @@ pub struct RawSpec {
     pub dims: Option<[usize; 3]>,
     /// Type of one voxel.
     pub voxel_type: Option<VoxelType>,
-    /// Distance between neighbouring voxels, 1 on every axis if not given.
+    /// Distance between neighboring voxels, 1 on every axis if not given.
     pub spacing: Option<DVec3>,
 }
 

@@ -75,7 +75,7 @@ fn choose<'a>(path: &Path, header: &'a Header, wanted: Option<&str>) -> Result<A
     }
 }
 
-/// The sample points; those of cells are the cells' centres.
+/// The sample points; those of cells are the cells' centers.
 fn grid(path: &Path, header: &Header, of_cells: bool) -> Result<Grid, ReadError> {
     let (spacing, mut origin) = (DVec3::from(header.spacing), DVec3::from(header.origin));
     let mut dims = [0; 3];

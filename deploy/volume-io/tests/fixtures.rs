@@ -91,7 +91,7 @@ fn an_extent_that_does_not_start_at_zero_moves_the_grid() {
 }
 
 #[test]
-fn cells_are_sampled_at_their_centres() {
+fn cells_are_sampled_at_their_centers() {
     let volume = read("cell_data.vti");
     check("cell_data", &volume, [3, 2, 4], |v| v as f64);
     assert_eq!((volume.grid().origin(), volume.grid().spacing()), (ORIGIN + 0.5 * SPACING, SPACING));

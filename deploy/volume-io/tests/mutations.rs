@@ -47,7 +47,7 @@ fn damage(bytes: &[u8], random: &mut Random) -> Vec<u8> {
     bytes
 }
 
-/// Makes a number larger wherever it stands between the same neighbours: headers that say a size twice then agree.
+/// Makes a number larger wherever it stands between the same neighbors: headers that say a size twice then agree.
 fn inflate_number(bytes: &[u8], random: &mut Random) -> Vec<u8> {
     let digits: Vec<_> = (1..bytes.len().saturating_sub(1)).filter(|&at| bytes[at].is_ascii_digit()).collect();
     let Some(&at) = digits.get(random.below(digits.len())) else { return bytes.to_vec() };

@@ -1,12 +1,13 @@
 //! One time step while its ranks' bricks arrive.
 
-use super::{BrickOffer, GridBox, IngestError};
+use super::IngestError;
+use super::brick::{BrickBytes, BrickOffer, GridBox};
 
 #[derive(Debug)]
 struct BrickSlot {
     rank: u32,
     brick: GridBox,
-    bytes: Option<Vec<u8>>,
+    bytes: Option<BrickBytes>,
 }
 
 /// The bricks of one step: reserved when admitted, filled when received.
@@ -67,7 +68,7 @@ impl Assembly {
     }
 
     /// Stores `rank`'s bytes; true if all `ranks` are in.
-    pub(super) fn fill(&mut self, rank: u32, ranks: u32, bytes: Vec<u8>) -> bool {
+    pub(super) fn fill(&mut self, rank: u32, ranks: u32, bytes: BrickBytes) -> bool {
         if let Some(part) = self.parts.iter_mut().find(|p| p.rank == rank) {
             part.bytes = Some(bytes);
         }
@@ -75,7 +76,7 @@ impl Assembly {
     }
 
     /// The bricks with their bytes.
-    pub(super) fn into_bricks(self) -> Vec<(GridBox, Vec<u8>)> {
+    pub(super) fn into_bricks(self) -> Vec<(GridBox, BrickBytes)> {
         self.parts.into_iter().filter_map(|p| Some((p.brick, p.bytes?))).collect()
     }
 }

@@ -1,6 +1,8 @@
 //! A rank's part of a time step, and bricks joined to a whole grid.
 
 use lamina_model::{Grid, Invalid, VoxelType, Voxels};
+use lamina_shared_memory::SharedBytes;
+use std::ops::Deref;
 
 /// A brick that a rank would push, as it announces it.
 #[derive(Debug, Clone, Copy)]
@@ -52,11 +54,42 @@ impl GridBox {
     }
 }
 
+/// Bytes of a brick: its voxels, little-endian, x fastest; those of a second field follow.
+#[derive(Debug)]
+pub enum BrickBytes {
+    /// Received.
+    Own(Vec<u8>),
+    /// Read where the simulation wrote them.
+    Shared(SharedBytes),
+}
+
+impl Deref for BrickBytes {
+    type Target = [u8];
+    fn deref(&self) -> &[u8] {
+        match self {
+            Self::Own(bytes) => bytes,
+            Self::Shared(bytes) => bytes,
+        }
+    }
+}
+
+impl From<Vec<u8>> for BrickBytes {
+    fn from(bytes: Vec<u8>) -> Self {
+        Self::Own(bytes)
+    }
+}
+
 /// The voxels that bricks with these bytes make up. They must cover the grid and hold `voxel_type` numbers.
-pub(super) fn join(grid: &Grid, voxel_type: VoxelType, mut bricks: Vec<(GridBox, Vec<u8>)>) -> Voxels {
-    if bricks.len() == 1 {
-        let (_, bytes) = bricks.remove(0);
-        return Voxels::from_le_bytes(voxel_type, &bytes);
+pub(super) fn join<'a>(
+    grid: &Grid,
+    voxel_type: VoxelType,
+    bricks: impl ExactSizeIterator<Item = (GridBox, &'a [u8])>,
+) -> Voxels {
+    let mut bricks = bricks.peekable();
+    if bricks.len() == 1
+        && let Some((_, bytes)) = bricks.peek()
+    {
+        return Voxels::from_le_bytes(voxel_type, bytes);
     }
     let size = voxel_type.size_bytes();
     let [nx, ny, _] = grid.dims();
@@ -92,12 +125,10 @@ mod tests {
             }
             (GridBox::new(start, dims, &grid).unwrap(), bytes)
         };
-        let joined = join(
-            &grid,
-            VoxelType::U16,
-            vec![cut([0, 0, 0], [1, 3, 2]), cut([1, 0, 0], [3, 3, 1]), cut([1, 0, 1], [3, 3, 1])],
-        );
-        assert_eq!(joined, join(&grid, VoxelType::U16, vec![cut([0, 0, 0], [4, 3, 2])]));
+        let bricks = [cut([0, 0, 0], [1, 3, 2]), cut([1, 0, 0], [3, 3, 1]), cut([1, 0, 1], [3, 3, 1])];
+        let joined = join(&grid, VoxelType::U16, bricks.iter().map(|(brick, bytes)| (*brick, &**bytes)));
+        let (brick, whole) = cut([0, 0, 0], [4, 3, 2]);
+        assert_eq!(joined, join(&grid, VoxelType::U16, std::iter::once((brick, &*whole))));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! Memory is decided before a byte is copied: a step is admitted with its whole grid's bytes or not at all.
 
-use super::brick::BrickOffer;
+use super::brick::{BrickBytes, BrickOffer};
 use super::run::{IngestRun, RunSpec};
 use super::{GridBox, IngestError, assembly::Assembly, brick};
 use lamina_model::{FullPolicy, Invalid, Volume};
@@ -24,7 +24,7 @@ pub struct CompleteStep {
     pub dropped_steps: u64,
     /// When its last brick came in.
     completed: Instant,
-    bricks: Vec<(GridBox, Vec<u8>)>,
+    bricks: Vec<(GridBox, BrickBytes)>,
 }
 
 impl CompleteStep {
@@ -33,17 +33,13 @@ impl CompleteStep {
     /// # Errors
     /// If the bricks do not make up the grid.
     pub fn into_volume(self) -> Result<Volume, Invalid> {
-        let RunSpec { grid, voxel_type, color_field, .. } = self.spec;
-        let Some((name, color_type)) = color_field else {
-            return Volume::new(grid, brick::join(&grid, voxel_type, self.bricks));
-        };
-        let split = |(brick, mut bytes): (GridBox, Vec<u8>)| {
-            let second = bytes.split_off(brick.voxels() * voxel_type.size_bytes());
-            ((brick, bytes), (brick, second))
-        };
-        let (first, second) = self.bricks.into_iter().map(split).unzip();
-        Volume::new(grid, brick::join(&grid, voxel_type, first))?
-            .with_color_field(&name, brick::join(&grid, color_type, second))
+        let RunSpec { grid, voxel_type, color_field, .. } = &self.spec;
+        let first_bytes = |brick: &GridBox| brick.voxels() * voxel_type.size_bytes();
+        let first = self.bricks.iter().map(|(brick, bytes)| (*brick, &bytes[..first_bytes(brick)]));
+        let volume = Volume::new(*grid, brick::join(grid, *voxel_type, first))?;
+        let Some((name, color_type)) = color_field else { return Ok(volume) };
+        let second = self.bricks.iter().map(|(brick, bytes)| (*brick, &bytes[first_bytes(brick)..]));
+        volume.with_color_field(name, brick::join(grid, *color_type, second))
     }
 }
 
@@ -202,14 +198,14 @@ impl Core {
         run_id: &str,
         step: u64,
         rank: u32,
-        bytes: Vec<u8>,
+        bytes: impl Into<BrickBytes>,
         now: Instant,
     ) -> Result<Option<bool>, IngestError> {
         let run = self.run(run_id)?;
         run.last_heard = now;
         run.last_step[rank as usize] = Some(step);
         let Some(assembly) = run.steps.get_mut(&step) else { return Ok(None) };
-        if !assembly.fill(rank, run.spec.ranks, bytes) {
+        if !assembly.fill(rank, run.spec.ranks, bytes.into()) {
             return Ok(Some(false));
         }
         // Every rank is past the older steps: what is missing there will not come.

@@ -9,8 +9,8 @@ mod service;
 #[cfg(test)]
 mod tests;
 
-pub use brick::{BrickOffer, GridBox};
+pub use brick::{BrickBytes, BrickOffer, GridBox};
 pub use core::{Admit, CompleteStep, Core};
 pub use error::IngestError;
 pub use run::RunSpec;
-pub use service::{Ingest, IngestService};
+pub use service::{Ingest, IngestService, SharedMemory};

@@ -17,7 +17,7 @@ pub struct RunSpec {
     pub grid: Grid,
     /// Type of the voxels.
     pub voxel_type: VoxelType,
-    /// Name and type of a second field, for colours.
+    /// Name and type of a second field, for colors.
     pub color_field: Option<(String, VoxelType)>,
     /// Number of ranks, each with its own brick.
     pub ranks: u32,
@@ -39,7 +39,7 @@ impl RunSpec {
     }
 
     /// Bytes besides waiting steps: one step's bricks and joined volume, and three fields (in work, newest, in trials), each
-    /// with its colours.
+    /// with its colors.
     pub fn working_bytes(&self) -> u64 {
         let fields = 3 * (1 + u64::from(self.color_field.is_some()));
         2 * self.step_bytes() + fields * 4 * self.grid.voxels() as u64

@@ -1,11 +1,13 @@
 //! The ingest service: the state machine behind a lock, and waiting where the run's policy is to block.
 
+use super::brick::BrickBytes;
 use super::{Admit, BrickOffer, CompleteStep, Core, IngestError, RunSpec};
 use crate::overhead::Overhead;
 use futures::{Stream, StreamExt};
 use lamina_model::{Invalid, Scene, VoxelType};
 use lamina_rpc::v1::{self, ingest_server, push_part::Part};
 use lamina_rpc::{chunks::CHUNK_BYTES, invalid, required};
+use lamina_shared_memory::{KEPT_SLOTS, Rings, SharedBytes};
 use parking_lot::{Mutex, MutexGuard};
 use std::pin::Pin;
 use std::sync::Arc;
@@ -22,6 +24,16 @@ pub struct Ingest {
     overhead: Arc<Overhead>,
     room: Notify,
     ready: Notify,
+    shared: Option<SharedMemory>,
+}
+
+/// Memory that simulations on this host share with the node.
+#[derive(Debug)]
+pub struct SharedMemory {
+    /// The socket through which it comes.
+    pub name: String,
+    /// What has come.
+    pub rings: Arc<Rings>,
 }
 
 impl Ingest {
@@ -32,9 +44,10 @@ impl Ingest {
         idle: Duration,
         default_scene: Option<Scene>,
         overhead: Arc<Overhead>,
+        shared: Option<SharedMemory>,
     ) -> Self {
         let core = Mutex::new(Core::new(memory_bytes, waiting_steps, idle));
-        Self { core, default_scene, overhead, room: Notify::new(), ready: Notify::new() }
+        Self { core, default_scene, overhead, room: Notify::new(), ready: Notify::new(), shared }
     }
 
     /// The state; a panic elsewhere leaves it whole, because no method of it panics between two changes.
@@ -128,20 +141,7 @@ async fn take_brick(
     };
     let mut reservation = Reservation { ingest, header: &header, filled: false };
     let _ = answers.send(Ok(answer(v1::Admission::Admitted, false, cadence))).await;
-    let mut bytes = Vec::with_capacity(expected);
-    while bytes.len() < expected {
-        let Some(part) = parts.message().await? else {
-            let have = bytes.len();
-            return Err(Status::invalid_argument(format!("push: the brick ended after {have} of {expected} bytes")));
-        };
-        let Some(Part::Chunk(chunk)) = part.part else {
-            return Err(Status::invalid_argument("push: a second header before the brick's bytes were all in"));
-        };
-        if bytes.len() + chunk.len() > expected {
-            return Err(Status::invalid_argument(format!("push: more than the brick's {expected} bytes were sent")));
-        }
-        bytes.extend_from_slice(&chunk);
-    }
+    let bytes = take_bytes(ingest, &mut parts, expected).await?;
     reservation.filled = true;
     let received = ingest.core().receive(&header.run_id, header.step, header.rank, bytes, Instant::now())?;
     ingest.ready.notify_one();
@@ -149,6 +149,49 @@ async fn take_brick(
     let admission = if received.is_some() { v1::Admission::Admitted } else { v1::Admission::Dropped };
     let _ = answers.send(Ok(answer(admission, received == Some(true), cadence))).await;
     Ok(())
+}
+
+/// The `expected` bytes of a brick: in chunks, or where the simulation wrote them.
+async fn take_bytes(
+    ingest: &Ingest,
+    parts: &mut Streaming<v1::PushPart>,
+    expected: usize,
+) -> Result<BrickBytes, Status> {
+    let mut bytes = Vec::new();
+    while bytes.len() < expected {
+        let Some(part) = parts.message().await? else {
+            let have = bytes.len();
+            return Err(Status::invalid_argument(format!("push: the brick ended after {have} of {expected} bytes")));
+        };
+        match part.part {
+            Some(Part::Chunk(chunk)) if bytes.len() + chunk.len() <= expected => {
+                bytes.reserve_exact(expected - bytes.len());
+                bytes.extend_from_slice(&chunk);
+            }
+            Some(Part::Chunk(_)) => {
+                return Err(Status::invalid_argument(format!(
+                    "push: more than the brick's {expected} bytes were sent"
+                )));
+            }
+            Some(Part::Shared(v1::SharedBrick { ring, slot })) if bytes.is_empty() => {
+                let shared = ingest.shared.as_ref().and_then(|memory| memory.rings.take(ring, slot, expected));
+                let missing =
+                    || Status::invalid_argument(format!("push: slot {slot} of ring {ring} was not handed over"));
+                return keep(shared.ok_or_else(missing)?).await;
+            }
+            _ => return Err(Status::invalid_argument("push: a second header before the brick's bytes were all in")),
+        }
+    }
+    Ok(bytes.into())
+}
+
+/// Keeps the bytes where they are, or copies them where so many are kept that the simulation would run out of slots.
+async fn keep(bytes: SharedBytes) -> Result<BrickBytes, Status> {
+    if bytes.kept_slots() <= KEPT_SLOTS {
+        return Ok(BrickBytes::Shared(bytes));
+    }
+    let copied = tokio::task::spawn_blocking(move || bytes.to_vec()).await;
+    copied.map(BrickBytes::Own).map_err(|e| Status::internal(e.to_string()))
 }
 
 impl From<IngestError> for Status {
@@ -175,7 +218,8 @@ impl ingest_server::Ingest for IngestService {
         let run_id = self.0.core().open(spec, request.rank, resume, fresh, Instant::now())?;
         self.0.room.notify_waiters();
         tracing::info!(run_id, rank = request.rank, "rank attached");
-        Ok(Response::new(v1::OpenReply { run_id, chunk_bytes: CHUNK_BYTES as u32 }))
+        let shared_memory = self.0.shared.as_ref().map(|memory| memory.name.clone()).unwrap_or_default();
+        Ok(Response::new(v1::OpenReply { run_id, chunk_bytes: CHUNK_BYTES as u32, shared_memory }))
     }
 
     type PushStream = Pin<Box<dyn Stream<Item = Result<v1::PushAnswer, Status>> + Send>>;

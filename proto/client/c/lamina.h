@@ -44,7 +44,7 @@ typedef struct {
     double origin[3];        /* position of the first */
     int32_t type;            /* of the voxels: LAMINA_F32, ...; needed */
     int32_t color_type;      /* of the second field's; needed with one */
-    const char *color_field; /* name of a second field that a scene may take its colours from; default none */
+    const char *color_field; /* name of a second field that a scene may take its colors from; default none */
     uint32_t rank;           /* of this process, from 0 */
     uint32_t ranks;          /* processes that push bricks of every step, all that hold some; default 1 */
     int32_t full_policy;     /* default LAMINA_DROP_OLDEST: the simulation never waits for the viewer */
@@ -55,12 +55,12 @@ typedef struct {
 typedef struct {
     uint64_t start[3];       /* index of its first sample point in the run's grid, x, y, z */
     uint64_t dims[3];        /* sample points along x, y, z */
-    uint64_t strides[3];     /* how far neighbours along x, y, z lie apart in memory, in voxels, forwards; all 0: without gaps,
+    uint64_t strides[3];     /* how far neighbors along x, y, z lie apart in memory, in voxels, forwards; all 0: without gaps,
                                 x fastest */
     const void *voxels;      /* the first of them */
     const void *colors;      /* the first of the second field's, laid out alike; or NULL */
     int32_t type;            /* of the voxels; default the run's. Another is refused */
-    int32_t color_type;      /* the same of the colours */
+    int32_t color_type;      /* the same of the colors */
 } lamina_brick;
 
 /* What became of a run's bricks. */
@@ -81,6 +81,12 @@ int32_t lamina_connect(const lamina_options *run, lamina_client **client);
 /* Hands in this rank's brick of `step`, steps ascending from 0 or more, at simulation time `time`. LAMINA_ADMITTED,
  * LAMINA_DROPPED or, if the step is lost, an error; without a client (NULL) always one. */
 int32_t lamina_push(lamina_client *client, uint64_t step, double time, const lamina_brick *brick);
+
+/* Memory for a brick of `dims` sample points, x fastest and without gaps, to compute into: a node on the same host reads it
+ * where it is, and nothing is copied. *voxels and, of a run with a second field, *colors (else NULL; `colors` may be NULL) are
+ * the simulation's until it gives them to lamina_push as a brick's, or closes; each is for one push. What they hold at first is
+ * of no meaning. Without such a node the memory is the process's own, and is sent. 0, or an error. */
+int32_t lamina_buffer(lamina_client *client, const uint64_t dims[3], void **voxels, void **colors);
 
 /* Ends this rank's part of the run and frees the connection; NULL is ignored. `summary` may be NULL. */
 void lamina_close(lamina_client *client, lamina_summary *summary);

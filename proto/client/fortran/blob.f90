@@ -1,4 +1,4 @@
-! A blob that drifts, coloured by its heat, pushed in slabs by 1 to 16 ranks: blob URL RANK RANKS. The fields lie inside of one
+! A blob that drifts, colored by its heat, pushed in slabs by 1 to 16 ranks: blob URL RANK RANKS. The fields lie inside of one
 ! layer of ghost cells, and are read from there.
 program blob
     use, intrinsic :: iso_fortran_env, only: real64, int32, error_unit

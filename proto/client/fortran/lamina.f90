@@ -8,7 +8,8 @@ module lamina
     use, intrinsic :: iso_c_binding
     implicit none
     private
-    public :: lamina_run, lamina_connection, lamina_summary, lamina_open, lamina_put, lamina_end, lamina_message
+    public :: lamina_run, lamina_connection, lamina_summary, lamina_open, lamina_put, lamina_buffer, &
+        lamina_end, lamina_message
 
     integer(c_int32_t), parameter, public :: lamina_f32 = 5, lamina_f64 = 6
     integer(c_int32_t), parameter, public :: lamina_drop_oldest = 0, lamina_drop_newest = 1, lamina_block = 2
@@ -65,6 +66,13 @@ module lamina
             type(brick), intent(in) :: given
             integer(c_int32_t) :: code
         end function
+        function c_buffer(client, dims, voxels, colors) bind(c, name="lamina_buffer") result(code)
+            import :: c_ptr, c_int32_t, c_int64_t
+            type(c_ptr), value :: client
+            integer(c_int64_t), intent(in) :: dims(3)
+            type(c_ptr), intent(out) :: voxels, colors
+            integer(c_int32_t) :: code
+        end function
         subroutine c_close(client, summary) bind(c, name="lamina_close")
             import :: c_ptr, lamina_summary
             type(c_ptr), value :: client
@@ -86,6 +94,12 @@ module lamina
     ! values do. The code is one of those above; the simulation may go on in any case.
     interface lamina_put
         module procedure put_f32, put_f64
+    end interface
+
+    ! call lamina_buffer(connection, n, values, code [, colors]): pointers to arrays of n(1) x n(2) x n(3) to compute into, which
+    ! a node on the same host reads where they are. Each is for one lamina_put, and not to be used after it.
+    interface lamina_buffer
+        module procedure buffer_f32, buffer_f64
     end interface
 
 contains
@@ -124,6 +138,34 @@ contains
         kept = trim(from) // c_null_char
         address = c_loc(kept)
     end function
+
+    subroutine buffer_f32(connection, n, values, code, colors)
+        type(lamina_connection), intent(in) :: connection
+        integer, intent(in) :: n(3)
+        real(c_float), pointer, intent(out) :: values(:, :, :)
+        integer(c_int32_t), intent(out) :: code
+        real(c_float), pointer, intent(out), optional :: colors(:, :, :)
+        type(c_ptr) :: first, second
+
+        nullify (values)
+        code = c_buffer(connection%client, int(n, c_int64_t), first, second)
+        if (code == 0) call c_f_pointer(first, values, n)
+        if (code == 0 .and. present(colors)) call c_f_pointer(second, colors, n)
+    end subroutine
+
+    subroutine buffer_f64(connection, n, values, code, colors)
+        type(lamina_connection), intent(in) :: connection
+        integer, intent(in) :: n(3)
+        real(c_double), pointer, intent(out) :: values(:, :, :)
+        integer(c_int32_t), intent(out) :: code
+        real(c_double), pointer, intent(out), optional :: colors(:, :, :)
+        type(c_ptr) :: first, second
+
+        nullify (values)
+        code = c_buffer(connection%client, int(n, c_int64_t), first, second)
+        if (code == 0) call c_f_pointer(first, values, n)
+        if (code == 0 .and. present(colors)) call c_f_pointer(second, colors, n)
+    end subroutine
 
     subroutine put_f32(connection, step, time, first, values, code, colors)
         type(lamina_connection), intent(in) :: connection
@@ -203,7 +245,7 @@ contains
         n = (transfer(b, 0_c_intptr_t) - transfer(a, 0_c_intptr_t)) / int(bytes, c_int64_t)
     end function
 
-    ! Colours laid out otherwise than the values are none: NULL with a type is refused.
+    ! Colors laid out otherwise than the values are none: NULL with a type is refused.
     subroutine add_colors(given, colors, color_type)
         type(brick), intent(inout) :: given
         type(brick), intent(in) :: colors

@@ -1,4 +1,4 @@
-"""A blob that drifts, coloured by its heat, pushed in slabs by 1 to 16 ranks: blob.py URL RANK RANKS."""
+"""A blob that drifts, colored by its heat, pushed in slabs by 1 to 16 ranks: blob.py URL RANK RANKS."""
 
 import array
 import sys

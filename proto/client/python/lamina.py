@@ -136,6 +136,12 @@ def _library():
         raise OSError(f"{error}; name the library in LAMINA_LIBRARY, such as target/release/{name}") from None
     library.lamina_connect.argtypes = [ctypes.POINTER(_Options), ctypes.POINTER(ctypes.c_void_p)]
     library.lamina_push.argtypes = [ctypes.c_void_p, ctypes.c_uint64, ctypes.c_double, ctypes.POINTER(_Brick)]
+    library.lamina_buffer.argtypes = [
+        ctypes.c_void_p,
+        ctypes.POINTER(ctypes.c_uint64),
+        ctypes.POINTER(ctypes.c_void_p),
+        ctypes.POINTER(ctypes.c_void_p),
+    ]
     library.lamina_close.argtypes = [ctypes.c_void_p, ctypes.POINTER(Summary)]
     library.lamina_close.restype = None
     library.lamina_error.restype = ctypes.c_char_p
@@ -164,6 +170,7 @@ class Client:
     ):
         self._library, self._lock, self._summary = _library(), threading.Lock(), None
         type_name = lambda of: getattr(of, "__name__", str(of))
+        self._types = [type_name(type)] + ([type_name(color_type)] if color_type else [])
         options = _Options(
             generator.encode(),
             name.encode(),
@@ -198,6 +205,22 @@ class Client:
                     raise ValueError("colors are to be laid out in memory as voxels are")
                 brick.colors, brick.color_type = c.buffer.buf, c.type
                 return self._push(step, time, brick)
+
+    def buffer(self, dims):
+        """A NumPy array of shape `dims`, axes x, y, z, to compute into, or, of a run with a second field, one for each: a node on
+        the same host reads them where they are. Each is for one push, and not to be used after it."""
+        import numpy
+
+        addresses = [ctypes.c_void_p(), ctypes.c_void_p()]
+        with self._lock:
+            self._check(self._library.lamina_buffer(self._client, _three(ctypes.c_uint64, "dims", dims), *map(ctypes.byref, addresses)))
+        arrays = []
+        for address, type_name in zip(addresses, self._types):
+            dtype = numpy.dtype(type_name)
+            size = int(numpy.prod(dims, dtype=numpy.int64)) * dtype.itemsize
+            memory = (ctypes.c_char * size).from_address(address.value)
+            arrays.append(numpy.frombuffer(memory, dtype).reshape(dims, order="F"))
+        return arrays[0] if len(arrays) == 1 else tuple(arrays)
 
     def _push(self, step, time, brick):
         with self._lock:

@@ -62,33 +62,36 @@ impl VoxelSlice<'_> {
         }
     }
 
-    /// The bytes of those that `rows` picks.
-    fn le_bytes(&self, rows: impl Iterator<Item = VoxelRow>) -> Vec<u8> {
+    /// Copies the bytes of those that `rows` picks, as many as `to` has.
+    fn copy_le_bytes(&self, rows: impl Iterator<Item = VoxelRow>, to: &mut [u8]) {
         match self {
-            Self::U8(v) => bytes(v, rows, |x| [x]),
-            Self::U16(v) => bytes(v, rows, u16::to_le_bytes),
-            Self::I16(v) => bytes(v, rows, i16::to_le_bytes),
-            Self::F16(v) => bytes(v, rows, f16::to_le_bytes),
-            Self::F32(v) => bytes(v, rows, f32::to_le_bytes),
-            Self::F64(v) => bytes(v, rows, f64::to_le_bytes),
+            Self::U8(v) => copy(v, rows, |x| [x], to),
+            Self::U16(v) => copy(v, rows, u16::to_le_bytes, to),
+            Self::I16(v) => copy(v, rows, i16::to_le_bytes, to),
+            Self::F16(v) => copy(v, rows, f16::to_le_bytes, to),
+            Self::F32(v) => copy(v, rows, f32::to_le_bytes, to),
+            Self::F64(v) => copy(v, rows, f64::to_le_bytes, to),
         }
     }
 }
 
-fn bytes<T: Copy, const N: usize>(v: &[T], rows: impl Iterator<Item = VoxelRow>, le: impl Fn(T) -> [u8; N]) -> Vec<u8> {
-    let mut all = Vec::new();
+fn copy<T: Copy, const N: usize>(
+    v: &[T],
+    rows: impl Iterator<Item = VoxelRow>,
+    le: impl Fn(T) -> [u8; N],
+    mut to: &mut [u8],
+) {
     for VoxelRow { first, len, stride } in rows {
-        let from = all.len();
-        all.resize(from + N * len, 0);
-        let places = all[from..].chunks_exact_mut(N);
-        // Neighbours in memory are copied many at a time.
+        let (row, rest) = std::mem::take(&mut to).split_at_mut(N * len);
+        to = rest;
+        let places = row.as_chunks_mut().0.iter_mut();
+        // Neighbors in memory are copied many at a time.
         if stride == 1 {
-            places.zip(&v[first..first + len]).for_each(|(place, &x)| place.copy_from_slice(&le(x)));
+            places.zip(&v[first..first + len]).for_each(|(place, &x)| *place = le(x));
         } else {
-            places.zip(v[first..].iter().step_by(stride.max(1))).for_each(|(place, &x)| place.copy_from_slice(&le(x)));
+            places.zip(v[first..].iter().step_by(stride.max(1))).for_each(|(place, &x)| *place = le(x));
         }
     }
-    all
 }
 
 /// Voxels evenly apart in memory.
@@ -103,7 +106,7 @@ pub fn dense(dims: [usize; 3]) -> [usize; 3] {
     [1, dims[0], dims[0].saturating_mul(dims[1])]
 }
 
-/// How many voxels in memory a box whose neighbours lie `strides` apart reaches over, from its first to its last.
+/// How many voxels in memory a box whose neighbors lie `strides` apart reaches over, from its first to its last.
 ///
 /// # Errors
 /// If the box is empty, or reaches beyond counting.
@@ -112,7 +115,7 @@ pub fn span(dims: [usize; 3], strides: [usize; 3]) -> Result<usize, Invalid> {
     let reach = |span: usize, (d, s): (usize, usize)| span.checked_add(d.checked_sub(1)?.checked_mul(s)?);
     let counted = dims.iter().try_fold(1_usize, |n, d| n.checked_mul(*d));
     let span = axes().try_fold(1, reach).filter(|_| !axes().any(|(d, s)| d > 1 && s == 0));
-    let none = || Invalid::new("brick", format!("a box of {dims:?}, neighbours {strides:?} apart, is none"));
+    let none = || Invalid::new("brick", format!("a box of {dims:?}, neighbors {strides:?} apart, is none"));
     counted.and(span).ok_or_else(none)
 }
 
@@ -130,7 +133,7 @@ pub fn check_type(field: &str, given: VoxelType, of_run: VoxelType) -> Result<()
 pub struct Brick<'a> {
     pub(crate) start: [usize; 3],
     pub(crate) dims: [usize; 3],
-    /// How far voxels that are neighbours along x, y, z lie apart in memory, in voxels.
+    /// How far voxels that are neighbors along x, y, z lie apart in memory, in voxels.
     strides: [usize; 3],
     voxels: VoxelSlice<'a>,
     colors: Option<VoxelSlice<'a>>,
@@ -198,11 +201,33 @@ impl<'a> Brick<'a> {
     /// Its bytes, those of the second field last, in pieces of about `chunk_bytes`, converted one at a time.
     pub(crate) fn chunks(&self, chunk_bytes: usize) -> impl Iterator<Item = Vec<u8>> + '_ {
         std::iter::once(&self.voxels).chain(&self.colors).flat_map(move |voxels| {
-            let per_chunk = (chunk_bytes / voxels.voxel_type().size_bytes()).max(1);
+            let voxel_bytes = voxels.voxel_type().size_bytes();
+            let per_chunk = (chunk_bytes / voxel_bytes).max(1);
             let len = self.dims.iter().product::<usize>();
-            let piece = move |start| voxels.le_bytes(self.rows(start, len.min(start + per_chunk)));
+            let piece = move |start: usize| {
+                let end = len.min(start + per_chunk);
+                let mut bytes = vec![0; (end - start) * voxel_bytes];
+                voxels.copy_le_bytes(self.rows(start, end), &mut bytes);
+                bytes
+            };
             (0..len).step_by(per_chunk).map(piece)
         })
+    }
+
+    /// How many bytes that is.
+    pub(crate) fn size_bytes(&self) -> usize {
+        let point = self.voxels.voxel_type().size_bytes() + self.colors.map_or(0, |c| c.voxel_type().size_bytes());
+        self.dims.iter().product::<usize>() * point
+    }
+
+    /// All its bytes into `to`, which has room for them.
+    pub(crate) fn copy_to(&self, mut to: &mut [u8]) {
+        let len = self.dims.iter().product::<usize>();
+        for voxels in std::iter::once(&self.voxels).chain(&self.colors) {
+            let (field, rest) = std::mem::take(&mut to).split_at_mut(len * voxels.voxel_type().size_bytes());
+            voxels.copy_le_bytes(self.rows(0, len), field);
+            to = rest;
+        }
     }
 }
 

@@ -19,18 +19,21 @@
 //! thread that drives a connection is in the process that made it.
 
 mod brick;
+mod buffer;
 mod driver;
 mod options;
 mod pace;
 mod session;
 
 pub use brick::{Brick, VoxelSlice, check_type, dense, span};
+pub use buffer::{Buffer, VoxelScalar};
 pub use lamina_model::FullPolicy;
 pub use options::{Receipt, RunOptions};
 
 use driver::Driver;
 use lamina_model::Invalid;
 use lamina_rpc::connect::host_and_port;
+use lamina_shared_memory::Lease;
 use pace::Pace;
 use session::Session;
 use std::time::{Duration, Instant};
@@ -130,11 +133,40 @@ impl Client {
     /// If the brick does not fit the run, or the node refuses it or is not reachable. The step then counts as lost; the
     /// simulation may go on.
     pub fn push(&mut self, step: u64, time: f64, brick: &Brick) -> Result<Receipt, ClientError> {
+        self.push_leased(step, time, brick, None)
+    }
+
+    /// Memory for this rank's brick of `dims` sample points from `start` on, to compute into: on the node's own host it is read
+    /// where it is. Each buffer is for one [`Self::push_buffer`].
+    ///
+    /// # Errors
+    /// If no such brick can be of the run.
+    pub fn buffer(&mut self, start: [usize; 3], dims: [usize; 3]) -> Result<Buffer, ClientError> {
+        let (bytes, _) = Buffer::sizes(dims, &self.options)?;
+        let lease = self.session.as_mut().and_then(|session| session.lease(bytes));
+        Ok(Buffer::new(start, dims, &self.options, lease)?)
+    }
+
+    /// The same as [`Self::push`] of what was computed into `buffer`.
+    ///
+    /// # Errors
+    /// The same.
+    pub fn push_buffer(&mut self, step: u64, time: f64, buffer: Buffer) -> Result<Receipt, ClientError> {
+        self.push_leased(step, time, &buffer.brick(), buffer.lease())
+    }
+
+    fn push_leased(
+        &mut self,
+        step: u64,
+        time: f64,
+        brick: &Brick,
+        lease: Option<&Lease>,
+    ) -> Result<Receipt, ClientError> {
         brick.check(&self.options).inspect_err(|_| self.summary.lost += 1)?;
         let receipt = if self.pace.passes_over(step) {
             Ok(Receipt::Dropped)
         } else {
-            let receipt = self.push_within_deadline(step, time, brick);
+            let receipt = self.push_within_deadline(step, time, brick, lease);
             self.pace.pushed(Instant::now());
             receipt
         };
@@ -146,15 +178,21 @@ impl Client {
         receipt
     }
 
-    fn push_within_deadline(&mut self, step: u64, time: f64, brick: &Brick) -> Result<Receipt, ClientError> {
+    fn push_within_deadline(
+        &mut self,
+        step: u64,
+        time: f64,
+        brick: &Brick,
+        lease: Option<&Lease>,
+    ) -> Result<Receipt, ClientError> {
         let started = Instant::now();
         self.ensure_session(started)?;
-        match self.try_push(started, step, time, brick) {
+        match self.try_push(started, (step, time), brick, lease) {
             // The node was restarted: it no longer knows the run. Open it again under its old id, once.
             Err(status) if status.code() == Code::NotFound => {
                 self.session = None;
                 self.ensure_session(started)?;
-                self.try_push(started, step, time, brick).map_err(|status| self.failed(&status))
+                self.try_push(started, (step, time), brick, lease).map_err(|status| self.failed(&status))
             }
             other => other.map_err(|status| self.failed(&status)),
         }
@@ -165,11 +203,17 @@ impl Client {
         self.options.deadline.saturating_sub(started.elapsed())
     }
 
-    fn try_push(&mut self, started: Instant, step: u64, time: f64, brick: &Brick) -> Result<Receipt, Status> {
-        let Some(session) = &self.session else { return Err(Status::unavailable("not connected")) };
-        let timing = self.pace.begin(started);
-        let push = session.push(&self.run_id, self.options.rank, (step, time), timing, brick);
-        let (receipt, cadence) = self.driver.within(self.remaining(started), push)?;
+    fn try_push(
+        &mut self,
+        started: Instant,
+        step: (u64, f64),
+        brick: &Brick,
+        lease: Option<&Lease>,
+    ) -> Result<Receipt, Status> {
+        let (timing, remaining) = (self.pace.begin(started), self.remaining(started));
+        let Some(session) = &mut self.session else { return Err(Status::unavailable("not connected")) };
+        let push = session.push(&self.run_id, self.options.rank, step, timing, brick, lease);
+        let (receipt, cadence) = self.driver.within(remaining, push)?;
         self.pace.set_cadence(cadence);
         Ok(receipt)
     }
@@ -194,6 +238,11 @@ impl Client {
     /// What it was opened with.
     pub fn options(&self) -> &RunOptions {
         &self.options
+    }
+
+    /// True if bricks go to the node through memory that both map.
+    pub fn shares_memory(&self) -> bool {
+        self.session.as_ref().is_some_and(Session::shares_memory)
     }
 
     /// The run's id, once the node gave one.

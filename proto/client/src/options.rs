@@ -16,7 +16,7 @@ pub struct RunOptions {
     pub grid: Grid,
     /// Type of the voxels.
     pub voxel_type: VoxelType,
-    /// Name and type of a second field, from which a scene may take its colours; every brick then carries both. Default: none.
+    /// Name and type of a second field, from which a scene may take its colors; every brick then carries both. Default: none.
     pub color_field: Option<(String, VoxelType)>,
     /// This process among `ranks`, counted from 0.
     pub rank: u32,

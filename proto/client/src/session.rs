@@ -4,6 +4,7 @@ use crate::pace::Timing;
 use crate::{Brick, Receipt, RunOptions};
 use lamina_rpc::connect::innermost;
 use lamina_rpc::v1::{self, ingest_client::IngestClient, push_part::Part};
+use lamina_shared_memory::{Lease, Ring};
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
@@ -15,6 +16,8 @@ use tonic::{Status, Streaming};
 pub(crate) struct Session {
     ingest: IngestClient<Channel>,
     chunk_bytes: usize,
+    /// Where the node is on this host.
+    ring: Option<Ring>,
 }
 
 impl Session {
@@ -48,18 +51,40 @@ impl Session {
         };
         let reply = ingest.open(request).await?.into_inner();
         let chunk_bytes = (reply.chunk_bytes as usize).clamp(1 << 12, lamina_rpc::MAX_MESSAGE_BYTES / 2);
-        Ok((Self { ingest, chunk_bytes }, reply.run_id))
+        let ring = match reply.shared_memory {
+            name if name.is_empty() => None,
+            name => connect_ring(name).await,
+        };
+        Ok((Self { ingest, chunk_bytes, ring }, reply.run_id))
     }
 
-    /// Announces the brick, waits for its admission, sends its bytes, waits for the receipt; and the cadence that the node
-    /// wants.
+    /// True if there is a ring.
+    pub(crate) fn shares_memory(&self) -> bool {
+        self.ring.is_some()
+    }
+
+    /// Memory for `bytes` that the node maps, too; `None` if it is on another host, or keeps all there is.
+    pub(crate) fn lease(&mut self, bytes: usize) -> Option<Lease> {
+        match self.ring.as_mut()?.lease(bytes) {
+            Ok(lease) => lease,
+            Err(error) => {
+                tracing::warn!(%error, "no shared memory; bricks go through the connection");
+                self.ring = None;
+                None
+            }
+        }
+    }
+
+    /// Announces the brick, waits for its admission, hands its bytes over, waits for the receipt; and the cadence that the node
+    /// wants. The bytes lie in `lease` already if there is one.
     pub(crate) async fn push(
-        &self,
+        &mut self,
         run_id: &str,
         rank: u32,
         (step, time): (u64, f64),
         timing: Timing,
         brick: &Brick<'_>,
+        lease: Option<&Lease>,
     ) -> Result<(Receipt, u32), Status> {
         let [x0, y0, z0] = brick.start.map(|v| v as u64);
         let [nx, ny, nz] = brick.dims.map(|v| v as u64);
@@ -75,13 +100,26 @@ impl Session {
         if admission.admission() == v1::Admission::Dropped {
             return Ok((Receipt::Dropped, admission.cadence));
         }
-        for chunk in brick.chunks(self.chunk_bytes) {
-            if parts.send(part(Part::Chunk(chunk.into()))).await.is_err() {
-                // The node has hung up; its last answer says why.
-                break;
+        let filled = lease.filter(|lease| self.ring.as_ref().is_some_and(|ring| lease.is_of(ring)));
+        let copied = if filled.is_none() { self.copied(brick) } else { None };
+        let shared = filled.or(copied.as_ref());
+        if let Some(lease) = shared {
+            lease.hand_over();
+            let _ = parts.send(part(Part::Shared(v1::SharedBrick { ring: lease.ring(), slot: lease.slot() }))).await;
+        } else {
+            for chunk in brick.chunks(self.chunk_bytes) {
+                if parts.send(part(Part::Chunk(chunk.into()))).await.is_err() {
+                    // The node has hung up; its last answer says why.
+                    break;
+                }
             }
         }
-        let receipt = next(&mut answers).await?;
+        let receipt = next(&mut answers).await.inspect_err(|_| {
+            // Whether the node has taken what was handed over is not known.
+            if shared.is_some() {
+                self.ring = None;
+            }
+        })?;
         let became = match receipt.admission() {
             v1::Admission::Dropped => Receipt::Dropped,
             _ => Receipt::Admitted(receipt.step_complete),
@@ -89,11 +127,24 @@ impl Session {
         Ok((became, receipt.cadence))
     }
 
+    /// The brick's bytes in memory that the node maps, too.
+    fn copied(&mut self, brick: &Brick<'_>) -> Option<Lease> {
+        let mut lease = self.lease(brick.size_bytes())?;
+        brick.copy_to(lease.bytes_mut());
+        Some(lease)
+    }
+
     /// Detaches the rank; gives the number of the run's steps that were dropped.
     pub(crate) async fn close(mut self, run_id: &str, rank: u32) -> Result<u64, Status> {
         let reply = self.ingest.close(v1::CloseRequest { run_id: run_id.to_owned(), rank }).await?;
         Ok(reply.into_inner().dropped_steps)
     }
+}
+
+/// The ring at `name`; `None` if the node that offers it is on another host.
+async fn connect_ring(name: String) -> Option<Ring> {
+    let connected = tokio::task::spawn_blocking(move || Ring::connect(&name)).await.ok()?;
+    connected.inspect_err(|reason| tracing::debug!(%reason, "no shared memory with this generator-node")).ok()
 }
 
 async fn next(answers: &mut Streaming<v1::PushAnswer>) -> Result<v1::PushAnswer, Status> {

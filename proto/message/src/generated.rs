@@ -155,7 +155,7 @@ pub struct ClipBox {
     #[prost(message, optional, tag = "2")]
     pub max: ::core::option::Option<Vec3>,
 }
-/// The medium's colours come from the run's second field.
+/// The medium's colors come from the run's second field.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct ColorField {
     /// The field's name.
@@ -192,7 +192,7 @@ pub struct DepthCue {
     pub green: f64,
     #[prost(double, tag = "3")]
     pub blue: f64,
-    /// How far colours go over to that one at the far end of the box, 0..1.
+    /// How far colors go over to that one at the far end of the box, 0..1.
     #[prost(double, tag = "4")]
     pub strength: f64,
 }

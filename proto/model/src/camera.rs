@@ -41,7 +41,7 @@ impl Aabb {
         Ok(Self { min, max })
     }
 
-    /// The centre.
+    /// The center.
     pub fn center(&self) -> DVec3 {
         0.5 * (self.min + self.max)
     }
@@ -181,7 +181,7 @@ impl Camera {
     }
 
     /// The direction, with component 1 along the view, through image position (`x`, `y`) in pixels from the upper left
-    /// of a `width` x `height` image. Pixel (i, j) has its centre at (i + 0.5, j + 0.5).
+    /// of a `width` x `height` image. Pixel (i, j) has its center at (i + 0.5, j + 0.5).
     #[inline]
     pub fn direction(&self, x: f64, y: f64, width: u32, height: u32) -> DVec3 {
         let (w, h) = (f64::from(width), f64::from(height));
@@ -190,7 +190,7 @@ impl Camera {
         self.forward + sx * self.right + sy * self.true_up
     }
 
-    /// The ray through the centre of pixel (`i`, `j`).
+    /// The ray through the center of pixel (`i`, `j`).
     #[inline]
     pub fn pixel_ray(&self, i: u32, j: u32, width: u32, height: u32) -> Ray {
         let direction = self.direction(f64::from(i) + 0.5, f64::from(j) + 0.5, width, height).normalize();

@@ -1,13 +1,13 @@
-//! A second field mapped to colour.
+//! A second field mapped to color.
 
 use crate::corners::{self, Corner};
 use crate::{Invalid, ScalarRange};
 use serde::{Deserialize, Serialize};
 
-/// Where the colours of a scene come from another field than its opacities: density shows where, temperature in which colour.
+/// Where the colors of a scene come from another field than its opacities: density shows where, temperature in which color.
 ///
 /// The field is interpolated trilinearly like the first, after its range (the logarithm, if that is its scale). Where it is
-/// not finite, the transfer function's colour stays.
+/// not finite, the transfer function's color stays.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ColorField {
@@ -15,7 +15,7 @@ pub struct ColorField {
     pub name: String,
     /// The scalars that map to 0 and 1.
     pub range: ScalarRange,
-    /// Corners of the piecewise-linear map, by ascending position; constant beyond the first and last. Without: blue by grey
+    /// Corners of the piecewise-linear map, by ascending position; constant beyond the first and last. Without: blue by gray
     /// to red.
     #[serde(default = "ColorField::cool_to_warm")]
     pub points: Vec<ColorPoint>,
@@ -46,7 +46,7 @@ impl ColorField {
     /// Corners nearer to each other than this are one in single precision.
     pub const NEAREST_POINTS: f64 = 1e-4;
 
-    /// Blue by light grey to red, equally bright at both ends (Moreland, Diverging Color Maps for Scientific Visualization,
+    /// Blue by light gray to red, equally bright at both ends (Moreland, Diverging Color Maps for Scientific Visualization,
     /// 2009).
     pub fn cool_to_warm() -> Vec<ColorPoint> {
         let point = |at, color| ColorPoint { at, color };
@@ -72,7 +72,7 @@ impl ColorField {
         if fits { Ok(()) } else { Err(Invalid::new("color_field.name", "must have 1 to 200 bytes")) }
     }
 
-    /// The colour at position `u` of the range; of a field that has been checked.
+    /// The color at position `u` of the range; of a field that has been checked.
     pub fn at(&self, u: f64) -> [f64; 3] {
         corners::interpolate(&self.points, 0, u)
     }
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn colours_are_linear_between_corners_and_constant_beyond() {
+    fn colors_are_linear_between_corners_and_constant_beyond() {
         field(&[0.3, 0.3001]).check().unwrap();
         let f = field(&[0.25, 0.5, 1.0]);
         f.check().unwrap();

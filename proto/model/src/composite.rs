@@ -52,7 +52,7 @@ impl Accumulator {
         self.transmittance *= 1.0 - opacity;
     }
 
-    /// The colour seen in front of `background`.
+    /// The color seen in front of `background`.
     #[inline]
     pub fn over(&self, background: [f32; 3]) -> [f32; 3] {
         std::array::from_fn(|c| (self.color[c] + self.transmittance * f64::from(background[c])) as f32)

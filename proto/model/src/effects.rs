@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// The effects of a scene; none of them by default.
 ///
 /// For each step of a ray, in this order: clipping cuts the step, the transfer function is applied to its middle or
-/// integrated over it, a second field gives the colour there, isosurfaces are met inside it, light is applied to both, then
+/// integrated over it, a second field gives the color there, isosurfaces are met inside it, light is applied to both, then
 /// the depth cue.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -38,15 +38,15 @@ pub struct Effects {
     /// the middle: thin features do not fall between samples (Engel, Kraus and Ertl 2001).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub pre_integrated: bool,
-    /// Colours fade with distance.
+    /// Colors fade with distance.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub depth_cue: Option<DepthCue>,
-    /// Colours come from a second field.
+    /// Colors come from a second field.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub color_field: Option<ColorField>,
 }
 
-/// Light from one direction: colour x (ambient + diffuse |n.l|) + specular |n.h|^shininess, both sides alike; h halves the
+/// Light from one direction: color x (ambient + diffuse |n.l|) + specular |n.h|^shininess, both sides alike; h halves the
 /// angle between light and eye. n is the gradient's direction; the weaker the gradient, the less of it applies (a hundredth
 /// of the range a voxel: half).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -105,7 +105,7 @@ pub struct ClipBox {
     pub max: DVec3,
 }
 
-/// From the box's nearest point (the eye, if it is inside) to its farthest corner, colours go over to another one.
+/// From the box's nearest point (the eye, if it is inside) to its farthest corner, colors go over to another one.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DepthCue {

@@ -31,11 +31,11 @@ pub struct Quality {
 pub struct ViewError {
     /// Rotation of the generation camera about +y through its target, degrees.
     pub angle_deg: f64,
-    /// Mean squared error of each batch, 0 or more; colours lie in 0..=1.
+    /// Mean squared error of each batch, 0 or more; colors lie in 0..=1.
     pub batch_mse: Vec<f64>,
 }
 
-/// -10 log10 of a mean squared error of colours in 0..=1: decibels, +infinity for 0.
+/// -10 log10 of a mean squared error of colors in 0..=1: decibels, +infinity for 0.
 pub fn decibels(mse: f64) -> f64 {
     -10.0 * mse.log10()
 }

@@ -34,7 +34,7 @@ named!(Representation, "representation", "neither vdi nor volume", Vdi "vdi", Vo
 #[serde(rename_all = "lowercase")]
 pub enum Segmentation {
     /// Where the ray's error is least for their number. Gamma is the price of one: it is worth as much as being off by 1.75
-    /// gamma in premultiplied colour and opacity over one unit length.
+    /// gamma in premultiplied color and opacity over one unit length.
     #[default]
     Fitted,
     /// The paper's: front to back, each sample joins the open one or, where it differs by gamma or more, opens the next.

@@ -17,12 +17,12 @@ pub struct ReducedVolume {
 impl ReducedVolume {
     /// Why none can stand for a step, to those who know only that it may have 0 points on a side.
     pub const WHY_NONE: &str =
-        "no reduced volume can stand for this step: voxels are missing, or colours come from a second field";
+        "no reduced volume can stand for this step: voxels are missing, or colors come from a second field";
 
     /// Positions in the range of the scene's transfer function, `units`, on `grid`, x fastest.
     ///
     /// # Errors
-    /// If there are not as many as sample points, one is not finite, colours are to come from a second field, or the scene's
+    /// If there are not as many as sample points, one is not finite, colors are to come from a second field, or the scene's
     /// opacities refer to no stated length: to what one voxel was, another grid does not tell.
     pub fn new(grid: Grid, scene: Scene, params: VolumeParams, units: Vec<f32>) -> Result<Self, Invalid> {
         if units.len() != grid.voxels() {
@@ -36,7 +36,7 @@ impl ReducedVolume {
             return Err(Invalid::new("transfer.unit_length", "must be stated in a reduced volume"));
         }
         if scene.effects.color_field.is_some() {
-            let reason = "a reduced volume holds one field; colours cannot come from a second";
+            let reason = "a reduced volume holds one field; colors cannot come from a second";
             return Err(Invalid::new("effects.color_field", reason));
         }
         Ok(Self { grid, scene: scene.check()?, params, units: Arc::new(units) })

@@ -117,7 +117,7 @@ fn splitmix64(seed: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Ray-cast colours at the pixels of a plan: what a VDI's pictures are compared with.
+/// Ray-cast colors at the pixels of a plan: what a VDI's pictures are compared with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReferenceSamples {
     /// The step they show.
@@ -128,12 +128,12 @@ pub struct ReferenceSamples {
     pub scene: Scene,
     /// The plan's batches that are here: all of them, or a slice.
     pub batches: Range<u32>,
-    /// Colours per view: batch after batch, each in the order of [`SamplePlan::pixels`].
+    /// Colors per view: batch after batch, each in the order of [`SamplePlan::pixels`].
     pub colors: Vec<Vec<[f32; 3]>>,
 }
 
 impl ReferenceSamples {
-    /// Colours of some batches of view number `view`; `None` unless all of them are here.
+    /// Colors of some batches of view number `view`; `None` unless all of them are here.
     pub fn batch_colors(&self, view: usize, batches: &Range<u32>) -> Option<&[[f32; 3]]> {
         let first = batches.start.checked_sub(self.batches.start)? as usize;
         let size = self.plan.samples_per_batch();

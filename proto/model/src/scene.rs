@@ -8,12 +8,12 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scene {
-    /// From scalars to colour and opacity.
+    /// From scalars to color and opacity.
     pub transfer: TransferFunction,
     /// Where VDIs are generated from.
     #[doc(alias = "P_A")]
     pub camera: Camera,
-    /// Colour behind everything, RGB in 0..1.
+    /// Color behind everything, RGB in 0..1.
     #[serde(default)]
     pub background: [f32; 3],
     /// Sampling step in voxels.
@@ -43,7 +43,7 @@ impl Scene {
         Ok(self)
     }
 
-    /// Passes data whose second field, of that name, is the one that colours are to come from, if they are.
+    /// Passes data whose second field, of that name, is the one that colors are to come from, if they are.
     ///
     /// # Errors
     /// If it has none, or one of another name.
@@ -55,7 +55,7 @@ impl Scene {
             None => "the data has no second field".to_owned(),
         };
         let reason =
-            format!("the scene takes colours from \"{name}\", but {has}; push that field too, or change the scene");
+            format!("the scene takes colors from \"{name}\", but {has}; push that field too, or change the scene");
         Err(Invalid::new("effects.color_field", reason))
     }
 

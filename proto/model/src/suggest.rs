@@ -37,7 +37,7 @@ pub fn first_of<'a>(volumes: &[&'a Volume]) -> Result<&'a Volume, Invalid> {
     volumes.first().copied().ok_or_else(|| Invalid::new("series", "is empty; nothing to choose a scene for"))
 }
 
-/// Colours over the range of the second field, where the volumes have one; nothing else.
+/// Colors over the range of the second field, where the volumes have one; nothing else.
 ///
 /// # Errors
 /// Never for volumes that are there.
@@ -142,7 +142,7 @@ fn suggest_range(sorted: &[f64]) -> Result<ScalarRange, Invalid> {
     ScalarRange::new(lo, hi, scale)
 }
 
-/// The centre of the fullest of 128 bins.
+/// The center of the fullest of 128 bins.
 fn most_common(units: &[f64]) -> f64 {
     const BINS: usize = 128;
     let mut count = [0u32; BINS];
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn a_second_field_gives_the_colours() {
+    fn a_second_field_gives_the_colors() {
         let v = volume(|i| i as f32);
         let second = Voxels::F32((0..4096).map(|i| 300.0 + i as f32 / 4.096).collect());
         let scene = suggest(&[&v.clone().with_color_field("temperature", second).unwrap()]).unwrap();

@@ -1,4 +1,4 @@
-//! Transfer functions: from a scalar to colour and extinction.
+//! Transfer functions: from a scalar to color and extinction.
 
 use crate::corners::{self, Corner};
 use crate::{Grid, Invalid, ScalarRange, Scale, composite};
@@ -128,7 +128,7 @@ impl TransferFunction {
         self.unit_length.unwrap_or_else(|| grid.voxel_length())
     }
 
-    /// Colour and opacity at position `u` of the range; NaN is transparent. Two points at one position make a jump, which
+    /// Color and opacity at position `u` of the range; NaN is transparent. Two points at one position make a jump, which
     /// takes the later point's value.
     #[inline]
     pub fn at(&self, u: f32) -> ([f64; 3], f64) {
@@ -141,7 +141,7 @@ impl TransferFunction {
         ([red, green, blue], opacity)
     }
 
-    /// Colour and extinction at position `u`, with opacities referring to `unit_length`.
+    /// Color and extinction at position `u`, with opacities referring to `unit_length`.
     #[inline]
     pub fn classify(&self, u: f32, unit_length: f64) -> Classified {
         let (color, opacity) = self.at(u);
@@ -201,7 +201,7 @@ impl TransferFunction {
         let mut points = Vec::new();
         let mut from = f32::NEG_INFINITY;
         for [lo, hi] in recorded.transparent_parts().into_iter().chain([[f32::INFINITY; 2]]) {
-            // No single-precision position lies between the ends of two neighbouring intervals.
+            // No single-precision position lies between the ends of two neighboring intervals.
             let to = lo.next_down();
             if from < to {
                 points.push(own(from));
@@ -224,7 +224,7 @@ impl TransferFunction {
         else {
             return [1.0, 0.0];
         };
-        // Between points opacity is linear, so it vanishes at the neighbour; rounding outwards keeps the hull whole.
+        // Between points opacity is linear, so it vanishes at the neighbor; rounding outwards keeps the hull whole.
         let lo = first.checked_sub(1).map_or(f32::NEG_INFINITY, |i| (self.points[i].at as f32).next_down());
         let hi = self.points.get(last + 1).map_or(f32::INFINITY, |p| (p.at as f32).next_up());
         [lo, hi]

@@ -9,7 +9,7 @@ pub struct Supersegment {
     pub start: u32,
     /// First step beyond; above `start`.
     pub end: u32,
-    /// Straight colour, RGB in 0..1.
+    /// Straight color, RGB in 0..1.
     pub color: [f32; 3],
     /// Optical depth of its whole length, positive; infinity is opaque.
     pub optical_depth: f32,
@@ -33,9 +33,9 @@ pub struct VdiHeader {
     pub step_length: f64,
     /// How it was generated.
     pub params: VdiParams,
-    /// [`crate::TransferFunction::id`] of what coloured it.
+    /// [`crate::TransferFunction::id`] of what colored it.
     pub transfer_id: u64,
-    /// Colour behind everything.
+    /// Color behind everything.
     pub background: [f32; 3],
 }
 

@@ -113,7 +113,7 @@ impl Grid {
     pub fn dims(&self) -> [usize; 3] {
         self.dims
     }
-    /// World distance between neighbouring sample points, per axis.
+    /// World distance between neighboring sample points, per axis.
     pub fn spacing(&self) -> DVec3 {
         self.spacing
     }
@@ -241,7 +241,7 @@ impl Voxels {
     }
 }
 
-/// A scalar field on a grid, and perhaps a second one, for colours.
+/// A scalar field on a grid, and perhaps a second one, for colors.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Volume {
     grid: Grid,
@@ -260,7 +260,7 @@ impl Volume {
         Ok(Self { grid, voxels, color_field: None })
     }
 
-    /// The same with a second field called `name`, from which a scene may take its colours
+    /// The same with a second field called `name`, from which a scene may take its colors
     /// ([`ColorField`](crate::effects::ColorField)).
     ///
     /// # Errors

@@ -3,7 +3,8 @@
 use crate::v1::generation_params::Kind;
 use crate::{required, v1};
 use lamina_model::{
-    Cost, FullPolicy, GenerationParams, Invalid, Limits, Quality, StepReport, TuningState, VdiParams, ViewError,
+    Cost, Frame, FullPolicy, GenerationParams, Invalid, Limits, Quality, RunInfo, Setting, StepReport, TuningState,
+    VdiParams, ViewError,
 };
 use std::time::Duration;
 
@@ -158,5 +159,92 @@ impl TryFrom<v1::StepReport> for StepReport {
             fell_back: report.fell_back,
             has_reference: report.has_reference,
         })
+    }
+}
+
+impl v1::SetParametersRequest {
+    /// `setting` from step `from_step` on; 0: from the next one generated.
+    pub fn new(setting: &Setting, from_step: u64) -> Self {
+        Self {
+            params: setting.params.as_ref().map(Into::into),
+            from_step,
+            limits: Some(setting.limits.into()),
+            fallbacks: setting.fallbacks.iter().map(Into::into).collect(),
+            tuning_state: v1::TuningState::from(setting.tuning).into(),
+            only_vdis: setting.only_vdis,
+        }
+    }
+}
+
+impl TryFrom<v1::SetParametersRequest> for Setting {
+    type Error = Invalid;
+    /// Without parameters it brings limits.
+    fn try_from(request: v1::SetParametersRequest) -> Result<Self, Invalid> {
+        if request.limits.is_none() {
+            required(request.params.as_ref(), "params")?;
+        }
+        Ok(Self {
+            tuning: request.tuning_state().into(),
+            params: request.params.map(GenerationParams::try_from).transpose()?,
+            limits: request.limits.unwrap_or_default().into(),
+            only_vdis: request.only_vdis,
+            fallbacks: request.fallbacks.into_iter().map(GenerationParams::try_from).collect::<Result<_, _>>()?,
+        })
+    }
+}
+
+impl From<Frame> for v1::Frame {
+    fn from(frame: Frame) -> Self {
+        Self {
+            run_id: frame.run_id,
+            step: frame.step,
+            time: frame.time,
+            params: Some((&frame.params).into()),
+            cost: Some(frame.cost.into()),
+            trial_id: frame.trial_id.unwrap_or(0),
+            dropped_steps: frame.dropped_steps,
+            bytes: frame.bytes,
+            empty_voxels: frame.empty_voxels,
+            limits: Some(frame.limits.into()),
+            tuning_state: v1::TuningState::from(frame.tuning).into(),
+            overhead: frame.overhead,
+            throttle: frame.throttle,
+        }
+    }
+}
+
+impl TryFrom<v1::Frame> for Frame {
+    type Error = Invalid;
+    fn try_from(frame: v1::Frame) -> Result<Self, Invalid> {
+        Ok(Self {
+            tuning: frame.tuning_state().into(),
+            run_id: frame.run_id,
+            step: frame.step,
+            time: frame.time,
+            params: required(frame.params, "params")?.try_into()?,
+            cost: required(frame.cost, "cost")?.into(),
+            trial_id: Some(frame.trial_id).filter(|id| *id > 0),
+            dropped_steps: frame.dropped_steps,
+            bytes: frame.bytes,
+            empty_voxels: frame.empty_voxels,
+            limits: frame.limits.unwrap_or_default().into(),
+            overhead: frame.overhead,
+            throttle: frame.throttle,
+        })
+    }
+}
+
+impl From<&RunInfo> for v1::Run {
+    fn from(run: &RunInfo) -> Self {
+        let RunInfo { id, name, field, grid } = run;
+        Self { run_id: id.clone(), name: name.clone(), field: field.clone(), grid: Some(grid.into()) }
+    }
+}
+
+impl TryFrom<v1::Run> for RunInfo {
+    type Error = Invalid;
+    fn try_from(run: v1::Run) -> Result<Self, Invalid> {
+        let grid = required(run.grid, "grid")?.try_into()?;
+        Ok(Self { id: run.run_id, name: run.name, field: run.field, grid })
     }
 }

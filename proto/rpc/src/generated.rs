@@ -112,7 +112,7 @@ pub struct Limits {
     #[prost(double, optional, tag = "5")]
     pub overhead: ::core::option::Option<f64>,
 }
-/// Announces ray-cast colours of one step; they follow in chunks: views in order, per view one colour per sampled pixel,
+/// Announces ray-cast colors of one step; they follow in chunks: views in order, per view one color per sampled pixel,
 /// red, green, blue as 16-bit little-endian numbers, 65535 being 1.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Reference {
@@ -336,7 +336,7 @@ pub struct StudyProgress {
     #[prost(uint64, tag = "4")]
     pub best_size_bytes: u64,
 }
-/// Mean squared error of each batch; colours lie in 0..=1.
+/// Mean squared error of each batch; colors lie in 0..=1.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct View {
     #[prost(double, tag = "1")]
@@ -438,7 +438,7 @@ pub struct OpenRequest {
     /// The run id of an earlier Open, to go on with that run after the node was restarted.
     #[prost(string, tag = "9")]
     pub resume_run_id: ::prost::alloc::string::String,
-    /// The second field that every brick carries, for colours; absent: none.
+    /// The second field that every brick carries, for colors; absent: none.
     #[prost(message, optional, tag = "10")]
     pub color_field: ::core::option::Option<SecondField>,
 }
@@ -456,6 +456,9 @@ pub struct OpenReply {
     /// Bytes per chunk the node likes best.
     #[prost(uint32, tag = "2")]
     pub chunk_bytes: u32,
+    /// Abstract Unix socket through which a simulation on the same host shares memory with the node; empty: none.
+    #[prost(string, tag = "3")]
+    pub shared_memory: ::prost::alloc::string::String,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct BrickHeader {
@@ -491,7 +494,7 @@ pub struct BrickHeader {
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct PushPart {
-    #[prost(oneof = "push_part::Part", tags = "1, 2")]
+    #[prost(oneof = "push_part::Part", tags = "1, 2, 3")]
     pub part: ::core::option::Option<push_part::Part>,
 }
 /// Nested message and enum types in `PushPart`.
@@ -503,7 +506,18 @@ pub mod push_part {
         /// Little-endian voxels, x fastest; those of the second field follow.
         #[prost(bytes, tag = "2")]
         Chunk(::prost::bytes::Bytes),
+        /// All of them, where the node maps them, too; in place of chunks.
+        #[prost(message, tag = "3")]
+        Shared(super::SharedBrick),
     }
+}
+/// A slot of memory that a simulation shares with the node and has handed over.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct SharedBrick {
+    #[prost(uint64, tag = "1")]
+    pub ring: u64,
+    #[prost(uint32, tag = "2")]
+    pub slot: u32,
 }
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct PushAnswer {

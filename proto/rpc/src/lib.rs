@@ -8,6 +8,7 @@ pub mod daemon;
 pub mod reference;
 
 pub use lamina_message::required;
+pub use tonic::codegen::Bytes;
 
 /// Generated from `proto/lamina/v1`: see `tests/contracts`.
 #[allow(

@@ -1,9 +1,9 @@
-//! Reference samples on the wire: an announcement and 16-bit colours (error below 1e-5, past 100 dB).
+//! Reference samples on the wire: an announcement and 16-bit colors (error below 1e-5, past 100 dB).
 
 use crate::{required, v1};
 use lamina_model::{Invalid, ReferenceSamples, SamplePlan};
 
-/// The announcement and the colours' bytes.
+/// The announcement and the colors' bytes.
 pub fn encode(run_id: &str, samples: &ReferenceSamples) -> (v1::Reference, Vec<u8>) {
     let code = |c: &f32| ((c.clamp(0.0, 1.0) * 65535.0).round() as u16).to_le_bytes();
     let mut bytes = Vec::with_capacity(6 * samples.colors.iter().map(Vec::len).sum::<usize>());

@@ -37,7 +37,7 @@ impl Drawable {
     /// If it is a VDI, which holds colors instead of values, or the points are invalid.
     pub fn with_points(&self, points: Vec<ControlPoint>) -> Result<Self, Invalid> {
         let Self::Volume(field) = self else {
-            let reason = "a VDI holds colours, not values; they can be chosen anew where a step is a volume";
+            let reason = "a VDI holds colors, not values; they can be chosen anew where a step is a volume";
             return Err(Invalid::new("points", reason));
         };
         let recorded = &field.scene().transfer;

@@ -79,7 +79,7 @@ fn pixel_errors(
     let cameras = plan.test_cameras(&reference.scene.camera)?;
     let held = reference.batches.len() * plan.samples_per_batch();
     if reference.colors.len() != cameras.len() || reference.colors.iter().any(|c| c.len() != held) {
-        return Err(Invalid::new("reference", "the number of colours does not fit the sample plan"));
+        return Err(Invalid::new("reference", "the number of colors does not fit the sample plan"));
     }
     if batches.is_empty() || batches.end > plan.batches {
         return Err(Invalid::new("batches", format!("{batches:?} asked for; the plan has 0..{}", plan.batches)));

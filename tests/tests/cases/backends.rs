@@ -9,7 +9,7 @@ use lamina_raycast::{Field, reference};
 use lamina_vdi_render::gpu::{GpuError as DrawError, GpuKernels as DrawKernels};
 use lamina_vdi_render::{PreparedVdi, reference as drawn};
 
-/// Colours of pixels, or why there are none.
+/// Colors of pixels, or why there are none.
 pub(crate) type Colors = Result<Vec<[f32; 3]>, String>;
 
 /// Pixels of a picture from a camera.
@@ -63,7 +63,7 @@ impl Caster {
         format!("R {}", self.kind())
     }
 
-    /// The colours of some pixels, by the path for whole pictures where all are asked for.
+    /// The colors of some pixels, by the path for whole pictures where all are asked for.
     pub(crate) fn raycast(&self, field: &Field, shown: &Shown) -> Colors {
         let Shown { camera, size: [w, h], pixels } = *shown;
         let whole = pixels.len() == w as usize * h as usize;
@@ -118,7 +118,7 @@ impl Drawer {
         format!("I {}", self.kind())
     }
 
-    /// The colours of some pixels, by the path for whole pictures where all are asked for.
+    /// The colors of some pixels, by the path for whole pictures where all are asked for.
     pub(crate) fn render(&self, vdi: &Vdi, prepared: &PreparedVdi<&Vdi>, shown: &Shown) -> Colors {
         let Shown { camera, size: [w, h], pixels } = *shown;
         let whole = pixels.len() == w as usize * h as usize;

@@ -32,7 +32,7 @@ pub(crate) struct Case {
     /// Whether nothing at all is to be seen from the scene's camera.
     #[serde(default)]
     pub clear: bool,
-    /// Whether colours tell little of what is there, so that its optical depth is what is held.
+    /// Whether colors tell little of what is there, so that its optical depth is what is held.
     #[serde(default)]
     pub faint: bool,
     /// Supersegments of the longest list, where they are part of the case.
@@ -51,7 +51,7 @@ pub(crate) enum Reference {
     March {},
     /// The same with every step divided.
     Fine(usize),
-    /// A box of one colour and opacity (per unit length), from the share `low` of each axis to `high`; clear beside it.
+    /// A box of one color and opacity (per unit length), from the share `low` of each axis to `high`; clear beside it.
     Slab { color: [f64; 3], opacity: f64, low: [f64; 3], high: [f64; 3] },
     /// Opacity growing from 0 at the low end of an axis to `opacity` (per unit length) at its high end.
     Wedge { color: [f64; 3], opacity: f64, axis: usize },

@@ -4,7 +4,7 @@ use glam::DVec3;
 use lamina_model::Ray;
 use lamina_tests::reference::{Light, span, steps};
 
-/// A box of one colour and one extinction inside the volume's box.
+/// A box of one color and one extinction inside the volume's box.
 pub(crate) struct Slab {
     pub bounds: [DVec3; 2],
     pub inside: [DVec3; 2],

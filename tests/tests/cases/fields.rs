@@ -33,7 +33,7 @@ pub(crate) enum Field {
     Checkerboard([f64; 2]),
     /// One voxel.
     Delta { at: [usize; 3], value: f64 },
-    /// Anything between two values, the same every time, no voxel like its neighbour.
+    /// Anything between two values, the same every time, no voxel like its neighbor.
     Noise([f64; 2]),
     /// From the first value in the middle of the box to the second at its corners.
     Distance([f64; 2]),

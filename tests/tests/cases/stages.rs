@@ -3,8 +3,8 @@
 //! - `raycast`: pictures of the volume; greatest difference of a channel.
 //! - `generate`: what comes through up to every start and end of a supersegment; greatest difference.
 //! - `depth`: a ray's optical depth, over the greatest that is finite; greatest difference.
-//! - `color`: colours of supersegments, where there is one; greatest difference of a channel.
-//! - `composite`: a list's colour, composited by `model::composite`; greatest difference of a channel. Of fitted lists too,
+//! - `color`: colors of supersegments, where there is one; greatest difference of a channel.
+//! - `composite`: a list's color, composited by `model::composite`; greatest difference of a channel. Of fitted lists too,
 //!   and so `depth`.
 //! - `encode`: supersegments that come back with other depths, or are not stored the same when encoded once more.
 //! - `decode`: as `composite`, after encoding and decoding.
@@ -240,7 +240,7 @@ fn worst_channel(colors: &[[f32; 3]], lights: &[Vec<Lights>], background: [f32; 
     errors(colors, lights, background).fold(0.0, greater)
 }
 
-/// Per pixel, the greatest difference of a channel from the likeliest of its rays; NaN if it is no colour.
+/// Per pixel, the greatest difference of a channel from the likeliest of its rays; NaN if it is no color.
 fn errors(colors: &[[f32; 3]], lights: &[Vec<Lights>], background: [f32; 3]) -> impl Iterator<Item = f64> {
     colors.iter().zip(lights).map(move |(color, rays)| {
         if !color.iter().all(|c| (0.0..=1.0).contains(c)) {

@@ -8,6 +8,7 @@ mod memory;
 mod outages;
 mod refusals;
 mod services;
+mod shared_memory;
 mod steps;
 mod wire;
 

@@ -48,6 +48,8 @@ async fn record(
         match part {
             Part::Header(header) => step = header.step,
             Part::Chunk(chunk) => bytes += chunk.len(),
+            // None was offered.
+            Part::Shared(_) => return (0, 0),
         }
         let _ = match verdict {
             Verdict::Admit => answers.send(answer(v1::Admission::Admitted)).await,
@@ -63,7 +65,7 @@ impl v1::ingest_server::Ingest for Recorder {
     type PushStream = ReceiverStream<Result<v1::PushAnswer, Status>>;
 
     async fn open(&self, _: Request<v1::OpenRequest>) -> Result<Response<v1::OpenReply>, Status> {
-        Ok(Response::new(v1::OpenReply { run_id: "recorded".into(), chunk_bytes: 4096 }))
+        Ok(Response::new(v1::OpenReply { run_id: "recorded".into(), chunk_bytes: 4096, ..Default::default() }))
     }
 
     async fn push(&self, request: Request<Streaming<v1::PushPart>>) -> Result<Response<Self::PushStream>, Status> {

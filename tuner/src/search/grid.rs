@@ -12,7 +12,7 @@ pub struct GridAxis {
     pub from: f64,
     /// Upper end.
     pub to: f64,
-    /// Distance of neighbours.
+    /// Distance of neighbors.
     pub step: f64,
 }
 

@@ -1,4 +1,4 @@
-//! Filling a limit on size: neighbouring candidates differ by a quarter in bytes, so that the best of them leaves some of the
+//! Filling a limit on size: neighboring candidates differ by a quarter in bytes, so that the best of them leaves some of the
 //! limit unused. Between them the gamma is found whose bytes just keep it, by regula falsi in (ln gamma, ln bytes), where each
 //! evaluation is one encoding without a measurement of quality.
 

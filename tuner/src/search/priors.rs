@@ -12,8 +12,8 @@ use lamina_model::Representation;
 /// The logarithm of a size or time.
 #[derive(Debug)]
 pub struct CostPrior {
-    centre: ParamPoint,
-    /// Value at `centre`, roughly.
+    center: ParamPoint,
+    /// Value at `center`, roughly.
     height: f64,
     /// Power of r, and its standard deviation.
     power: f64,
@@ -24,7 +24,7 @@ pub struct CostPrior {
 }
 
 impl CostPrior {
-    /// Sizes: near r^1.8, because neighbouring rays compress well together; points do still better, how much is less sure.
+    /// Sizes: near r^1.8, because neighboring rays compress well together; points do still better, how much is less sure.
     pub fn of_sizes(representation: Representation, ln_bytes: &[Observation]) -> GaussianProcess<Self> {
         let power = if representation == Representation::Volume { (1.7, 0.5) } else { (1.8, PRICE[1]) };
         Self::through(ln_bytes, power, ROUGH, 0.003)
@@ -37,14 +37,14 @@ impl CostPrior {
 
     fn through(known: &[Observation], (power, doubt): (f64, f64), rough: f64, noise: f64) -> GaussianProcess<Self> {
         let mean = |of: &dyn Fn(&Observation) -> f64| known.iter().map(of).sum::<f64>() / known.len() as f64;
-        let centre = [mean(&|o| o.at[0]), mean(&|o| o.at[1])];
-        GaussianProcess::new(Self { centre, height: mean(&|o| o.value), power, doubt, rough, noise }, known)
+        let center = [mean(&|o| o.at[0]), mean(&|o| o.at[1])];
+        GaussianProcess::new(Self { center, height: mean(&|o| o.value), power, doubt, rough, noise }, known)
     }
 }
 
 /// Standard deviations: of the height, of the power of r, of the slope in ln gamma, of what is no plane.
 const PRICE: [f64; 4] = [2.0, 0.15, 1.0, 0.27];
-/// How the rays happen to fall on the voxels makes neighbouring resolutions differ by 1 or 2 % in size.
+/// How the rays happen to fall on the voxels makes neighboring resolutions differ by 1 or 2 % in size.
 const ROUGH: f64 = 0.015;
 /// Over this much in ln r.
 const ROUGH_LENGTH: f64 = 0.06;
@@ -54,13 +54,13 @@ const STEP_REMAINDER: f64 = 0.05;
 
 impl Prior for CostPrior {
     fn mean(&self, at: &ParamPoint) -> f64 {
-        self.height + self.power * (at[0] - self.centre[0])
+        self.height + self.power * (at[0] - self.center[0])
     }
 
     fn covariance(&self, a: &ParamPoint, b: &ParamPoint) -> f64 {
         let slope = |k: usize| {
             let doubt = if k == 0 { self.doubt } else { PRICE[k + 1] };
-            doubt.powi(2) * (a[k] - self.centre[k]) * (b[k] - self.centre[k])
+            doubt.powi(2) * (a[k] - self.center[k]) * (b[k] - self.center[k])
         };
         let curve = squared_exponential((a[0] - b[0]) / 2.0) * matern52((a[1] - b[1]) / 0.6);
         let rough = (-(a[0] - b[0]).abs() / ROUGH_LENGTH).exp() * squared_exponential((a[1] - b[1]) / 2.0);

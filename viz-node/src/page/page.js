@@ -184,7 +184,7 @@ function draw() {
   drawTransport();
   drawTimeline();
   drawReadout();
-  drawColours();
+  drawColors();
   PLOTS.forEach(drawPlot);
   drawAccuracy();
 }
@@ -205,7 +205,7 @@ function start() {
   buildFigures();
   listenToPicture(byId("picture"));
   listenToSteps(byId("timeline"), 10, 10);
-  listenToColours();
+  listenToColors();
   document.addEventListener("keydown", onKey);
   byId("previous").addEventListener("click", () => choose(shownIndex() - 1));
   byId("next").addEventListener("click", () => choose(shownIndex() + 1));

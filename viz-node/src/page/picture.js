@@ -110,7 +110,7 @@ async function bringPicture(want) {
 /** The picture's bytes and what the server says of them; nothing where it refuses. */
 async function receivePicture(want, signal) {
   const query = new URLSearchParams({
-    // Colours are those of the step they were chosen for, or one like it: the newest may be a VDI.
+    // Colors are those of the step they were chosen for, or one like it: the newest may be a VDI.
     step: want.live && !want.points ? "newest" : want.step,
     azimuth: want.azimuth.toFixed(2),
     elevation: want.elevation.toFixed(2),

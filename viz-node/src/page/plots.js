@@ -148,7 +148,7 @@ function drawAccuracy() {
   detail.textContent = [known && `in ${fixed(row.generation_ms, 1)} ms`, trials.length && `${trials.length} trials (+)`].filter(Boolean).join(", ");
 }
 
-/** Steps as ticks, one a pixel column at most; a step that broke the limit is taller, coloured and pointed. */
+/** Steps as ticks, one a pixel column at most; a step that broke the limit is taller, colored and pointed. */
 function drawTimeline() {
   const box = byId("timeline");
   const width = box.clientWidth;

@@ -118,5 +118,5 @@ function drawState() {
 
 function renderedText() {
   const { step, size, renderMs, points } = picture.shown;
-  return `step ${step}${behindText()}, ${size} px in ${fixed(renderMs, 1)} ms${points ? ", own colours" : ""}`;
+  return `step ${step}${behindText()}, ${size} px in ${fixed(renderMs, 1)} ms${points ? ", own colors" : ""}`;
 }

@@ -163,13 +163,13 @@ fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lamina_rpc::v1;
+    use lamina_model::Frame;
 
     #[test]
     fn damage_to_the_rows_costs_no_other_row_and_a_removed_folder_is_made_again() {
         let root = tempfile::tempdir().unwrap();
         let run = Run { id: "r-1".into(), name: "r".into(), field: "f".into(), dims: [1; 3] };
-        let row = |step| StepRow::live(&v1::Frame { step, ..Default::default() }, false);
+        let row = |step| StepRow::live(&Frame { step, ..Frame::default() }, false);
         let (mut folder, rows) = Folder::open(root.path(), &run).unwrap();
         assert!(rows.is_empty());
         for step in 0..4 {
@@ -191,7 +191,7 @@ mod tests {
         assert!(fs::read(&csv).unwrap().starts_with(&bytes), "nothing in the file was rewritten");
 
         // A step that was to be measured when the node was killed.
-        folder.record(&StepRow::live(&v1::Frame { step: 8, ..Default::default() }, true), b"vdi").unwrap();
+        folder.record(&StepRow::live(&Frame { step: 8, ..Frame::default() }, true), b"vdi").unwrap();
         let (_, rows) = Folder::open(root.path(), &run).unwrap();
         assert_eq!((steps(&rows), rows[3].measured), (vec![0, 2, 9, 8], QualityStatus::Skipped));
         let (mut folder, rows) = Folder::open(root.path(), &run).unwrap();

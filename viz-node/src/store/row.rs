@@ -1,7 +1,6 @@
 //! The numbers of one step, as the page, `steps.csv` and the report show them.
 
-use lamina_model::{Cost, GenerationParams, Limits, Quality, Representation, TuningState, ViewError};
-use lamina_rpc::v1;
+use lamina_model::{Frame, Quality, Representation, TuningState, ViewError};
 use lamina_vdi_render::QualityEstimate;
 use serde::{Deserialize, Serialize};
 
@@ -114,13 +113,13 @@ pub struct StepRow {
 
 impl StepRow {
     /// A live step that has just arrived; its quality is to be measured where it `has_reference`.
-    pub fn live(frame: &v1::Frame, has_reference: bool) -> Self {
+    pub fn live(frame: &Frame, has_reference: bool) -> Self {
         let measured = if has_reference { QualityStatus::Pending } else { QualityStatus::No };
         Self { measured, ..Self::new(frame, None) }
     }
 
     /// A trial and its measured quality.
-    pub fn trial(frame: &v1::Frame, quality: &Quality) -> Self {
+    pub fn trial(frame: &Frame, quality: &Quality) -> Self {
         Self { measured: QualityStatus::Yes, ..Self::new(frame, Some(quality)) }
     }
 
@@ -139,12 +138,10 @@ impl StepRow {
         }
     }
 
-    fn new(frame: &v1::Frame, quality: Option<&Quality>) -> Self {
-        let params = GenerationParams::try_from(frame.params.unwrap_or_default()).unwrap_or_default();
-        let cost = Cost::from(frame.cost.unwrap_or_default());
-        let limits = Limits::from(frame.limits.unwrap_or_default());
+    fn new(frame: &Frame, quality: Option<&Quality>) -> Self {
+        let Frame { params, cost, limits, .. } = frame;
         // A step whose quality was not measured breaks no limit on it.
-        let limit_kept = limits.are_kept(&cost, quality.map_or(f64::NAN, Quality::psnr_db));
+        let limit_kept = limits.are_kept(cost, quality.map_or(f64::NAN, Quality::psnr_db));
         Self {
             step: frame.step,
             time: frame.time,
@@ -165,7 +162,7 @@ impl StepRow {
             representation: params.representation(),
             half_width_db: None,
             measured: QualityStatus::No,
-            tuning: frame.tuning_state().into(),
+            tuning: frame.tuning,
             overhead: frame.overhead,
             throttle: frame.throttle,
         }
@@ -288,20 +285,16 @@ fn views(quality: &Quality) -> Vec<ViewPsnr> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lamina_model::{Cost, Limits};
 
     #[test]
     fn rows_go_to_csv_and_come_back() {
-        let limits = v1::Limits { size_bytes: Some(100), ..Default::default() };
-        let frame = v1::Frame { step: 12, time: 0.25, limits: Some(limits), ..Default::default() };
+        let limits = Limits { size_bytes: Some(100), ..Limits::default() };
+        let frame = Frame { step: 12, time: 0.25, limits, ..Frame::default() };
         let view = |angle_deg, mse| ViewError { angle_deg, batch_mse: vec![mse] };
         // 40 dB, and identical.
         let [some, none] = [1e-4, 0.0].map(|mse| Quality { views: vec![view(10.0, mse), view(20.0, mse)] });
-        let measured = v1::Frame {
-            tuning_state: v1::TuningState::Done.into(),
-            overhead: Some(0.0125),
-            throttle: 0.5,
-            ..frame.clone()
-        };
+        let measured = Frame { tuning: TuningState::Done, overhead: Some(0.0125), throttle: 0.5, ..frame.clone() };
         let row = StepRow::live(&measured, true);
         let measured = [some, none].map(|quality| row.with_quality(&QualityEstimate { quality, half_width_db: 0.25 }));
         for row in [&measured[0], &measured[1], &row, &StepRow::live(&frame, false)] {
@@ -317,19 +310,20 @@ mod tests {
             }
         }
         // 40 dB keep a limit of 20; 10 dB do not, unless they are known so badly that they may be 20; encoding counts where it is to.
-        let limits = v1::Limits { psnr_db: Some(20.0), ..limits };
-        let limited = v1::Frame { limits: Some(limits), ..frame };
-        let kept = |frame: &v1::Frame, mse| StepRow::trial(frame, &Quality { views: vec![view(10.0, mse)] }).limit_kept;
+        let limits = Limits { psnr_db: Some(20.0), ..limits };
+        let limited = Frame { limits, ..frame };
+        let kept = |frame: &Frame, mse| StepRow::trial(frame, &Quality { views: vec![view(10.0, mse)] }).limit_kept;
         assert!(kept(&limited, 1e-4) && !kept(&limited, 0.1));
         let estimated = |half_width_db| {
             let quality = Quality { views: vec![view(10.0, 0.1)] };
             StepRow::live(&limited, true).with_quality(&QualityEstimate { quality, half_width_db }).limit_kept
         };
         assert!(estimated(11.0) && !estimated(9.0));
-        let cost = v1::Cost { generation_ns: 30, encode_ns: 20, ..Default::default() };
+        let ns = std::time::Duration::from_nanos;
+        let cost = Cost { generation: ns(30), encode: ns(20), ..Cost::default() };
         let timed = |with_encoding| {
-            let limits = v1::Limits { time_ns: Some(40), with_encoding, ..Default::default() };
-            v1::Frame { limits: Some(limits), cost: Some(cost), ..Default::default() }
+            let limits = Limits { time_ms: Some(4e-5), with_encoding, ..Limits::default() };
+            Frame { limits, cost, ..Frame::default() }
         };
         assert!(kept(&timed(false), 0.0) && !kept(&timed(true), 0.0));
         assert!(StepRow::CSV_HEADER.starts_with("step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,"));

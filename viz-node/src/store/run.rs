@@ -1,6 +1,6 @@
 //! Description of a run, as recorded beside its steps.
 
-use lamina_rpc::v1;
+use lamina_model::RunInfo;
 use serde::{Deserialize, Serialize};
 
 /// What is being simulated.
@@ -16,9 +16,9 @@ pub struct Run {
     pub dims: [u64; 3],
 }
 
-impl From<&v1::Run> for Run {
-    fn from(run: &v1::Run) -> Self {
-        let dims = run.grid.map_or([0; 3], |g| [g.nx, g.ny, g.nz]);
-        Self { id: run.run_id.clone(), name: run.name.clone(), field: run.field.clone(), dims }
+impl From<RunInfo> for Run {
+    fn from(run: RunInfo) -> Self {
+        let dims = run.grid.dims().map(|n| n as u64);
+        Self { id: run.id, name: run.name, field: run.field, dims }
     }
 }

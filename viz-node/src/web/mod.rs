@@ -15,7 +15,6 @@ use axum::{Json, Router, routing::get};
 use futures::{Stream, StreamExt};
 use lamina_compute::{Activity, Priority};
 use lamina_model::{ControlPoint, TransferFunction};
-use lamina_rpc::v1;
 use lamina_vdi_render::{Backend, Detail};
 use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
@@ -48,7 +47,7 @@ impl Web {
             .route("/", file("text/html; charset=utf-8", include_str!("../page/index.html")))
             .route("/page.css", file("text/css; charset=utf-8", include_str!("../page/page.css")))
             .route("/camera.js", script(include_str!("../page/camera.js")))
-            .route("/colours.js", script(include_str!("../page/colours.js")))
+            .route("/colors.js", script(include_str!("../page/colors.js")))
             .route("/draft_size.js", script(include_str!("../page/draft_size.js")))
             .route("/page.js", script(include_str!("../page/page.js")))
             .route("/picture.js", script(include_str!("../page/picture.js")))
@@ -105,8 +104,8 @@ struct StudyState {
 }
 
 impl From<StudyStatus> for StudyState {
-    fn from(StudyStatus { progress, step }: StudyStatus) -> Self {
-        let v1::StudyProgress { first, trials, best_psnr_db, best_size_bytes } = progress;
+    fn from(status: StudyStatus) -> Self {
+        let StudyStatus { step, first, trials, best_psnr_db, best_size_bytes } = status;
         Self { step, first, trials, best_psnr_db: best_psnr_db.map(Number::from), best_size_bytes }
     }
 }
@@ -182,7 +181,7 @@ async fn transfer(State(web): State<Web>, Query(query): Query<TransferQuery>) ->
                 let unrecorded = parts.map(|part| part.map(|end| end.clamp(0.0, 1.0))).collect();
                 Json(ShownTransfer { function: function.clone(), unrecorded }).into_response()
             }
-            None => (StatusCode::BAD_REQUEST, "a VDI holds colours, not values").into_response(),
+            None => (StatusCode::BAD_REQUEST, "a VDI holds colors, not values").into_response(),
         },
         Ok(Err(e)) => (StatusCode::NOT_FOUND, e.to_string()).into_response(),
         Err(e) => (StatusCode::INTERNAL_SERVER_ERROR, e.to_string()).into_response(),

@@ -31,7 +31,7 @@ fn run_until(gas: &mut Gas, end: f64) -> u32 {
     cycles
 }
 
-/// The mean over all cells of |density - expected density at the cell's centre|.
+/// The mean over all cells of |density - expected density at the cell's center|.
 fn density_error(gas: &Gas, config: &Config, expected: impl Fn([f64; 3]) -> f64) -> f64 {
     let [nx, ny, nz] = gas.state().shape();
     let density = gas.state().component(crate::state::DENSITY, 0..nz);

@@ -56,17 +56,17 @@ fn a_shear_wave_decays_at_its_rate_and_totals_stay() {
 fn a_tracer_goes_with_the_gas_and_stays_a_share() {
     let mut gas = Gas::new([32; 3], &Config { cells: 32, ..config() }, |_| [1.0, 0.5, 0.0, 0.0, 1.0]);
     gas.follow(|[x, y, z]| (-(x * x + y * y + z * z) / 0.05).exp());
-    // Its centre along a periodic axis, by the phase of the first harmonic.
-    let centre = |gas: &Gas| {
+    // Its center along a periodic axis, by the phase of the first harmonic.
+    let center = |gas: &Gas| {
         let values = gas.tracer().unwrap().values();
         let angle = |n: usize| PI * (((n % 32) as f64 + 0.5) / 16.0 - 1.0);
         let sum = |f: fn(f64) -> f64| values.iter().enumerate().map(|(n, v)| f64::from(*v) * f(angle(n))).sum::<f64>();
         sum(f64::sin).atan2(sum(f64::cos)) / PI
     };
-    assert!(centre(&gas).abs() < 1e-6);
+    assert!(center(&gas).abs() < 1e-6);
     run_until(&mut gas, 0.4);
     // Upwind differences of a harmonic of 32 cells lag by at most (2 pi / 32)^2 / 6 of the way.
-    assert!((centre(&gas) - 0.2).abs() < 0.2 * 0.0065, "{}", centre(&gas));
+    assert!((center(&gas) - 0.2).abs() < 0.2 * 0.0065, "{}", center(&gas));
     assert!(gas.tracer().unwrap().values().iter().all(|v| (0.0..=1.0).contains(v)));
 }
 

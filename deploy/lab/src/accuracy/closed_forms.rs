@@ -13,7 +13,7 @@ use lamina_model::{
 
 /// Cells along each side of the unit box that is looked through.
 const CELLS: usize = 8;
-/// A colour that is the same everywhere.
+/// A color that is the same everywhere.
 const COLOR: [f64; 3] = [0.9, 0.5, 0.2];
 /// Opacity of one box length.
 const OPACITY: f64 = 0.7;
@@ -63,7 +63,7 @@ pub(super) fn all() -> Result<[ClosedForm; 3], Invalid> {
             ..form(|z| z, vec![white(0.0, 0.0), white(1.0, OPACITY)])?
         },
         ClosedForm {
-            name: "colour u on a ramp in a uniform medium: (1 - exp(-k) (1 + k)) / k, k = kappa L",
+            name: "color u on a ramp in a uniform medium: (1 - exp(-k) (1 + k)) / k, k = kappa L",
             light: |length| {
                 let k = kappa() * length;
                 [(1.0 - (-k).exp() * (1.0 + k)) / k; 3]

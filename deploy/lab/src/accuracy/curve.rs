@@ -137,7 +137,7 @@ impl ErrorCurve {
         Convergence { order: (fitted.len() >= 3).then(|| least_squares(&fitted)), level_from }
     }
 
-    /// The price of each point, in their order: between neighbours on the knob's own front.
+    /// The price of each point, in their order: between neighbors on the knob's own front.
     pub(super) fn prices(&self) -> Vec<Price> {
         let mut prices = vec![Price::default(); self.points.len()];
         if !self.knob.priced {
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn prices_lie_between_neighbours_on_the_front() {
+    fn prices_lie_between_neighbors_on_the_front() {
         // 20 dB for a time of 1 to 2, nothing for 4, 20 more for 8: 6 ms from 2 on.
         let measured = curve(&[(1.0, 1e-1), (0.5, 1e-2), (0.25, 2e-2), (0.125, 1e-3)]);
         let prices: Vec<Option<f64>> = measured.prices().iter().map(|p| p.ms_per_db).collect();

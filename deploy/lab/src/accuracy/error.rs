@@ -12,7 +12,7 @@ pub(super) struct Error {
 }
 
 impl Error {
-    /// Between two lists of colours.
+    /// Between two lists of colors.
     pub(super) fn between<A: Copy + Into<f64>, B: Copy + Into<f64>>(a: &[[A; 3]], b: &[[B; 3]]) -> Self {
         let differences = || a.iter().flatten().zip(b.iter().flatten()).map(|(&a, &b)| (a.into() - b.into()).abs());
         let squares: f64 = differences().map(|d| d * d).sum();

@@ -43,7 +43,7 @@ pub(super) fn timed<T>(work: impl FnOnce() -> anyhow::Result<T>) -> anyhow::Resu
     Ok((made, start.elapsed()))
 }
 
-/// A point, and the colours it was measured by.
+/// A point, and the colors it was measured by.
 pub(super) type TimedPicture = (Point, Vec<[f32; 3]>);
 
 /// A VDI's times, round by round, and what does not change with them.
@@ -64,7 +64,7 @@ pub(super) struct Kernels<'a> {
 }
 
 impl<'a> Kernels<'a> {
-    /// Measures on `field`, against the colours `reference` of the rays of `views`.
+    /// Measures on `field`, against the colors `reference` of the rays of `views`.
     pub(super) fn new(
         field: &'a Field,
         backends: &'a (Backend, viz::Backend),
@@ -154,7 +154,7 @@ impl<'a> Kernels<'a> {
         Ok((Point { time_ms, draw_ms: Some(time_ms), ..point }, seen))
     }
 
-    /// `vdi`, its colour and opacity rounded to `bits`.
+    /// `vdi`, its color and opacity rounded to `bits`.
     pub(super) fn with_color_bits(&self, vdi: &Vdi, bits: u32) -> anyhow::Result<TimedPicture> {
         // The codec stores eight bits: what has more is drawn as it is.
         let rounded = requantize::with_color_bits(vdi, bits)?;

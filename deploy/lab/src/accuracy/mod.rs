@@ -164,7 +164,7 @@ fn measure(
     }
     curves.push(run_sweeps::generation(&integrating, &base, &by_integration)?);
     curves.extend(run_sweeps::bits(&product, &base)?);
-    progress("bits of colour and depth");
+    progress("bits of color and depth");
     curves.push(run_sweeps::blended(&product, &base)?);
     let trials = [product.trials(), integrating.trials()].concat();
     curves.push(run_sweeps::sample(&product, &views, &base)?);

@@ -7,7 +7,7 @@
 use lamina_model::composite::optical_depth_from_opacity;
 use lamina_model::{ControlPoint, TransferFunction};
 
-/// Straight colour, and extinction per world length.
+/// Straight color, and extinction per world length.
 pub(super) type Medium = ([f64; 3], f64);
 
 const EMPTY: Medium = ([0.0; 3], 0.0);
@@ -77,7 +77,7 @@ impl Optics {
         ([mean[1] / mean[0], mean[2] / mean[0], mean[3] / mean[0]], mean[0])
     }
 
-    /// Extinction, and colour times extinction.
+    /// Extinction, and color times extinction.
     fn emission(&self, u: f64) -> [f64; 4] {
         let ([r, g, b], extinction) = self.at(u);
         let extinction = extinction.min(OPAQUE / self.unit_length);

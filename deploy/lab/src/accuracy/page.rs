@@ -40,7 +40,7 @@ const GROUPS: [(&str, &str, &[&str]); 11] = [
         &["blended"],
     ),
     (
-        "Stored bits of colour and opacity",
+        "Stored bits of color and opacity",
         "The base's VDI rounded before it is encoded, and not by the codec, which goes by gamma else. It stores 8 bits a channel, so \
          that fewer save only what its compressor finds, and 10 and 12 are drawn without being encoded.",
         &["color_bits"],

@@ -11,7 +11,7 @@ const COARSEST_VOXELS: f64 = 0.5;
 /// Where the halving ends, converged or not.
 const FINEST_VOXELS: f64 = 1.0 / 128.0;
 
-/// Colours with what is known of their own error.
+/// Colors with what is known of their own error.
 pub(super) struct Reference {
     /// Per ray.
     pub colors: Vec<[f64; 3]>,
@@ -24,7 +24,7 @@ pub(super) struct Reference {
 }
 
 impl Reference {
-    /// Halves the step along `rays` until the colours stay as they are.
+    /// Halves the step along `rays` until the colors stay as they are.
     pub(super) fn converged(integrator: &Integrator, rays: &[Ray]) -> Self {
         let mut step_voxels = COARSEST_VOXELS;
         let mut colors = integrator.colors(rays, &Method::midpoint(step_voxels));

@@ -1,8 +1,8 @@
-//! A VDI stored in other bits: what those of colour and whole steps of depth are worth.
+//! A VDI stored in other bits: what those of color and whole steps of depth are worth.
 
 use lamina_model::{Invalid, Supersegment, Vdi, VdiHeader};
 
-/// Colour and opacity rounded to `bits` each; opacity on the codec's scale, the square root of 1 - sqrt(T). Its gamma is 0, so
+/// Color and opacity rounded to `bits` each; opacity on the codec's scale, the square root of 1 - sqrt(T). Its gamma is 0, so
 /// that the codec rounds no more than to 8.
 ///
 /// # Errors

@@ -41,7 +41,7 @@ pub(super) fn generation(
     Ok(curve(turned.knob, shots.into_iter().flatten().collect()))
 }
 
-/// The base's VDI with fewer bits of colour, and with fewer of depth; generation is the base's.
+/// The base's VDI with fewer bits of color, and with fewer of depth; generation is the base's.
 pub(super) fn bits(product: &Kernels, base: &VdiParams) -> anyhow::Result<[ErrorCurve; 2]> {
     let vdi = product.generate(base)?;
     let time_ms = product.vdi(0.0, base).map_or(f64::NAN, |(point, _)| point.time_ms);

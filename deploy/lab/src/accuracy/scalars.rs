@@ -1,7 +1,7 @@
 //! The field drawn, in double precision: the position in the transfer function's range, from the volume's own voxels.
 //!
 //! As in the product the position is what is interpolated, so that under a logarithmic range it is the logarithm, and a
-//! sample whose neighbours hold a voxel that is not finite is NaN: empty.
+//! sample whose neighbors hold a voxel that is not finite is NaN: empty.
 
 use glam::DVec3;
 use lamina_model::{Grid, Invalid, ScalarRange, Scale, Volume, Voxels, for_voxels};
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_is_empty_and_so_are_its_neighbours() {
+    fn what_is_not_finite_is_empty_and_so_are_its_neighbors() {
         let hole = scalars(8, |x| if x == 4.0 { f64::INFINITY } else { 0.5 });
         assert!(hole.at(DVec3::new(3.1, 1.0, 1.0), Interpolation::Trilinear).is_nan());
         assert_eq!(hole.at(DVec3::new(2.9, 1.0, 1.0), Interpolation::Trilinear), 0.5);

@@ -56,7 +56,7 @@ pub(super) const RESOLUTION: Parameter =
     Parameter { coarseness: inverse, ..knob("resolution", "Resolution r", "rays a side", ErrorSource::Vdi) };
 pub(super) const COLOR: Parameter = Parameter {
     coarseness: halved_each,
-    ..knob("color_bits", "Bits of colour and opacity", "bits a channel", ErrorSource::Vdi)
+    ..knob("color_bits", "Bits of color and opacity", "bits a channel", ErrorSource::Vdi)
 };
 pub(super) const DEPTH: Parameter =
     Parameter { coarseness: halved_each, ..knob("depth_bits", "Bits of depth", "bits", ErrorSource::Vdi) };

@@ -62,7 +62,7 @@ fn across(cells: usize, interpolation: Interpolation, f: fn(f64) -> f64) -> Erro
     let scene = suggest::suggest(&[&volume]).unwrap();
     let optics = Optics::new(&transfer, 1.0);
     let scalars = Scalars::new(volume, &range);
-    // Away from the walls, where a cubic has no neighbour beyond.
+    // Away from the walls, where a cubic has no neighbor beyond.
     let xs: Vec<f64> = (0..400).map(|n| 0.3 + 0.4 * (f64::from(n) + 0.37) / 400.0).collect();
     let ray = |&x: &f64| Ray { origin: DVec3::new(x, 0.5, -1.0), direction: DVec3::Z };
     let rays: Vec<Ray> = xs.iter().map(ray).collect();

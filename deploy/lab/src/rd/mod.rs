@@ -168,7 +168,7 @@ pub(crate) fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
     let (volume, scene) = open(&arguments.input)?;
     ensure!(
         arguments.peers.is_none() || scene.effects.color_field.is_none(),
-        "--peers: other codings hold one field, and this scene takes its colours from a second; leave one of the two out"
+        "--peers: other codings hold one field, and this scene takes its colors from a second; leave one of the two out"
     );
     std::fs::create_dir_all(&arguments.out)
         .with_context(|| format!("{}: cannot be created", arguments.out.display()))?;

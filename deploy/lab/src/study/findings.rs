@@ -4,7 +4,7 @@ use super::choices::{StudyLimits, best};
 use lamina_report::numbers::{fixed, significant};
 use lamina_tuner::tune::Trial;
 
-/// What one quantity does along one parameter, over all pairs of neighbours on the grid.
+/// What one quantity does along one parameter, over all pairs of neighbors on the grid.
 #[derive(Debug, PartialEq)]
 struct Trend {
     pairs: usize,
@@ -30,10 +30,10 @@ impl Trend {
         places.sort_by(f64::total_cmp);
         places.dedup();
         let place = |p: &[f64; 3]| places.partition_point(|x| *x < p[1]);
-        // Where one is missing that others have, those beside it are no neighbours.
-        let neighbours = |w: &&[[f64; 3]]| w[0][0] == w[1][0] && place(&w[0]) + 1 == place(&w[1]);
+        // Where one is missing that others have, those beside it are no neighbors.
+        let neighbors = |w: &&[[f64; 3]]| w[0][0] == w[1][0] && place(&w[0]) + 1 == place(&w[1]);
         let mut trend = Self { pairs: 0, agree: 0, against: 0.0 };
-        for pair in points.windows(2).filter(neighbours) {
+        for pair in points.windows(2).filter(neighbors) {
             let [from, to] = [sign * pair[0][2], sign * pair[1][2]];
             trend.pairs += 1;
             trend.agree += usize::from(to >= from);
@@ -100,7 +100,7 @@ mod tests {
     use std::time::Duration;
 
     #[test]
-    fn neighbours_are_counted_along_each_parameter() {
+    fn neighbors_are_counted_along_each_parameter() {
         // (r, gamma, bytes, ms, dB), in no order.
         let measured = [
             (20, 0.1, 200, 5, 31.0),
@@ -121,7 +121,7 @@ mod tests {
         };
         let rows: Vec<Trial> = measured.iter().map(row_of).collect();
         let limits = StudyLimits { size: [50, 95, 160].map(Contract::size).into(), time: Vec::new() };
-        // Gamma 0.2 is missing at r = 30: its neighbours are none of each other's.
+        // Gamma 0.2 is missing at r = 30: its neighbors are none of each other's.
         let expected = [
             "2 of 4, else by at most \u{221e} dB",
             "3 of 4, else by at most 10.0 %",

@@ -120,7 +120,7 @@ fn trends(all: &[StepStudy], limits: &StudyLimits) -> String {
         let cells = [m.name.clone(), m.step.to_string()].into_iter().chain(findings::row(&m.rows, limits));
         (cells.collect(), false)
     };
-    let words = "<p>Pairs of neighbours on the grid that do what is said above them.</p>";
+    let words = "<p>Pairs of neighbors on the grid that do what is said above them.</p>";
     let table = html::table("All steps", &head.collect::<Vec<_>>(), all.iter().map(line));
     html::section("How quality, size and time follow the parameters", &format!("{words}{table}"))
 }

@@ -1,8 +1,12 @@
 //! The simulation's client behind a C interface; `lamina.h` says what each function does.
 
+mod buffer;
+
 use glam::DVec3;
 use half::f16;
-use lamina_client::{Brick, Client, ClientError, FullPolicy, Receipt, RunOptions, VoxelSlice, check_type, dense, span};
+use lamina_client::{
+    Brick, Buffer, Client, ClientError, FullPolicy, Receipt, RunOptions, VoxelSlice, check_type, dense, span,
+};
 use lamina_model::{Grid, Invalid, VoxelType};
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char, c_void};
@@ -55,6 +59,8 @@ pub struct Connection {
     process: u32,
     /// Pushes that never reached the client.
     unfit: u64,
+    /// Given out and not pushed yet.
+    buffers: Vec<Buffer>,
 }
 
 const DROPPED: i32 = 1;
@@ -221,7 +227,7 @@ pub unsafe extern "C" fn lamina_connect(run: *const Options, client: *mut *mut C
         // SAFETY: as above.
         let options = unsafe { run_options(run) }?;
         let client = Client::connect(options)?;
-        let connection = Connection { client, process: std::process::id(), unfit: 0 };
+        let connection = Connection { client, process: std::process::id(), unfit: 0, buffers: Vec::new() };
         *place = Box::into_raw(Box::new(connection));
         Ok(0)
     };
@@ -235,23 +241,35 @@ pub unsafe extern "C" fn lamina_connect(run: *const Options, client: *mut *mut C
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lamina_push(client: *mut Connection, step: u64, time: f64, brick: *const CBrick) -> i32 {
     let push = || {
-        // SAFETY: null or valid and used by nobody else, by the function's own condition.
-        let connection = unsafe { client.as_mut() }.ok_or_else(|| invalid("client", "is NULL"))?;
-        if connection.process != std::process::id() {
-            return Err(invalid(
-                "client",
-                "belongs to the process that this one was forked from; connect after forking",
-            ));
-        }
+        // SAFETY: by the function's own condition.
+        let connection = unsafe { connection(client) }?;
         // SAFETY: by the function's own condition.
         let read = unsafe { connection.read(step, brick) };
-        let brick = read.inspect_err(|_| connection.unfit += 1)?;
-        Ok(match connection.client.push(step, time, &brick)? {
+        let read = read.inspect_err(|_| connection.unfit += 1)?;
+        // SAFETY: as above.
+        let pushed = match unsafe { connection.take_buffer(brick) } {
+            Some(buffer) => connection.client.push_buffer(step, time, buffer),
+            None => connection.client.push(step, time, &read),
+        };
+        Ok(match pushed? {
             Receipt::Admitted(_) => 0,
             Receipt::Dropped => DROPPED,
         })
     };
     guarded(push).map_or(FAILED, |code| code.unwrap_or_else(|error| fail(&error)))
+}
+
+/// The connection behind a pointer from the simulation.
+///
+/// # Safety
+/// It is null, or comes from [`lamina_connect`], is not closed, and no other thread uses it.
+unsafe fn connection<'a>(client: *mut Connection) -> Result<&'a mut Connection, ClientError> {
+    // SAFETY: null or valid and used by nobody else, by the function's own condition.
+    let connection = unsafe { client.as_mut() }.ok_or_else(|| invalid("client", "is NULL"))?;
+    if connection.process == std::process::id() {
+        return Ok(connection);
+    }
+    Err(invalid("client", "belongs to the process that this one was forked from; connect after forking"))
 }
 
 impl Connection {

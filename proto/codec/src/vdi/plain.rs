@@ -74,7 +74,7 @@ fn opacity_code(optical_depth: f32) -> u8 {
 fn distance(steps: u32, step_length: f64) -> Result<f32, CodecError> {
     let distance = (f64::from(steps) * step_length) as f32;
     if step_count(distance, step_length) != Some(steps) {
-        let text = format!("{steps} steps of {step_length} cannot be told from their neighbours as a 32-bit float");
+        let text = format!("{steps} steps of {step_length} cannot be told from their neighbors as a 32-bit float");
         return Err(CodecError::Unrepresentable(text));
     }
     Ok(distance)

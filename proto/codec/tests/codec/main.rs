@@ -343,7 +343,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn any_vdi_comes_back_as_its_quantised_self(resolution in 1_u32..12, seed: u64) {
+    fn any_vdi_comes_back_as_its_quantized_self(resolution in 1_u32..12, seed: u64) {
         let original = assorted(resolution, seed);
         for codec in [Codec::Bzip2, Codec::Zstd, Codec::ContextMixing] {
             let bytes = encode(&original, &EncodeOptions { codec, layout: Layout::Columns }).unwrap();

@@ -47,7 +47,7 @@ fn check_reducible(field: &Field) -> Result<(), Invalid> {
     let reason = match (field.empty_voxels(), &field.scene().effects.color_field) {
         (0, None) => return Ok(()),
         (0, Some(second)) => {
-            format!("a reduced volume holds one field, and colours come from \"{}\"; send VDIs", second.name)
+            format!("a reduced volume holds one field, and colors come from \"{}\"; send VDIs", second.name)
         }
         (empty, _) => format!("{empty} voxels are NaN or infinite, which a reduced volume cannot hold; send VDIs"),
     };

@@ -29,7 +29,7 @@ fn effects() -> Vec<(&'static str, Effects)> {
     let range = ScalarRange::new(1.0, 1000.0, Scale::Log10).unwrap();
     let second = ColorField { name: "second".into(), range, points: map };
     vec![
-        ("colours", Effects { color_field: Some(second), ..none() }),
+        ("colors", Effects { color_field: Some(second), ..none() }),
         ("shading", Effects { light, shading: Some(Shading::default()), ..none() }),
         ("shadows", Effects { light, shadows: Some(0.8), ..none() }),
         ("occlusion", Effects { ambient_occlusion: Some(0.9), ..none() }),

@@ -19,9 +19,9 @@ pub fn load_config<T: DeserializeOwned + Default>(path: Option<&Path>) -> Result
 pub fn log_to_stderr(default_level: &str) {
     let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| default_level.into());
     // A second call, in a process with several nodes, keeps the first subscriber.
-    let colour = std::io::IsTerminal::is_terminal(&std::io::stderr());
+    let color = std::io::IsTerminal::is_terminal(&std::io::stderr());
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
-    let _ = log.with_target(false).with_ansi(colour).try_init();
+    let _ = log.with_target(false).with_ansi(color).try_init();
 }
 
 /// What a binary ends with: one line about the error, if there is one.

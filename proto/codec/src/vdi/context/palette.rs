@@ -64,7 +64,7 @@ impl Palette {
         let mut used = [false; 256];
         self.opacities.iter().for_each(|&o| used[usize::from(o)] = true);
         let coded = code(coder, &mut used, self.colors.len(), |k| self.colors[k], |_| Ok(()));
-        coded.expect("colours are of 24 bits");
+        coded.expect("colors are of 24 bits");
     }
 
     /// Decodes a palette of at most `most` colors.

@@ -1,4 +1,4 @@
-//! A recorded volume under another transfer function than it was made for: what the viewer's colour editor asks for.
+//! A recorded volume under another transfer function than it was made for: what the viewer's color editor asks for.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -45,7 +45,7 @@ fn opacities(points: &[(f64, f64)]) -> Vec<ControlPoint> {
 }
 
 #[test]
-fn other_colours_are_as_right_as_the_error_bound() {
+fn other_colors_are_as_right_as_the_error_bound() {
     // A band in the middle, where the recorded function is a slope, and haze where it shows nothing.
     let wished = opacities(&[(0.0, 0.3), (0.2, 0.0), (0.45, 0.5), (0.6, 0.0), (1.0, 0.2)]);
     // Without what is transparent below 0.15 in `clumps_transfer`.

@@ -1,9 +1,9 @@
-// The editor of a volume's transfer function. Where a step is a volume, its colours are chosen here and drawn by the
+// The editor of a volume's transfer function. Where a step is a volume, its colors are chosen here and drawn by the
 // server; what the recorded function leaves transparent was not recorded, is hatched, and stays transparent.
 "use strict";
 
 /** `recorded`: what the server said of run `run`; `points: null` draws as recorded; `selected` is a position in `points`. */
-const colours = { run: null, recorded: null, points: null, selected: 0, loading: false, retryAt: 0 };
+const colors = { run: null, recorded: null, points: null, selected: 0, loading: false, retryAt: 0 };
 
 const CURVE_BOTTOM = 92;
 const CURVE_TOP = 8;
@@ -11,27 +11,27 @@ const CURVE_TOP = 8;
 const REACH = 14;
 
 /** Control points to draw the shown step with, or none: as recorded, or not a volume. */
-const wishedPoints = () => (shownRow()?.representation === "volume" && colours.run === store.run?.id ? colours.points : null);
+const wishedPoints = () => (shownRow()?.representation === "volume" && colors.run === store.run?.id ? colors.points : null);
 
-const editedPoints = () => colours.points ?? colours.recorded.points;
+const editedPoints = () => colors.points ?? colors.recorded.points;
 
-async function loadColours(row) {
-  const wait = colours.loading || performance.now() < colours.retryAt;
-  if (wait || link.phase !== "live" || colours.run === store.run.id) return;
-  colours.loading = true;
+async function loadColors(row) {
+  const wait = colors.loading || performance.now() < colors.retryAt;
+  if (wait || link.phase !== "live" || colors.run === store.run.id) return;
+  colors.loading = true;
   const run = store.run.id;
   try {
     const answer = await fetch(`api/transfer?step=${row.step}`, { cache: "no-store" });
-    if (answer.ok) Object.assign(colours, { run, recorded: await answer.json(), points: null, selected: 0 });
+    if (answer.ok) Object.assign(colors, { run, recorded: await answer.json(), points: null, selected: 0 });
   } catch {
     // Asked again below.
   }
-  colours.loading = false;
-  if (colours.run !== run) {
-    colours.retryAt = performance.now() + RETRY_MS;
+  colors.loading = false;
+  if (colors.run !== run) {
+    colors.retryAt = performance.now() + RETRY_MS;
     setTimeout(refresh, RETRY_MS + 10);
   }
-  if (colours.run === run) refresh();
+  if (colors.run === run) refresh();
 }
 
 // ---- Drawing ---------------------------------------------------------------------------------------------------------
@@ -54,17 +54,17 @@ const fromHex = (text) => [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16
 
 /** The scalar at position `at` of the range. */
 function scalarAt(at) {
-  const { lo, hi, scale } = colours.recorded.range;
+  const { lo, hi, scale } = colors.recorded.range;
   return scale === "log10" ? lo * (hi / lo) ** at : lo + at * (hi - lo);
 }
 
-function drawColours() {
+function drawColors() {
   const row = shownRow();
-  byId("colours").hidden = !row;
-  if (!row || !byId("colours").open) return;
+  byId("colors").hidden = !row;
+  if (!row || !byId("colors").open) return;
   const isVolume = row.representation === "volume";
-  if (isVolume) loadColours(row);
-  const ready = isVolume && colours.run === store.run?.id;
+  if (isVolume) loadColors(row);
+  const ready = isVolume && colors.run === store.run?.id;
   byId("editor").hidden = !ready;
   byId("fixed").hidden = isVolume;
   if (ready) drawCurve();
@@ -73,7 +73,7 @@ function drawColours() {
 function drawCurve() {
   const { x, y, width } = curveScale();
   const points = editedPoints();
-  const { unrecorded, range } = colours.recorded;
+  const { unrecorded, range } = colors.recorded;
   const ends = [{ ...points[0], at: 0 }, ...points, { ...points[points.length - 1], at: 1 }];
   const line = pathOf(ends.map((p) => [x(p.at), y(p.opacity)]));
   const stops = points.map((p) => `<stop offset="${p.at}" stop-color="${hex(p.color)}"/>`).join("");
@@ -86,35 +86,35 @@ function drawCurve() {
     ...[0.001, 0.01, 0.1, 1].map((o) => gridLine(y(o), width, String(o))),
     `<path fill="url(#along)" fill-opacity="0.85" d="${line}V${CURVE_BOTTOM}H${x(0)}Z"/><path class="curve" d="${line}"/>`,
     ...hatched,
-    ...points.map((p, i) => `<circle class="corner" data-selected="${i === colours.selected}" cx="${x(p.at)}" cy="${y(p.opacity)}" r="5" fill="${hex(p.color)}"/>`),
+    ...points.map((p, i) => `<circle class="corner" data-selected="${i === colors.selected}" cx="${x(p.at)}" cy="${y(p.opacity)}" r="5" fill="${hex(p.color)}"/>`),
     scalar(0, x(0), "start"),
     `<text x="${(x(0) + x(1)) / 2}" y="${CURVE_BOTTOM + 15}" text-anchor="middle">${range.scale === "log10" ? "logarithmic" : ""}</text>`,
     scalar(1, x(1), "end"),
   ].join("");
-  const { at, opacity, color } = points[colours.selected];
+  const { at, opacity, color } = points[colors.selected];
   setText(byId("corner"), `${significant(scalarAt(at), 4)}: opacity ${significant(opacity, 3)}`);
-  if (byId("corner-colour").value !== hex(color)) byId("corner-colour").value = hex(color);
+  if (byId("corner-color").value !== hex(color)) byId("corner-color").value = hex(color);
   byId("remove-corner").disabled = points.length < 2;
-  byId("recorded-colours").disabled = colours.points === null;
+  byId("recorded-colors").disabled = colors.points === null;
 }
 
 // ---- Editing ---------------------------------------------------------------------------------------------------------
 
 /** Puts `points` in the place of what is drawn; the camera's drafts serve here too. */
-function setPoints(points, selected = colours.selected) {
-  Object.assign(colours, { points, selected: points === null ? 0 : clamp(selected, 0, points.length - 1) });
+function setPoints(points, selected = colors.selected) {
+  Object.assign(colors, { points, selected: points === null ? 0 : clamp(selected, 0, points.length - 1) });
   moving();
   refresh();
 }
 
 function changeSelected(change) {
-  const points = editedPoints().map((p, i) => (i === colours.selected ? { ...p, ...change } : p));
-  const [before, after] = [points[colours.selected - 1]?.at ?? 0, points[colours.selected + 1]?.at ?? 1];
-  points[colours.selected].at = clamp(points[colours.selected].at, before, after);
+  const points = editedPoints().map((p, i) => (i === colors.selected ? { ...p, ...change } : p));
+  const [before, after] = [points[colors.selected - 1]?.at ?? 0, points[colors.selected + 1]?.at ?? 1];
+  points[colors.selected].at = clamp(points[colors.selected].at, before, after);
   setPoints(points);
 }
 
-/** A new point at `at`: in the colour that is there, and as opaque unless told otherwise. */
+/** A new point at `at`: in the color that is there, and as opaque unless told otherwise. */
 function addPoint(at, opacity = null) {
   const points = editedPoints();
   const next = points.findIndex((p) => p.at > at);
@@ -128,32 +128,32 @@ function addPoint(at, opacity = null) {
 
 function addBesideSelected() {
   const points = editedPoints();
-  const [here, next] = [points[colours.selected], points[colours.selected + 1]];
+  const [here, next] = [points[colors.selected], points[colors.selected + 1]];
   addPoint(next ? (here.at + next.at) / 2 : (here.at + 1) / 2);
 }
 
 function removeSelected() {
-  if (editedPoints().length > 1) setPoints(editedPoints().toSpliced(colours.selected, 1));
+  if (editedPoints().length > 1) setPoints(editedPoints().toSpliced(colors.selected, 1));
 }
 
 function select(index) {
-  colours.selected = clamp(index, 0, editedPoints().length - 1);
+  colors.selected = clamp(index, 0, editedPoints().length - 1);
   refresh();
 }
 
 const CORNER_KEYS = {
-  ArrowLeft: () => changeSelected({ at: editedPoints()[colours.selected].at - 0.01 }),
-  ArrowRight: () => changeSelected({ at: editedPoints()[colours.selected].at + 0.01 }),
+  ArrowLeft: () => changeSelected({ at: editedPoints()[colors.selected].at - 0.01 }),
+  ArrowRight: () => changeSelected({ at: editedPoints()[colors.selected].at + 0.01 }),
   ArrowUp: () => raiseSelected(0.02),
   ArrowDown: () => raiseSelected(-0.02),
-  PageUp: () => select(colours.selected + 1),
-  PageDown: () => select(colours.selected - 1),
+  PageUp: () => select(colors.selected + 1),
+  PageDown: () => select(colors.selected - 1),
   Delete: removeSelected,
   Backspace: removeSelected,
 };
 
 const raiseSelected = (by) =>
-  changeSelected({ opacity: clamp(Math.cbrt(editedPoints()[colours.selected].opacity) + by, 0, 1) ** 3 });
+  changeSelected({ opacity: clamp(Math.cbrt(editedPoints()[colors.selected].opacity) + by, 0, 1) ** 3 });
 
 /** The point within reach of a place on the curve, or -1. */
 function pointAt([px, py]) {
@@ -203,13 +203,13 @@ function listenToCurve(element) {
   });
 }
 
-function listenToColours() {
+function listenToColors() {
   listenToCurve(byId("curve"));
-  byId("colours").addEventListener("toggle", refresh);
-  byId("corner-colour").addEventListener("input", (event) => changeSelected({ color: fromHex(event.target.value) }));
-  byId("previous-corner").addEventListener("click", () => select(colours.selected - 1));
-  byId("next-corner").addEventListener("click", () => select(colours.selected + 1));
+  byId("colors").addEventListener("toggle", refresh);
+  byId("corner-color").addEventListener("input", (event) => changeSelected({ color: fromHex(event.target.value) }));
+  byId("previous-corner").addEventListener("click", () => select(colors.selected - 1));
+  byId("next-corner").addEventListener("click", () => select(colors.selected + 1));
   byId("add-corner").addEventListener("click", addBesideSelected);
   byId("remove-corner").addEventListener("click", removeSelected);
-  byId("recorded-colours").addEventListener("click", () => setPoints(null));
+  byId("recorded-colors").addEventListener("click", () => setPoints(null));
 }
