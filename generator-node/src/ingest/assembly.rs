@@ -2,10 +2,12 @@
 
 use super::IngestError;
 use super::brick::{BrickBytes, BrickOffer, GridBox};
+use std::collections::BTreeMap;
 
 #[derive(Debug)]
 struct BrickSlot {
     rank: u32,
+    index: u32,
     brick: GridBox,
     bytes: Option<BrickBytes>,
 }
@@ -16,63 +18,88 @@ pub(super) struct Assembly {
     /// Simulation time.
     pub time: f64,
     parts: Vec<BrickSlot>,
+    /// How many bricks each rank has that has come.
+    bricks: BTreeMap<u32, u32>,
 }
 
 impl Assembly {
     /// An empty step.
     pub(super) fn new(time: f64) -> Self {
-        Self { time, parts: Vec::new() }
+        Self { time, parts: Vec::new(), bricks: BTreeMap::new() }
     }
 
-    /// Reserves the offered `brick` for its rank if it agrees with what is there; `voxels` is the whole grid's number.
+    /// Reserves the offered `brick`, if the rank has any, where it agrees with what is there; `voxels` is the whole grid's number.
     pub(super) fn reserve(
         &mut self,
         offer: &BrickOffer,
         ranks: u32,
-        brick: GridBox,
+        brick: Option<GridBox>,
         voxels: usize,
     ) -> Result<(), IngestError> {
-        let BrickOffer { step, time, rank, .. } = *offer;
+        let BrickOffer { step, time, rank, index, bricks, .. } = *offer;
         if time.to_bits() != self.time.to_bits() {
             let first = self.time;
             return Err(IngestError::Refused(format!("step {step}: rank {rank} says time {time}, others {first}")));
         }
-        if self.has(rank) {
+        match self.bricks.get(&rank) {
+            Some(&before) if before != bricks => {
+                let message = format!("step {step}: rank {rank} has {bricks} bricks, where it had {before}");
+                return Err(IngestError::Refused(message));
+            }
+            Some(_) if bricks == 0 => return Err(IngestError::Repeated { step, rank }),
+            _ => {}
+        }
+        if self.parts.iter().any(|p| (p.rank, p.index) == (rank, index)) {
             return Err(IngestError::Repeated { step, rank });
         }
-        if let Some(other) = self.parts.iter().find(|p| p.brick.overlaps(&brick)) {
+        let overlapped = brick.and_then(|brick| self.parts.iter().find(|p| p.brick.overlaps(&brick)));
+        if let Some(other) = overlapped {
             let message = format!(
                 "step {step}: the bricks of ranks {} and {rank} overlap; each voxel belongs to one rank",
                 other.rank
             );
             return Err(IngestError::Refused(message));
         }
-        let covered: usize = self.parts.iter().map(|p| p.brick.voxels()).sum::<usize>() + brick.voxels();
-        if self.parts.len() + 1 == ranks as usize && covered != voxels {
+        let new = usize::from(brick.is_some());
+        let expected = self.expected() + if self.bricks.contains_key(&rank) { 0 } else { bricks as usize };
+        let all_ranks = self.bricks.len() + usize::from(!self.bricks.contains_key(&rank)) == ranks as usize;
+        let covered = self.parts.iter().map(|p| &p.brick).chain(&brick).map(GridBox::voxels).sum::<usize>();
+        if all_ranks && self.parts.len() + new == expected && covered != voxels {
             let message = format!("step {step}: the bricks of all {ranks} ranks cover {covered} of {voxels} voxels");
             return Err(IngestError::Refused(message));
         }
-        self.parts.push(BrickSlot { rank, brick, bytes: None });
+        self.bricks.insert(rank, bricks);
+        self.parts.extend(brick.map(|brick| BrickSlot { rank, index, brick, bytes: None }));
         Ok(())
     }
 
-    /// True if `rank` has reserved its part.
+    /// Bricks of the ranks that have come.
+    fn expected(&self) -> usize {
+        self.bricks.values().map(|&n| n as usize).sum()
+    }
+
+    /// True if `rank` has reserved all its bricks.
     pub(super) fn has(&self, rank: u32) -> bool {
-        self.parts.iter().any(|p| p.rank == rank)
+        let reserved = self.parts.iter().filter(|p| p.rank == rank).count();
+        self.bricks.get(&rank).is_some_and(|&bricks| bricks as usize == reserved)
     }
 
-    /// Gives up `rank`'s reservation; true if none is left.
-    pub(super) fn release(&mut self, rank: u32) -> bool {
-        self.parts.retain(|p| p.rank != rank);
-        self.parts.is_empty()
+    /// Gives up a reservation of `rank`; true if none is left.
+    pub(super) fn release(&mut self, rank: u32, index: u32) -> bool {
+        self.parts.retain(|p| (p.rank, p.index) != (rank, index));
+        if self.parts.iter().all(|p| p.rank != rank) {
+            self.bricks.remove(&rank);
+        }
+        self.bricks.is_empty()
     }
 
-    /// Stores `rank`'s bytes; true if all `ranks` are in.
-    pub(super) fn fill(&mut self, rank: u32, ranks: u32, bytes: BrickBytes) -> bool {
-        if let Some(part) = self.parts.iter_mut().find(|p| p.rank == rank) {
+    /// Stores the bytes of a brick of `rank`; true if all bricks of all `ranks` are in.
+    pub(super) fn fill(&mut self, rank: u32, index: u32, ranks: u32, bytes: BrickBytes) -> bool {
+        if let Some(part) = self.parts.iter_mut().find(|p| (p.rank, p.index) == (rank, index)) {
             part.bytes = Some(bytes);
         }
-        self.parts.len() == ranks as usize && self.parts.iter().all(|p| p.bytes.is_some())
+        let all_here = self.bricks.len() == ranks as usize && self.parts.len() == self.expected();
+        all_here && self.parts.iter().all(|p| p.bytes.is_some())
     }
 
     /// The bricks with their bytes.

@@ -13,6 +13,10 @@ pub struct BrickOffer {
     pub time: f64,
     /// Whose brick.
     pub rank: u32,
+    /// Which of the rank's bricks of the step, counted from 0.
+    pub index: u32,
+    /// How many it has; with 0 the box means nothing.
+    pub bricks: u32,
     /// First sample point.
     pub start: [u64; 3],
     /// Sample points per axis.

@@ -115,7 +115,7 @@ impl Core {
         let run = self.run(run_id)?;
         run.last_heard = now;
         let brick = run.check_push(offer)?;
-        let bytes = brick.voxels() * run.spec.point_bytes();
+        let bytes = brick.map_or(0, |brick| brick.voxels()) * run.spec.point_bytes();
         if run.cannot_complete(step) {
             run.last_step[rank as usize] = Some(step);
             run.drop_step(step);
@@ -185,19 +185,19 @@ impl Core {
     }
 
     /// Takes back a reservation whose bytes never came.
-    pub fn abort(&mut self, run_id: &str, step: u64, rank: u32) {
+    pub fn abort(&mut self, run_id: &str, step: u64, (rank, index): (u32, u32)) {
         let Ok(run) = self.run(run_id) else { return };
-        if run.steps.get_mut(&step).is_some_and(|a| a.release(rank)) {
+        if run.steps.get_mut(&step).is_some_and(|a| a.release(rank, index)) {
             self.forget(step);
         }
     }
 
-    /// Takes `rank`'s bytes of `step`. `None`: the step was dropped meanwhile. `Some(true)`: the step is complete.
+    /// Takes the bytes of brick `index` of `rank` of `step`. `None`: the step was dropped meanwhile. `Some(true)`: the step is complete.
     pub fn receive(
         &mut self,
         run_id: &str,
         step: u64,
-        rank: u32,
+        (rank, index): (u32, u32),
         bytes: impl Into<BrickBytes>,
         now: Instant,
     ) -> Result<Option<bool>, IngestError> {
@@ -205,7 +205,7 @@ impl Core {
         run.last_heard = now;
         run.last_step[rank as usize] = Some(step);
         let Some(assembly) = run.steps.get_mut(&step) else { return Ok(None) };
-        if !assembly.fill(rank, run.spec.ranks, bytes.into()) {
+        if !assembly.fill(rank, index, run.spec.ranks, bytes.into()) {
             return Ok(Some(false));
         }
         // Every rank is past the older steps: what is missing there will not come.

@@ -97,6 +97,9 @@ pub(super) struct IngestRun {
     pub last_heard: Instant,
 }
 
+/// Bricks of one rank and step.
+const MOST_BRICKS: u32 = 1 << 16;
+
 /// Dropped steps remembered so that their other ranks' bricks are dropped too.
 const REMEMBERED_DROPS: usize = 1024;
 
@@ -198,9 +201,9 @@ impl IngestRun {
         self.steps.range(..step).find(|(_, assembly)| !assembly.has(rank)).map(|(passed, _)| *passed)
     }
 
-    /// The brick of a push that can be right.
-    pub(super) fn check_push(&self, offer: &BrickOffer) -> Result<GridBox, IngestError> {
-        let BrickOffer { step, time, rank, start, dims } = *offer;
+    /// The brick of a push that can be right; `None` where the rank has none of the step.
+    pub(super) fn check_push(&self, offer: &BrickOffer) -> Result<Option<GridBox>, IngestError> {
+        let BrickOffer { step, time, rank, index, bricks, start, dims } = *offer;
         if rank >= self.spec.ranks {
             return Err(IngestError::Refused(format!(
                 "rank {rank}: the run has {} ranks, counted from 0",
@@ -211,10 +214,18 @@ impl IngestRun {
             return Err(IngestError::Refused(format!("step {step}: time {time} must be finite")));
         }
         if let Some(last) = self.last_step[rank as usize]
-            && step <= last
+            && (step < last || step == last && index == 0)
         {
             return Err(IngestError::Refused(format!("rank {rank}: step {step} after step {last}; steps must ascend")));
         }
-        Ok(GridBox::new(start, dims, &self.spec.grid)?)
+        if bricks > MOST_BRICKS || index >= bricks.max(1) {
+            return Err(IngestError::Refused(format!(
+                "rank {rank}: brick {index} of {bricks}; they count from 0, and a rank has at most {MOST_BRICKS} a step"
+            )));
+        }
+        if bricks == 0 {
+            return Ok(None);
+        }
+        Ok(Some(GridBox::new(start, dims, &self.spec.grid)?))
     }
 }

@@ -74,11 +74,12 @@ impl Ingest {
     }
 
     async fn admit(&self, h: &v1::BrickHeader) -> Result<Option<usize>, IngestError> {
-        if h.rank == 0 && h.interval_ns > 0 {
+        if h.rank == 0 && h.brick == 0 && h.interval_ns > 0 {
             self.overhead.step(Duration::from_nanos(h.interval_ns), Duration::from_nanos(h.push_ns));
         }
         let (start, dims) = ([h.x0, h.y0, h.z0], [h.nx, h.ny, h.nz]);
-        let offer = BrickOffer { step: h.step, time: h.time, rank: h.rank, start, dims };
+        let (index, bricks) = (h.brick, h.bricks.unwrap_or(1));
+        let offer = BrickOffer { step: h.step, time: h.time, rank: h.rank, index, bricks, start, dims };
         loop {
             let room = self.room.notified();
             tokio::pin!(room);
@@ -107,7 +108,8 @@ struct Reservation<'a> {
 impl Drop for Reservation<'_> {
     fn drop(&mut self) {
         if !self.filled {
-            self.ingest.core().abort(&self.header.run_id, self.header.step, self.header.rank);
+            let v1::BrickHeader { run_id, step, rank, brick, .. } = self.header;
+            self.ingest.core().abort(run_id, *step, (*rank, *brick));
             self.ingest.room.notify_waiters();
         }
     }
@@ -143,7 +145,8 @@ async fn take_brick(
     let _ = answers.send(Ok(answer(v1::Admission::Admitted, false, cadence))).await;
     let bytes = take_bytes(ingest, &mut parts, expected).await?;
     reservation.filled = true;
-    let received = ingest.core().receive(&header.run_id, header.step, header.rank, bytes, Instant::now())?;
+    let received =
+        ingest.core().receive(&header.run_id, header.step, (header.rank, header.brick), bytes, Instant::now())?;
     ingest.ready.notify_one();
     ingest.room.notify_waiters();
     let admission = if received.is_some() { v1::Admission::Admitted } else { v1::Admission::Dropped };

@@ -46,7 +46,8 @@ typedef struct {
     int32_t color_type;      /* of the second field's; needed with one */
     const char *color_field; /* name of a second field that a scene may take its colors from; default none */
     uint32_t rank;           /* of this process, from 0 */
-    uint32_t ranks;          /* processes that push bricks of every step, all that hold some; default 1 */
+    uint32_t ranks;          /* processes that push their parts of every step; where both are 0, as the MPI launcher's environment
+                                says (Open MPI, MPICH, Slurm), else 1; lamina_mpi.h takes them from a communicator */
     int32_t full_policy;     /* default LAMINA_DROP_OLDEST: the simulation never waits for the viewer */
     double deadline_secs;    /* the longest any call may take; default 5 */
 } lamina_options;
@@ -81,6 +82,9 @@ int32_t lamina_connect(const lamina_options *run, lamina_client **client);
 /* Hands in this rank's brick of `step`, steps ascending from 0 or more, at simulation time `time`. LAMINA_ADMITTED,
  * LAMINA_DROPPED or, if the step is lost, an error; without a client (NULL) always one. */
 int32_t lamina_push(lamina_client *client, uint64_t step, double time, const lamina_brick *brick);
+
+/* The same of `count` bricks of this rank, or of none: a step is whole when all bricks of all ranks are in. */
+int32_t lamina_push_bricks(lamina_client *client, uint64_t step, double time, const lamina_brick *bricks, size_t count);
 
 /* Memory for a brick of `dims` sample points, x fastest and without gaps, to compute into: a node on the same host reads it
  * where it is, and nothing is copied. *voxels and, of a run with a second field, *colors (else NULL; `colors` may be NULL) are

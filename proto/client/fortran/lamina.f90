@@ -9,20 +9,21 @@ module lamina
     implicit none
     private
     public :: lamina_run, lamina_connection, lamina_summary, lamina_open, lamina_put, lamina_buffer, &
-        lamina_end, lamina_message
+        lamina_box, lamina_brick, lamina_put_bricks, lamina_end, lamina_message
 
     integer(c_int32_t), parameter, public :: lamina_f32 = 5, lamina_f64 = 6
     integer(c_int32_t), parameter, public :: lamina_drop_oldest = 0, lamina_drop_newest = 1, lamina_block = 2
     integer(c_int32_t), parameter, public :: lamina_admitted = 0, lamina_dropped = 1, lamina_invalid = -1, &
         lamina_refused = -2, lamina_unreachable = -3, lamina_deadline = -4, lamina_failed = -5
 
-    ! A run; dims, name, field and voxel_type are to be stated.
+    ! A run; dims, name, field and voxel_type are to be stated. Where rank and ranks are 0 they are as the MPI launcher's environment
+    ! says, else one rank.
     type :: lamina_run
         character(:), allocatable :: generator, name, field, color_field
         integer(c_int64_t) :: dims(3) = 0
         real(c_double) :: spacing(3) = 1, origin(3) = 0
         integer(c_int32_t) :: voxel_type = 0, color_type = 0
-        integer(c_int32_t) :: rank = 0, ranks = 1, full_policy = lamina_drop_oldest
+        integer(c_int32_t) :: rank = 0, ranks = 0, full_policy = lamina_drop_oldest
         real(c_double) :: deadline_secs = 5
     end type
 
@@ -45,7 +46,9 @@ module lamina
         real(c_double) :: deadline_secs
     end type
 
-    type, bind(c) :: brick
+    ! Where a brick lies in memory.
+    type, bind(c) :: lamina_brick
+        private
         integer(c_int64_t) :: start(3), dims(3), strides(3)
         type(c_ptr) :: voxels, colors
         integer(c_int32_t) :: voxel_type = 0, color_type = 0
@@ -59,11 +62,20 @@ module lamina
             integer(c_int32_t) :: code
         end function
         function c_push(client, step, time, given) bind(c, name="lamina_push") result(code)
-            import :: c_ptr, c_int32_t, c_int64_t, c_double, brick
+            import :: c_ptr, c_int32_t, c_int64_t, c_double, lamina_brick
             type(c_ptr), value :: client
             integer(c_int64_t), value :: step
             real(c_double), value :: time
-            type(brick), intent(in) :: given
+            type(lamina_brick), intent(in) :: given
+            integer(c_int32_t) :: code
+        end function
+        function c_push_bricks(client, step, time, given, count) bind(c, name="lamina_push_bricks") result(code)
+            import :: c_ptr, c_int32_t, c_int64_t, c_double, c_size_t, lamina_brick
+            type(c_ptr), value :: client
+            integer(c_int64_t), value :: step
+            real(c_double), value :: time
+            type(lamina_brick), intent(in) :: given(*)
+            integer(c_size_t), value :: count
             integer(c_int32_t) :: code
         end function
         function c_buffer(client, dims, voxels, colors) bind(c, name="lamina_buffer") result(code)
@@ -94,6 +106,12 @@ module lamina
     ! values do. The code is one of those above; the simulation may go on in any case.
     interface lamina_put
         module procedure put_f32, put_f64
+    end interface
+
+    ! lamina_box(values, first [, colors]): a brick as lamina_put takes it, for call lamina_put_bricks(connection, step, time, bricks,
+    ! code), which hands over several of this rank, or none.
+    interface lamina_box
+        module procedure box_f32, box_f64
     end interface
 
     ! call lamina_buffer(connection, n, values, code [, colors]): pointers to arrays of n(1) x n(2) x n(3) to compute into, which
@@ -174,19 +192,26 @@ contains
         real(c_float), intent(in), target :: values(:, :, :)
         integer(c_int32_t), intent(out) :: code
         real(c_float), intent(in), target, optional :: colors(:, :, :)
-        type(brick) :: given
 
-        given = box_f32(values, first)
-        given%voxel_type = lamina_f32
-        if (present(colors)) call add_colors(given, box_f32(colors, first), lamina_f32)
-        code = c_push(connection%client, int(step, c_int64_t), time, given)
+        code = c_push(connection%client, int(step, c_int64_t), time, box_f32(values, first, colors))
     end subroutine
 
-    ! Where an array lies.
-    function box_f32(values, first) result(given)
+    function box_f32(values, first, colors) result(given)
         real(c_float), intent(in), target :: values(:, :, :)
         integer, intent(in) :: first(3)
-        type(brick) :: given
+        real(c_float), intent(in), target, optional :: colors(:, :, :)
+        type(lamina_brick) :: given
+
+        given = place_f32(values, first)
+        given%voxel_type = lamina_f32
+        if (present(colors)) call add_colors(given, place_f32(colors, first), lamina_f32)
+    end function
+
+    ! Where an array lies.
+    function place_f32(values, first) result(given)
+        real(c_float), intent(in), target :: values(:, :, :)
+        integer, intent(in) :: first(3)
+        type(lamina_brick) :: given
         integer :: n(3)
 
         n = shape(values)
@@ -209,19 +234,26 @@ contains
         real(c_double), intent(in), target :: values(:, :, :)
         integer(c_int32_t), intent(out) :: code
         real(c_double), intent(in), target, optional :: colors(:, :, :)
-        type(brick) :: given
 
-        given = box_f64(values, first)
-        given%voxel_type = lamina_f64
-        if (present(colors)) call add_colors(given, box_f64(colors, first), lamina_f64)
-        code = c_push(connection%client, int(step, c_int64_t), time, given)
+        code = c_push(connection%client, int(step, c_int64_t), time, box_f64(values, first, colors))
     end subroutine
 
-    ! Where an array lies.
-    function box_f64(values, first) result(given)
+    function box_f64(values, first, colors) result(given)
         real(c_double), intent(in), target :: values(:, :, :)
         integer, intent(in) :: first(3)
-        type(brick) :: given
+        real(c_double), intent(in), target, optional :: colors(:, :, :)
+        type(lamina_brick) :: given
+
+        given = place_f64(values, first)
+        given%voxel_type = lamina_f64
+        if (present(colors)) call add_colors(given, place_f64(colors, first), lamina_f64)
+    end function
+
+    ! Where an array lies.
+    function place_f64(values, first) result(given)
+        real(c_double), intent(in), target :: values(:, :, :)
+        integer, intent(in) :: first(3)
+        type(lamina_brick) :: given
         integer :: n(3)
 
         n = shape(values)
@@ -237,6 +269,16 @@ contains
         if (n(3) > 1) given%strides(3) = apart(given%voxels, c_loc(values(1, 1, 2)), c_sizeof(values(1, 1, 1)))
     end function
 
+    ! Several bricks of this rank, or none.
+    subroutine lamina_put_bricks(connection, step, time, bricks, code)
+        type(lamina_connection), intent(in) :: connection
+        integer, intent(in) :: step
+        real(c_double), intent(in) :: time
+        type(lamina_brick), intent(in) :: bricks(:)
+        integer(c_int32_t), intent(out) :: code
+        code = c_push_bricks(connection%client, int(step, c_int64_t), time, bricks, size(bricks, kind=c_size_t))
+    end subroutine
+
     ! How many voxels lie between two addresses.
     function apart(a, b, bytes) result(n)
         type(c_ptr), intent(in) :: a, b
@@ -247,8 +289,8 @@ contains
 
     ! Colors laid out otherwise than the values are none: NULL with a type is refused.
     subroutine add_colors(given, colors, color_type)
-        type(brick), intent(inout) :: given
-        type(brick), intent(in) :: colors
+        type(lamina_brick), intent(inout) :: given
+        type(lamina_brick), intent(in) :: colors
         integer(c_int32_t), intent(in) :: color_type
         given%color_type = color_type
         if (all(given%dims == colors%dims) .and. all(given%strides == colors%strides)) given%colors = colors%voxels

@@ -11,6 +11,7 @@ Arrays are anything with the buffer protocol, NumPy's among them, with axes in t
 the environment variable LAMINA_LIBRARY, then where the system looks for libraries. Connect after forking, not before.
 """
 
+import contextlib
 import ctypes
 import os
 import sys
@@ -115,6 +116,20 @@ class _View:
         ctypes.pythonapi.PyBuffer_Release(ctypes.byref(self.buffer))
 
 
+def _brick(views, voxels, start, colors=None):
+    """Where a brick lies in memory, held there by `views`."""
+    v = views.enter_context(_View(voxels))
+    brick = _Brick(_three(ctypes.c_uint64, "start", start))
+    brick.dims, brick.strides = _three(ctypes.c_uint64, "dims", v.dims), _three(ctypes.c_uint64, "strides", v.strides)
+    brick.voxels, brick.type = v.buffer.buf, v.type
+    if colors is not None:
+        c = views.enter_context(_View(colors))
+        if (c.dims, c.strides) != (v.dims, v.strides):
+            raise ValueError("colors are to be laid out in memory as voxels are")
+        brick.colors, brick.color_type = c.buffer.buf, c.type
+    return brick
+
+
 def _three(kind, thing, values):
     values = list(values)
     if len(values) != 3:
@@ -136,6 +151,13 @@ def _library():
         raise OSError(f"{error}; name the library in LAMINA_LIBRARY, such as target/release/{name}") from None
     library.lamina_connect.argtypes = [ctypes.POINTER(_Options), ctypes.POINTER(ctypes.c_void_p)]
     library.lamina_push.argtypes = [ctypes.c_void_p, ctypes.c_uint64, ctypes.c_double, ctypes.POINTER(_Brick)]
+    library.lamina_push_bricks.argtypes = [
+        ctypes.c_void_p,
+        ctypes.c_uint64,
+        ctypes.c_double,
+        ctypes.POINTER(_Brick),
+        ctypes.c_size_t,
+    ]
     library.lamina_buffer.argtypes = [
         ctypes.c_void_p,
         ctypes.POINTER(ctypes.c_uint64),
@@ -163,11 +185,15 @@ class Client:
         origin=(0.0, 0.0, 0.0),
         color_field=None,
         color_type=None,
-        rank=0,
-        ranks=1,
+        rank=None,
+        ranks=None,
+        comm=None,
         full_policy="drop oldest",
         deadline_secs=5.0,
     ):
+        """Rank and ranks: as stated, those of `comm` (mpi4py), or as the MPI launcher's environment says; else one."""
+        if comm is not None:
+            rank, ranks = comm.Get_rank(), comm.Get_size()
         self._library, self._lock, self._summary = _library(), threading.Lock(), None
         type_name = lambda of: getattr(of, "__name__", str(of))
         self._types = [type_name(type)] + ([type_name(color_type)] if color_type else [])
@@ -181,8 +207,8 @@ class Client:
             _known(TYPES, type_name(type)),
             _known(TYPES, type_name(color_type)) if color_type else 0,
             color_field.encode() if color_field else None,
-            rank,
-            ranks,
+            rank or 0,
+            ranks or 0 if rank is None else ranks or 1,
             _known(POLICIES, full_policy),
             deadline_secs,
         )
@@ -194,17 +220,19 @@ class Client:
         and dropped the step, as the run's policy says. ValueError for what does not fit the run; OSError where the node
         refuses it, ConnectionError or TimeoutError where it cannot be reached: the step is lost, and the simulation may go
         on."""
-        brick = _Brick(_three(ctypes.c_uint64, "start", start))
-        with _View(voxels) as v:
-            brick.dims, brick.strides = _three(ctypes.c_uint64, "dims", v.dims), _three(ctypes.c_uint64, "strides", v.strides)
-            brick.voxels, brick.type = v.buffer.buf, v.type
-            if colors is None:
-                return self._push(step, time, brick)
-            with _View(colors) as c:
-                if (c.dims, c.strides) != (v.dims, v.strides):
-                    raise ValueError("colors are to be laid out in memory as voxels are")
-                brick.colors, brick.color_type = c.buffer.buf, c.type
-                return self._push(step, time, brick)
+        with contextlib.ExitStack() as views:
+            brick = _brick(views, voxels, start, colors)
+            with self._lock:
+                return self._check(self._library.lamina_push(self._client, step, time, ctypes.byref(brick))) == 0
+
+    def push_bricks(self, step, time, bricks):
+        """The same of several bricks, or of none: pairs of `start` and an array, or triples with the colors."""
+        with contextlib.ExitStack() as views:
+            several = [_brick(views, voxels, start, *colors) for start, voxels, *colors in bricks]
+            several = (_Brick * len(several))(*several)
+            with self._lock:
+                pushed = self._library.lamina_push_bricks(self._client, step, time, several, len(several))
+                return self._check(pushed) == 0
 
     def buffer(self, dims):
         """A NumPy array of shape `dims`, axes x, y, z, to compute into, or, of a run with a second field, one for each: a node on
@@ -221,10 +249,6 @@ class Client:
             memory = (ctypes.c_char * size).from_address(address.value)
             arrays.append(numpy.frombuffer(memory, dtype).reshape(dims, order="F"))
         return arrays[0] if len(arrays) == 1 else tuple(arrays)
-
-    def _push(self, step, time, brick):
-        with self._lock:
-            return self._check(self._library.lamina_push(self._client, step, time, ctypes.byref(brick))) == 0
 
     def _check(self, code):
         if code < 0:

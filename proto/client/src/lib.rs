@@ -21,6 +21,7 @@
 mod brick;
 mod buffer;
 mod driver;
+mod launcher;
 mod options;
 mod pace;
 mod session;
@@ -28,6 +29,7 @@ mod session;
 pub use brick::{Brick, VoxelSlice, check_type, dense, span};
 pub use buffer::{Buffer, VoxelScalar};
 pub use lamina_model::FullPolicy;
+pub use launcher::launched_rank;
 pub use options::{Receipt, RunOptions};
 
 use driver::Driver;
@@ -35,7 +37,7 @@ use lamina_model::Invalid;
 use lamina_rpc::connect::host_and_port;
 use lamina_shared_memory::Lease;
 use pace::Pace;
-use session::Session;
+use session::{Session, StepPart};
 use std::time::{Duration, Instant};
 use tonic::{Code, Status, transport::Endpoint};
 
@@ -133,7 +135,7 @@ impl Client {
     /// If the brick does not fit the run, or the node refuses it or is not reachable. The step then counts as lost; the
     /// simulation may go on.
     pub fn push(&mut self, step: u64, time: f64, brick: &Brick) -> Result<Receipt, ClientError> {
-        self.push_leased(step, time, brick, None)
+        self.push_all(step, time, std::slice::from_ref(brick), None)
     }
 
     /// Memory for this rank's brick of `dims` sample points from `start` on, to compute into: on the node's own host it is read
@@ -152,47 +154,70 @@ impl Client {
     /// # Errors
     /// The same.
     pub fn push_buffer(&mut self, step: u64, time: f64, buffer: Buffer) -> Result<Receipt, ClientError> {
-        self.push_leased(step, time, &buffer.brick(), buffer.lease())
+        self.push_all(step, time, &[buffer.brick()], buffer.lease())
     }
 
-    fn push_leased(
+    /// The same of several bricks of this rank, or of none: all are one step's, and the others' bricks are waited for as always.
+    ///
+    /// # Errors
+    /// The same, for all of them: no step is shown in part.
+    pub fn push_bricks(&mut self, step: u64, time: f64, bricks: &[Brick]) -> Result<Receipt, ClientError> {
+        self.push_all(step, time, bricks, None)
+    }
+
+    fn push_all(
         &mut self,
         step: u64,
         time: f64,
-        brick: &Brick,
+        bricks: &[Brick],
         lease: Option<&Lease>,
     ) -> Result<Receipt, ClientError> {
-        brick.check(&self.options).inspect_err(|_| self.summary.lost += 1)?;
-        let receipt = if self.pace.passes_over(step) {
-            Ok(Receipt::Dropped)
-        } else {
-            let receipt = self.push_within_deadline(step, time, brick, lease);
-            self.pace.pushed(Instant::now());
-            receipt
+        let count = bricks.len().max(1) as u64;
+        let checked = bricks.iter().try_for_each(|brick| brick.check(&self.options));
+        checked.inspect_err(|_| self.summary.lost += count)?;
+        if self.pace.passes_over(step) {
+            self.summary.dropped += count;
+            return Ok(Receipt::Dropped);
+        }
+        let (started, none) = (Instant::now(), Brick::new([0; 3], [0; 3], &[0_u8; 0][..]));
+        let mut parts = if bricks.is_empty() { std::slice::from_ref(&none) } else { bricks }.iter().enumerate();
+        let receipt = loop {
+            let Some((index, brick)) = parts.next() else { break Ok(Receipt::Admitted(false)) };
+            let part = StepPart { step, time, index: index as u32, bricks: bricks.len() as u32 };
+            match self.push_within_deadline(started, part, brick, lease) {
+                Ok(Receipt::Admitted(complete)) => {
+                    self.summary.pushed += 1;
+                    if parts.len() == 0 {
+                        break Ok(Receipt::Admitted(complete));
+                    }
+                }
+                other => break other,
+            }
         };
+        self.pace.pushed(Instant::now());
+        let left = parts.len() as u64 + 1;
         match &receipt {
-            Ok(Receipt::Admitted(_)) => self.summary.pushed += 1,
-            Ok(Receipt::Dropped) => self.summary.dropped += 1,
-            Err(_) => self.summary.lost += 1,
+            Ok(Receipt::Admitted(_)) => {}
+            Ok(Receipt::Dropped) => self.summary.dropped += left,
+            Err(_) => self.summary.lost += left,
         }
         receipt
     }
 
     fn push_within_deadline(
         &mut self,
-        step: u64,
-        time: f64,
+        started: Instant,
+        part: StepPart,
         brick: &Brick,
         lease: Option<&Lease>,
     ) -> Result<Receipt, ClientError> {
-        let started = Instant::now();
         self.ensure_session(started)?;
-        match self.try_push(started, (step, time), brick, lease) {
+        match self.try_push(started, part, brick, lease) {
             // The node was restarted: it no longer knows the run. Open it again under its old id, once.
             Err(status) if status.code() == Code::NotFound => {
                 self.session = None;
                 self.ensure_session(started)?;
-                self.try_push(started, (step, time), brick, lease).map_err(|status| self.failed(&status))
+                self.try_push(started, part, brick, lease).map_err(|status| self.failed(&status))
             }
             other => other.map_err(|status| self.failed(&status)),
         }
@@ -206,13 +231,13 @@ impl Client {
     fn try_push(
         &mut self,
         started: Instant,
-        step: (u64, f64),
+        part: StepPart,
         brick: &Brick,
         lease: Option<&Lease>,
     ) -> Result<Receipt, Status> {
         let (timing, remaining) = (self.pace.begin(started), self.remaining(started));
         let Some(session) = &mut self.session else { return Err(Status::unavailable("not connected")) };
-        let push = session.push(&self.run_id, self.options.rank, step, timing, brick, lease);
+        let push = session.push(&self.run_id, self.options.rank, part, timing, brick, lease);
         let (receipt, cadence) = self.driver.within(remaining, push)?;
         self.pace.set_cadence(cadence);
         Ok(receipt)

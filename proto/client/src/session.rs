@@ -11,6 +11,19 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::transport::{Channel, Endpoint};
 use tonic::{Status, Streaming};
 
+/// One of the bricks that a rank has of a step.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct StepPart {
+    /// The step.
+    pub step: u64,
+    /// Simulation time.
+    pub time: f64,
+    /// Which one, from 0.
+    pub index: u32,
+    /// How many.
+    pub bricks: u32,
+}
+
 /// An attached rank.
 #[derive(Debug)]
 pub(crate) struct Session {
@@ -81,16 +94,32 @@ impl Session {
         &mut self,
         run_id: &str,
         rank: u32,
-        (step, time): (u64, f64),
+        part_of: StepPart,
         timing: Timing,
         brick: &Brick<'_>,
         lease: Option<&Lease>,
     ) -> Result<(Receipt, u32), Status> {
+        let StepPart { step, time, index, bricks } = part_of;
         let [x0, y0, z0] = brick.start.map(|v| v as u64);
         let [nx, ny, nz] = brick.dims.map(|v| v as u64);
         let [interval_ns, push_ns] = [timing.interval, timing.push].map(|t| t.as_nanos() as u64);
         let run_id = run_id.to_owned();
-        let header = v1::BrickHeader { run_id, step, time, rank, x0, y0, z0, nx, ny, nz, interval_ns, push_ns };
+        let header = v1::BrickHeader {
+            run_id,
+            step,
+            time,
+            rank,
+            x0,
+            y0,
+            z0,
+            nx,
+            ny,
+            nz,
+            interval_ns,
+            push_ns,
+            brick: index,
+            bricks: Some(bricks),
+        };
         let (parts, stream) = mpsc::channel(2);
         let hung_up = || Status::unavailable("the connection ended");
         let part = |part| v1::PushPart { part: Some(part) };
@@ -99,6 +128,10 @@ impl Session {
         let admission = next(&mut answers).await?;
         if admission.admission() == v1::Admission::Dropped {
             return Ok((Receipt::Dropped, admission.cadence));
+        }
+        if bricks == 0 {
+            let receipt = next(&mut answers).await?;
+            return Ok((receipt_of(&receipt), receipt.cadence));
         }
         let filled = lease.filter(|lease| self.ring.as_ref().is_some_and(|ring| lease.is_of(ring)));
         let copied = if filled.is_none() { self.copied(brick) } else { None };
@@ -120,11 +153,7 @@ impl Session {
                 self.ring = None;
             }
         })?;
-        let became = match receipt.admission() {
-            v1::Admission::Dropped => Receipt::Dropped,
-            _ => Receipt::Admitted(receipt.step_complete),
-        };
-        Ok((became, receipt.cadence))
+        Ok((receipt_of(&receipt), receipt.cadence))
     }
 
     /// The brick's bytes in memory that the node maps, too.
@@ -138,6 +167,13 @@ impl Session {
     pub(crate) async fn close(mut self, run_id: &str, rank: u32) -> Result<u64, Status> {
         let reply = self.ingest.close(v1::CloseRequest { run_id: run_id.to_owned(), rank }).await?;
         Ok(reply.into_inner().dropped_steps)
+    }
+}
+
+fn receipt_of(answer: &v1::PushAnswer) -> Receipt {
+    match answer.admission() {
+        v1::Admission::Dropped => Receipt::Dropped,
+        _ => Receipt::Admitted(answer.step_complete),
     }
 }
 

@@ -491,6 +491,12 @@ pub struct BrickHeader {
     pub interval_ns: u64,
     #[prost(uint64, tag = "12")]
     pub push_ns: u64,
+    /// Which of the rank's bricks of the step this is, counted from 0, and how many it has: absent means 1; 0 that it has none, and
+    /// that this header only says so.
+    #[prost(uint32, tag = "13")]
+    pub brick: u32,
+    #[prost(uint32, optional, tag = "14")]
+    pub bricks: ::core::option::Option<u32>,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct PushPart {

@@ -1,5 +1,6 @@
 //! The ingest state machine, held to its promises: admission before bytes, a bound on memory, one run of agreeing ranks.
 
+mod bricks;
 mod runs;
 
 use super::{Admit, BrickOffer, CompleteStep, Core, IngestError, RunSpec};
@@ -62,7 +63,7 @@ impl Node {
     }
 
     fn receive(&mut self, step: u64, rank: u32, bytes: Vec<u8>) -> Option<bool> {
-        self.core.receive("a", step, rank, bytes, self.start).unwrap()
+        self.core.receive("a", step, (rank, 0), bytes, self.start).unwrap()
     }
 
     /// Admission and bytes of a rank's slab.
@@ -88,7 +89,7 @@ impl Node {
 }
 
 fn offer(step: u64, time: f64, rank: u32, start: [u64; 3], dims: [u64; 3]) -> BrickOffer {
-    BrickOffer { step, time, rank, start, dims }
+    BrickOffer { step, time, rank, index: 0, bricks: 1, start, dims }
 }
 
 /// Planes `z0..z0 + nz` of a field whose value is the voxel's own index.
@@ -344,12 +345,12 @@ fn run_descriptions_that_cannot_be_are_refused() {
 fn an_aborted_upload_frees_its_memory_and_may_be_repeated() {
     let mut node = Node::serving(1, 3, FullPolicy::Block);
     assert!(matches!(node.admit(0, 0).unwrap(), Admit::Granted(_)));
-    node.core.abort("a", 0, 0);
+    node.core.abort("a", 0, (0, 0));
     assert!(matches!(node.admit(1, 1).unwrap(), Admit::Granted(_)), "the aborted step's memory is free");
-    node.core.abort("a", 1, 1);
+    node.core.abort("a", 1, (1, 0));
     assert_eq!(node.push(0, 0), Some(false));
     assert!(matches!(node.admit(0, 1).unwrap(), Admit::Granted(_)));
-    node.core.abort("a", 0, 1);
+    node.core.abort("a", 0, (1, 0));
     assert_eq!((node.push(0, 1), node.push(0, 2)), (Some(false), Some(true)), "rank 0's brick outlived the abort");
     assert_eq!(node.core.close("a", 0, node.start).unwrap(), 0);
 }

@@ -37,7 +37,7 @@ fn a_replaced_runs_incomplete_steps_free_their_memory_and_its_complete_ones_are_
     let ask =
         |node: &mut Node, step| node.core.admit("b", &offer(step, 0.0, 0, [0; 3], [2, 3, 3]), node.start).unwrap();
     assert!(matches!(ask(&mut node, 0), Admit::Granted(_)));
-    assert_eq!(node.core.receive("b", 0, 0, slab(0), node.start).unwrap(), Some(false));
+    assert_eq!(node.core.receive("b", 0, (0, 0), slab(0), node.start).unwrap(), Some(false));
     assert_eq!(ask(&mut node, 1), Admit::Wait, "the old run's complete step still counts");
     assert_eq!(node.core.take_complete(Instant::now()).unwrap().run_id, "a");
     assert!(matches!(ask(&mut node, 1), Admit::Granted(_)));

@@ -5,7 +5,8 @@ mod buffer;
 use glam::DVec3;
 use half::f16;
 use lamina_client::{
-    Brick, Buffer, Client, ClientError, FullPolicy, Receipt, RunOptions, VoxelSlice, check_type, dense, span,
+    Brick, Buffer, Client, ClientError, FullPolicy, Receipt, RunOptions, VoxelSlice, check_type, dense, launched_rank,
+    span,
 };
 use lamina_model::{Grid, Invalid, VoxelType};
 use std::cell::RefCell;
@@ -173,7 +174,11 @@ unsafe fn run_options(run: &Options) -> Result<RunOptions, ClientError> {
     let generator = read("generator", run.generator, "http://127.0.0.1:7101")?;
     let options = RunOptions::new(generator, &name, &field, grid, voxel_type("type", run.voxel_type)?);
     let deadline = deadline.unwrap_or(options.deadline);
-    Ok(RunOptions { color_field, rank: run.rank, ranks: run.ranks.max(1), full_policy, deadline, ..options })
+    let (rank, ranks) = match (run.rank, run.ranks) {
+        (0, 0) => launched_rank().unwrap_or((0, 1)),
+        (rank, ranks) => (rank, ranks.max(1)),
+    };
+    Ok(RunOptions { color_field, rank, ranks, full_policy, deadline, ..options })
 }
 
 /// `count` voxels from `first` on.
@@ -251,12 +256,42 @@ pub unsafe extern "C" fn lamina_push(client: *mut Connection, step: u64, time: f
             Some(buffer) => connection.client.push_buffer(step, time, buffer),
             None => connection.client.push(step, time, &read),
         };
-        Ok(match pushed? {
-            Receipt::Admitted(_) => 0,
-            Receipt::Dropped => DROPPED,
-        })
+        pushed.map(code_of)
     };
     guarded(push).map_or(FAILED, |code| code.unwrap_or_else(|error| fail(&error)))
+}
+
+/// See `lamina.h`.
+///
+/// # Safety
+/// As of [`lamina_push`]; `count` bricks are at `bricks`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lamina_push_bricks(
+    client: *mut Connection,
+    step: u64,
+    time: f64,
+    bricks: *const CBrick,
+    count: usize,
+) -> i32 {
+    let push = || {
+        // SAFETY: by the function's own condition.
+        let connection = unsafe { connection(client) }?;
+        if bricks.is_null() && count > 0 {
+            return Err(invalid("bricks", "is NULL"));
+        }
+        // SAFETY: that many are there, by the function's own condition.
+        let read = (0..count).map(|n| unsafe { connection.read(step, bricks.wrapping_add(n)) }).collect();
+        let read: Vec<Brick> = Result::inspect_err(read, |_| connection.unfit += count as u64)?;
+        connection.client.push_bricks(step, time, &read).map(code_of)
+    };
+    guarded(push).map_or(FAILED, |code| code.unwrap_or_else(|error| fail(&error)))
+}
+
+fn code_of(receipt: Receipt) -> i32 {
+    match receipt {
+        Receipt::Admitted(_) => 0,
+        Receipt::Dropped => DROPPED,
+    }
 }
 
 /// The connection behind a pointer from the simulation.
