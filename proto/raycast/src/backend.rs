@@ -85,7 +85,7 @@ impl Backend {
         params: &VdiParams,
         segmentation: Segmentation,
     ) -> Result<(Vdi, Duration), Invalid> {
-        if let Some(done) = self.on_gpu(|gpu| gpu.generate(field, params, segmentation)) {
+        if let Some(done) = self.on_gpu(field, |gpu| gpu.generate(field, params, segmentation)) {
             return done;
         }
         let start = Instant::now();
@@ -188,7 +188,7 @@ impl Backend {
     #[doc(alias = "reference image")]
     pub fn raycast(&self, field: &Field, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
         Image::check_size(width, height)?;
-        if let Some(done) = self.on_gpu(|gpu| gpu.raycast(field, camera, width, height)) {
+        if let Some(done) = self.on_gpu(field, |gpu| gpu.raycast(field, camera, width, height)) {
             return done;
         }
         if !simd::fits(field) {
@@ -210,7 +210,7 @@ impl Backend {
         pixels: &[(u32, u32)],
     ) -> Result<Vec<[f32; 3]>, Invalid> {
         Image::check_size(width, height)?;
-        if let Some(done) = self.on_gpu(|gpu| gpu.raycast_pixels(field, camera, width, height, pixels)) {
+        if let Some(done) = self.on_gpu(field, |gpu| gpu.raycast_pixels(field, camera, width, height, pixels)) {
             return done;
         }
         if !simd::fits(field) {
@@ -255,9 +255,16 @@ impl Backend {
         }
     }
 
-    /// The result of `work` on the GPU; `None` if there is no GPU or it could not do the work.
-    fn on_gpu<T>(&self, work: impl FnOnce(&GpuKernels) -> Result<T, GpuError>) -> Option<Result<T, Invalid>> {
+    /// The result of `work` on the GPU; `None` if there is no GPU, it could not do the work, or the field is a part of a grid.
+    fn on_gpu<T>(
+        &self,
+        field: &Field,
+        work: impl FnOnce(&GpuKernels) -> Result<T, GpuError>,
+    ) -> Option<Result<T, Invalid>> {
         let Self::Gpu(gpu, _) = self else { return None };
+        if !field.grid_part().is_whole() {
+            return None;
+        }
         match work(gpu) {
             Ok(done) => Some(Ok(done)),
             Err(GpuError::Invalid(invalid)) => Some(Err(invalid)),

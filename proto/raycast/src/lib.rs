@@ -27,5 +27,8 @@ mod vdi;
 mod volume;
 
 pub use backend::Backend;
+pub use vdi::assemble::RowBand;
+pub use vdi::compositing::Compositor;
 pub use volume::downsample::{most_points, reduce};
 pub use volume::field::Field;
+pub use volume::part::GridPart;

@@ -33,7 +33,7 @@ impl GpuKernels {
         params: &VdiParams,
         segmentation: Segmentation,
     ) -> Result<(Vdi, Duration), GpuError> {
-        let header = header(field, params).map_err(GpuError::Invalid)?;
+        let header = header(field.grid(), field.scene(), params).map_err(GpuError::Invalid)?;
         let fit = Segmenter::new(&header, segmentation, field.unit_length());
         let gamma = fit.initial_gamma(params.gamma());
         let r = params.resolution();

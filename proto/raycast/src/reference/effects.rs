@@ -48,7 +48,7 @@ impl RayMarcher<'_> {
                 return;
             }
             let (length, middle) = (b - a, 0.5 * (a + b));
-            if length <= SHORTEST * step_length || !field.empty_space().is_visible(clipped.at(middle)) {
+            if length <= SHORTEST * step_length || !field.is_visible(clipped.at(middle)) {
                 continue;
             }
             // Classify the middle of the step, or integrate between its ends.
@@ -90,7 +90,7 @@ impl ClippedRay<'_> {
             return medium.color;
         };
         count::color();
-        colors.at(self.at(t)).unwrap_or(medium.color)
+        colors.at(self.field.grid_part().local(self.at(t))).unwrap_or(medium.color)
     }
 
     /// Straight color and optical depth of the step from `a` to `b`; `None` if it is transparent.

@@ -16,7 +16,7 @@ use std::ops::ControlFlow;
 /// If the step is so short that rays would have too many of them, or the VDI has 2^32 supersegments or more.
 #[doc(alias = "R")]
 pub fn generate(field: &Field, params: &VdiParams, segmentation: Segmentation) -> Result<Vdi, Invalid> {
-    let header = header(field, params)?;
+    let header = header(field.grid(), field.scene(), params)?;
     let fit = Segmenter::new(&header, segmentation, field.unit_length());
     let params = &params.with_gamma(fit.initial_gamma(params.gamma()))?;
     let march = RayMarcher::new(field, header.step_length);

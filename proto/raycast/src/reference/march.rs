@@ -53,7 +53,7 @@ impl<'a> RayMarcher<'a> {
             let start = t_in + f64::from(step) * self.step_length;
             let length = self.step_length.min(t_out - start);
             let index = origin + (start + 0.5 * length) * direction;
-            if !self.field.empty_space().is_visible(index) {
+            if !self.field.is_visible(index) {
                 continue;
             }
             let classified = self.field.scene().transfer.classify(self.field.sample(index), self.unit_length);

@@ -18,7 +18,7 @@ use lamina_model::{Invalid, Segmentation, Supersegment, Vdi, VdiHeader, VdiParam
 /// # Errors
 /// As [`crate::Backend::generate`].
 pub fn generate(level: Level, field: &Field, params: &VdiParams, segmentation: Segmentation) -> Result<Vdi, Invalid> {
-    let header = header(field, params)?;
+    let header = header(field.grid(), field.scene(), params)?;
     let fit = Segmenter::new(&header, segmentation, field.unit_length());
     let table = TransferLut::new(&field.scene().transfer, field.unit_length(), header.step_length);
     let rays = VdiRays::new(field, &header);
@@ -99,7 +99,7 @@ impl<V: Pair> GenerateRows<'_, V> {
         for tile in self.rays.tiles(self.first_row) {
             let mut packet = RayPacket::<L>::new(&self.rays.setup, tile.pixels());
             cluster.source.begin(&self.rays.setup, tile.pixels(), &mut packet);
-            self.sampler.march(&packet, &mut cluster);
+            self.sampler.march(&mut packet, &mut cluster);
             cluster.finish();
             cluster.closed.hand_over(tile.pixels().iter().map(|&(_, j)| (j - self.first_row) as usize), &mut rows);
         }

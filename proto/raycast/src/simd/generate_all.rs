@@ -33,8 +33,10 @@ pub fn generate_all(
     segmentation: Segmentation,
 ) -> Result<Vec<Vdi>, Invalid> {
     assert!(gammas.len() <= MOST_GAMMAS && gammas.is_sorted());
-    let headers: Vec<_> =
-        gammas.iter().map(|&gamma| header(field, &params.with_gamma(gamma)?)).collect::<Result<_, _>>()?;
+    let headers: Vec<_> = gammas
+        .iter()
+        .map(|&gamma| header(field.grid(), field.scene(), &params.with_gamma(gamma)?))
+        .collect::<Result<_, _>>()?;
     let Some(first) = headers.first() else { return Ok(Vec::new()) };
     let table = TransferLut::new(&field.scene().transfer, field.unit_length(), first.step_length);
     let rays = VdiRays::new(field, first);
@@ -85,9 +87,9 @@ impl<V: Pair> SimdKernel for GenerateAllRows<'_, V> {
             closed: Default::default(),
         };
         for tile in self.rays.tiles(self.first_row) {
-            let packet = RayPacket::<L>::new(&self.rays.setup, tile.pixels());
+            let mut packet = RayPacket::<L>::new(&self.rays.setup, tile.pixels());
             clusters.ray_depth = L::F::splat(0.0);
-            self.sampler.march(&packet, &mut clusters);
+            self.sampler.march(&mut packet, &mut clusters);
             for (l, &(_, j)) in tile.pixels().iter().enumerate() {
                 clusters.states[l].close_all(&mut clusters.closed[l]);
                 let row = &mut rows[(j - self.first_row) as usize];

@@ -10,6 +10,7 @@ use crate::volume::transfer_lut::TransferLut;
 use glam::DVec3;
 use lamina_compute::simd::{Lanes, Pair, SimdF32, SimdI32, SimdMask, WIDTH};
 use lamina_model::{Camera, vdi};
+use std::ops::Range;
 
 /// Evaluates an expression for each axis. A macro, because the compiler may fail to inline a closure into the function that
 /// enables the instruction set, and then every operation becomes a call.
@@ -58,10 +59,17 @@ pub(super) trait SampleSink<L: Lanes> {
 pub(super) struct VolumeSampler<'a, V> {
     /// The voxels from the first one on, from the second row, the second slice, and the second row of the second slice.
     corners: [&'a [V]; 4],
+    /// Smallest position on each axis, that of the first stored point.
+    first: [f32; 3],
     /// Largest position on each axis: just below the last sample point, so that its cell is the last one.
     last: [f32; 3],
     /// True if voxel indices exceed 31 bits.
     huge: bool,
+    /// Index of the first stored point on each axis, and its number as if the points before it were stored, too.
+    start: [i32; 3],
+    before: usize,
+    /// The cells whose samples are taken, and the largest position in the whole grid, if that is not all of it.
+    own: Option<OwnCells>,
     row: usize,
     slice: usize,
     /// Scale and offset from stored scalars to table rows.
@@ -73,11 +81,56 @@ pub(super) struct VolumeSampler<'a, V> {
     pub table: &'a TransferLut,
 }
 
+/// The cells of a part of a grid.
+struct OwnCells {
+    /// First cell and the one behind the last, per axis.
+    cells: [[i32; 2]; 3],
+    /// Largest position in the whole grid, per axis.
+    last: [f32; 3],
+}
+
+impl OwnCells {
+    /// The steps of `range` whose samples lie between the cells of axis `a`, on a ray given by its entry, its change per step and
+    /// the place of its last sample. Cells rise or fall along a ray, also as rounded.
+    fn range(&self, a: usize, range: Range<i32>, [entry, delta, last_at]: [f32; 3]) -> Range<i32> {
+        if range.is_empty() {
+            return range;
+        }
+        let [low, high] = self.cells[a];
+        // As `RayPacket::position` and `VolumeSampler::cell` compute it.
+        let cell = |n: i32| (entry + (n as f32 + 0.5).min(last_at) * delta).max(0.0).min(self.last[a]) as i32;
+        let ends = [cell(range.start), cell(range.end - 1)];
+        if ends.iter().all(|c| (low..high).contains(c)) {
+            return range;
+        }
+        if ends.iter().all(|&c| c < low) || ends.iter().all(|&c| c >= high) {
+            return range.start..range.start;
+        }
+        // The first step of the range at which `reached` holds, near the one that crosses `edge`.
+        let first = |edge: i32, reached: &dyn Fn(i32) -> bool| {
+            let mut n = (((edge as f32 - entry) / delta - 0.5) as i32).clamp(range.start, range.end);
+            while n < range.end && !reached(n) {
+                n += 1;
+            }
+            while n > range.start && reached(n - 1) {
+                n -= 1;
+            }
+            n
+        };
+        if ends[0] <= ends[1] {
+            first(low, &|n| cell(n) >= low)..first(high, &|n| cell(n) >= high)
+        } else {
+            first(high, &|n| cell(n) < high)..first(low, &|n| cell(n) < low)
+        }
+    }
+}
+
 /// True if `VolumeSampler` supports `field`: two sample points or more per axis, and positions, slices and bricks that fit 24, 31
 /// and 31 bits.
 pub fn fits(field: &Field) -> bool {
-    let ([nx, ny, nz], bricks) = (field.grid().dims(), field.empty_space().distances().len());
-    nx.min(ny).min(nz) >= 2 && nx.max(ny).max(nz) < 1 << 24 && nx * ny < 1 << 31 && bricks < 1 << 31
+    let ([nx, ny, nz], bricks) = (field.grid_part().dims(), field.empty_space().distances().len());
+    let positions = field.grid().dims().iter().all(|&n| n < 1 << 24);
+    nx.min(ny).min(nz) >= 2 && positions && nx * ny < 1 << 31 && bricks < 1 << 31
 }
 
 impl<'a, V: Pair> VolumeSampler<'a, V> {
@@ -91,12 +144,20 @@ impl<'a, V: Pair> VolumeSampler<'a, V> {
 
     /// A sampler of other voxels on the grid of `field`, which must [fit](fits): samples are `scale` times them plus `offset`.
     pub(super) fn scaled(field: &'a Field, voxels: &'a [V], table: &'a TransferLut, [scale, offset]: [f32; 2]) -> Self {
-        let dims = field.grid().dims();
+        let (part, dims) = (field.grid_part(), field.grid_part().dims());
+        let start = part.start();
         assert!(fits(field) && voxels.len() == dims.iter().product::<usize>());
         Self {
             corners: [0, 1, dims[1], dims[1] + 1].map(|row| &voxels[row * dims[0]..]),
-            last: dims.map(|n| ((n - 1) as f32).next_down()),
+            first: start.map(|s| s as f32),
+            last: std::array::from_fn(|a| ((start[a] + dims[a] - 1) as f32).next_down()),
             huge: voxels.len() >= 1 << 31,
+            start: start.map(|s| s as i32),
+            before: (start[2] * dims[1] + start[1]) * dims[0] + start[0],
+            own: (!part.is_whole()).then(|| OwnCells {
+                cells: part.cells().clone().map(|own| [own.start as i32, own.end as i32]),
+                last: field.grid().dims().map(|n| ((n - 1) as f32).next_down()),
+            }),
             row: dims[0],
             slice: dims[0] * dims[1],
             scale,
@@ -110,7 +171,7 @@ impl<'a, V: Pair> VolumeSampler<'a, V> {
     /// The cell that contains each position, and the weights of its far corners.
     #[inline(always)]
     fn cell<L: Lanes>(&self, p: [L::F; 3]) -> ([L::I; 3], [L::F; 3]) {
-        let x = axes!(a => p[a].max(L::F::splat(0.0)).min(L::F::splat(self.last[a])));
+        let x = axes!(a => p[a].max(L::F::splat(self.first[a])).min(L::F::splat(self.last[a])));
         let cell = axes!(a => x[a].to_int());
         (cell, axes!(a => x[a] - L::F::from(cell[a])))
     }
@@ -122,9 +183,9 @@ impl<'a, V: Pair> VolumeSampler<'a, V> {
         let in_slice = cell[1] * L::I::splat(self.row as i32) + cell[0];
         let index = if self.huge {
             let (z, in_slice) = (cell[2].to_indices(), in_slice.to_indices());
-            std::array::from_fn(|l| z[l] * self.slice + in_slice[l])
+            std::array::from_fn(|l| z[l] * self.slice + in_slice[l] - self.before)
         } else {
-            (cell[2] * L::I::splat(self.slice as i32) + in_slice).to_indices()
+            (cell[2] * L::I::splat(self.slice as i32) + in_slice - L::I::splat(self.before as i32)).to_indices()
         };
         let near = lerp::<L>(self.along_x::<L>(0, &index, w[0]), self.along_x::<L>(1, &index, w[0]), w[1]);
         let far = lerp::<L>(self.along_x::<L>(2, &index, w[0]), self.along_x::<L>(3, &index, w[0]), w[1]);
@@ -146,7 +207,7 @@ impl<'a, V: Pair> VolumeSampler<'a, V> {
     #[inline(always)]
     fn run<L: Lanes>(&self, packet: &RayPacket<L>, p: [L::F; 3]) -> (L::I, L::I) {
         let (cell, _) = self.cell::<L>(p);
-        let brick = axes!(a => cell[a].shr::<2>());
+        let brick = axes!(a => (cell[a] - L::I::splat(self.start[a])).shr::<2>());
         let [bx, by, _] = self.bricks;
         let number = (brick[2] * L::I::splat(by) + brick[1]) * L::I::splat(bx) + brick[0];
         let (number, mut bytes) = (number.to_indices(), 0);
@@ -157,15 +218,21 @@ impl<'a, V: Pair> VolumeSampler<'a, V> {
         let reach = distance.max(L::I::splat(1)) - L::I::splat(1);
         let steps = axes!(a => {
             let edge = L::I::select(packet.forward[a], brick[a] + reach + L::I::splat(1), brick[a] - reach);
-            (L::F::from(edge * L::I::splat(BRICK as i32)) - p[a]) * packet.inverse[a]
+            let edge = edge * L::I::splat(BRICK as i32) + L::I::splat(self.start[a]);
+            (L::F::from(edge) - p[a]) * packet.inverse[a]
         });
         let least = steps[0].min(steps[1]).min(steps[2]).max(L::F::splat(0.0)).min(L::F::splat(1e9));
         (distance, least.to_int() + L::I::splat(1))
     }
 
-    /// Passes all samples that may be visible to `sink`, each ray front to back.
+    /// Passes all samples that may be visible to `sink`, each ray front to back. Leaves of `packet` the steps in the field's own
+    /// cells.
     #[inline(always)]
-    pub(super) fn march<L: Lanes>(&self, packet: &RayPacket<L>, sink: &mut impl SampleSink<L>) {
+    pub(super) fn march<L: Lanes>(&self, packet: &mut RayPacket<L>, sink: &mut impl SampleSink<L>) {
+        if let Some(own) = &self.own {
+            packet.restrict(own);
+        }
+        let packet = &*packet;
         let mut step = packet.first;
         let mut live = packet.steps.gt(step);
         let mut ahead = self.run(packet, packet.position(step));
@@ -345,6 +412,20 @@ impl<L: Lanes> RayPacket<L> {
             inverse,
             forward: axes!(a => zero.lt(inverse[a])),
         }
+    }
+
+    /// Leaves the steps whose samples lie in the cells of `own`.
+    fn restrict(&mut self, own: &OwnCells) {
+        let (entry, delta) = (self.entry.map(SimdF32::to_array), self.delta.map(SimdF32::to_array));
+        let (mut first, mut steps, last_at) = (self.first.to_array(), self.steps.to_array(), self.last_at.to_array());
+        for l in 0..WIDTH {
+            let mut range = first[l]..steps[l];
+            for a in 0..3 {
+                range = own.range(a, range, [entry[a][l], delta[a][l], last_at[l]]);
+            }
+            (first[l], steps[l]) = (range.start, range.end);
+        }
+        (self.first, self.steps) = (L::I::from_array(first), L::I::from_array(steps));
     }
 
     /// The point `t` steps from the entry, in units of sample points.

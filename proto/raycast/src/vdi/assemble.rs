@@ -1,22 +1,20 @@
 //! Assembly of a VDI, shared by all levels of `generate`: its header, and its bands of rows joined in order as workers finish.
 
-use crate::Field;
-use lamina_model::{Invalid, Supersegment, Vdi, VdiHeader, VdiParams};
+use lamina_model::{Grid, Invalid, Scene, Supersegment, Vdi, VdiHeader, VdiParams};
 use parking_lot::Mutex;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// The header of `field`'s VDI with `params`.
+/// The header of the VDI with `params` of a field on `grid` under `scene`.
 ///
 /// # Errors
 /// If the step is so short that rays would have too many of them.
-pub(crate) fn header(field: &Field, params: &VdiParams) -> Result<VdiHeader, Invalid> {
-    let scene = field.scene();
+pub(crate) fn header(grid: &Grid, scene: &Scene, params: &VdiParams) -> Result<VdiHeader, Invalid> {
     scene.effects.check_step(params.step_voxels())?;
     VdiHeader {
         camera: scene.camera,
-        bounds: field.grid().bounds(),
-        step_length: params.step_voxels() * field.grid().voxel_length(),
+        bounds: grid.bounds(),
+        step_length: params.step_voxels() * grid.voxel_length(),
         params: *params,
         transfer_id: scene.transfer.id(),
         background: scene.background,
@@ -25,8 +23,8 @@ pub(crate) fn header(field: &Field, params: &VdiParams) -> Result<VdiHeader, Inv
 }
 
 /// Consecutive rows of rays: the number of supersegments of each ray, and the supersegments of all rays in order.
-#[derive(Debug, Default)]
-pub(crate) struct RowBand {
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RowBand {
     /// Supersegments per ray.
     pub counts: Vec<u32>,
     /// All lists, one after the other.

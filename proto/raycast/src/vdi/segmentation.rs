@@ -173,7 +173,7 @@ impl RaySearch {
 }
 
 /// One supersegment in place of several: same opacity, and the mean of their colors weighted by visible opacity.
-fn joined(run: &[Supersegment]) -> Supersegment {
+pub(crate) fn joined(run: &[Supersegment]) -> Supersegment {
     let [only] = run else {
         let (mut depth, mut color, mut opacity) = (0.0, [0.0; 3], 0.0);
         for s in run {

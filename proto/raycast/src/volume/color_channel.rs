@@ -3,8 +3,8 @@
 use super::interpolate::trilinear;
 use super::stored::units;
 use glam::DVec3;
+use lamina_model::Voxels;
 use lamina_model::effects::{ColorField, ColorPoint};
-use lamina_model::{Grid, Voxels};
 
 /// A field that gives colors, and its color map.
 #[derive(Debug)]
@@ -16,9 +16,9 @@ pub struct ColorChannel {
 }
 
 impl ColorChannel {
-    /// The channel of `voxels` on `grid` under `map`.
-    pub fn new(grid: &Grid, voxels: Voxels, map: &ColorField) -> Self {
-        Self { dims: grid.dims(), units: units(voxels, &map.range), map: map.clone() }
+    /// The channel of `voxels`, `dims` per axis, under `map`.
+    pub fn new(dims: [usize; 3], voxels: Voxels, map: &ColorField) -> Self {
+        Self { dims, units: units(voxels, &map.range), map: map.clone() }
     }
 
     /// The control points of the map.

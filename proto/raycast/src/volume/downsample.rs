@@ -44,6 +44,9 @@ pub fn most_points(field: &Field) -> u32 {
 }
 
 fn check_reducible(field: &Field) -> Result<(), Invalid> {
+    if !field.grid_part().is_whole() {
+        return Err(Invalid::new("representation", "a reduced volume needs the whole field; send VDIs"));
+    }
     let reason = match (field.empty_voxels(), &field.scene().effects.color_field) {
         (0, None) => return Ok(()),
         (0, Some(second)) => {

@@ -7,6 +7,7 @@ use super::color_channel::ColorChannel;
 use super::effects::FieldEffects;
 use super::interpolate::trilinear;
 use super::occupancy::EmptySpaceMap;
+use super::part::GridPart;
 use super::stored::{StoredVoxels, for_stored, stored};
 use glam::DVec3;
 use lamina_model::{Grid, Invalid, ReducedVolume, Scene, TransferFunction, Volume};
@@ -17,7 +18,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 #[derive(Debug)]
 pub struct Field {
     id: u64,
+    /// The whole grid.
     grid: Grid,
+    part: GridPart,
     scene: Scene,
     stored: Arc<StoredVoxels>,
     /// Position in the range = `scale` * stored scalar + `offset`.
@@ -32,23 +35,46 @@ impl Field {
     /// Maps `volume` into the range of the scene's transfer function, and finds its empty space. A second field is kept if the
     /// scene takes its colors from a field of that name ([`Scene::check_second_field`]).
     pub fn new(volume: Volume, scene: &Scene) -> Self {
-        let (grid, voxels, second) = volume.into_parts();
+        let whole = GridPart::whole(volume.grid());
+        let grid = *volume.grid();
+        Self::of_part(volume, (grid, whole), scene)
+    }
+
+    /// The same of a part of a grid: `stored` holds its sample points, `grid` is the whole one.
+    ///
+    /// # Errors
+    /// If `stored` has other points than the part, or the scene has shadows or ambient occlusion, which need the whole field.
+    pub fn part(stored: Volume, (grid, part): (Grid, GridPart), scene: &Scene) -> Result<Self, Invalid> {
+        if stored.grid().dims() != part.dims() {
+            let (have, need) = (stored.grid().dims(), part.dims());
+            return Err(Invalid::new("part", format!("{have:?} sample points are stored where it has {need:?}")));
+        }
+        if !part.is_whole() && (scene.effects.shadows.is_some() || scene.effects.ambient_occlusion.is_some()) {
+            let reason = "shadows and ambient occlusion need the whole field on one node; leave them out";
+            return Err(Invalid::new("scene.effects", reason));
+        }
+        Ok(Self::of_part(stored, (grid, part), scene))
+    }
+
+    fn of_part(volume: Volume, (grid, part): (Grid, GridPart), scene: &Scene) -> Self {
+        let (_, voxels, second) = volume.into_parts();
         let range = scene.transfer.range();
         let asked = scene.effects.color_field.as_ref().zip(second).filter(|(asked, (name, _))| asked.name == *name);
-        let colors = asked.map(|(map, (_, voxels))| Arc::new(ColorChannel::new(&grid, voxels, map)));
+        let colors = asked.map(|(map, (_, voxels))| Arc::new(ColorChannel::new(part.dims(), voxels, map)));
         let ((stored, is_moved), empty_voxels) = stored(voxels, range);
         let moved = if is_moved { f64::from(i16::MIN) } else { 0.0 };
         let (scale, offset) = match stored {
             StoredVoxels::F32(_) => (1.0, 0.0),
             _ => (1.0 / (range.hi() - range.lo()), (moved - range.lo()) / (range.hi() - range.lo())),
         };
-        Self { empty_voxels, ..Self::of(grid, scene.clone(), Arc::new(stored), [scale, offset], colors) }
+        Self { empty_voxels, ..Self::of((grid, part), scene.clone(), Arc::new(stored), [scale, offset], colors) }
     }
 
     /// Prepares a reduced volume.
     pub fn of_reduced(volume: ReducedVolume) -> Self {
         let (grid, scene, units) = volume.into_parts();
-        Self::of(grid, scene, Arc::new(StoredVoxels::F32(units)), [1.0, 0.0], None)
+        let whole = GridPart::whole(&grid);
+        Self::of((grid, whole), scene, Arc::new(StoredVoxels::F32(units)), [1.0, 0.0], None)
     }
 
     /// The same field under another transfer function over the same range. Both share the voxels in memory.
@@ -61,12 +87,13 @@ impl Field {
         }
         let scene = Scene { transfer, ..self.scene.clone() };
         let colors = self.effects().and_then(|e| e.colors.clone());
-        let field = Self::of(self.grid, scene, self.stored.clone(), [self.scale, self.offset], colors);
+        let field =
+            Self::of((self.grid, self.part.clone()), scene, self.stored.clone(), [self.scale, self.offset], colors);
         Ok(Self { empty_voxels: self.empty_voxels, ..field })
     }
 
     fn of(
-        grid: Grid,
+        (grid, part): (Grid, GridPart),
         scene: Scene,
         stored: Arc<StoredVoxels>,
         [scale, offset]: [f64; 2],
@@ -77,12 +104,13 @@ impl Field {
         let unit = |x: f32| (scale * f64::from(x) + offset) as f32;
         let surfaces: Vec<f32> =
             scene.effects.isosurfaces.iter().map(|s| scene.transfer.range().unit_from_value(s.value)).collect();
-        let empty_space = for_stored!(&*stored, v => EmptySpaceMap::new(&grid, v, scene.effects.look_beside(),
+        let empty_space = for_stored!(&*stored, v => EmptySpaceMap::new(part.dims(), v, scene.effects.look_beside(),
             |lo, hi| {
             let (lo, hi) = (unit(lo), unit(hi));
             !scene.transfer.is_transparent(lo, hi) || surfaces.iter().any(|s| (lo..=hi).contains(s))
         }));
-        let mut field = Self { id, grid, scene, stored, scale, offset, empty_voxels: 0, empty_space, effects: None };
+        let mut field =
+            Self { id, grid, part, scene, stored, scale, offset, empty_voxels: 0, empty_space, effects: None };
         field.effects = FieldEffects::new(&field.scene, &grid, colors, |p| field.extinction(p));
         field
     }
@@ -94,6 +122,10 @@ impl Field {
     /// Position and spacing of the sample points.
     pub fn grid(&self) -> &Grid {
         &self.grid
+    }
+    /// Which part of the grid is stored, and which cells rays are cast through.
+    pub fn grid_part(&self) -> &GridPart {
+        &self.part
     }
     /// The scene.
     pub fn scene(&self) -> &Scene {
@@ -126,10 +158,17 @@ impl Field {
 
     /// Extinction at `index`, per world length.
     fn extinction(&self, index: DVec3) -> f64 {
-        if !self.empty_space.is_visible(index) {
+        if !self.is_visible(index) {
             return 0.0;
         }
         self.scene.transfer.classify(self.sample(index), self.unit_length()).extinction
+    }
+
+    /// True if the surroundings of `index` (units of sample points, inside the grid) may show something of this field's own.
+    #[inline]
+    pub(crate) fn is_visible(&self, index: DVec3) -> bool {
+        let local = self.part.local(index);
+        self.empty_space.is_visible(local) && (self.part.is_whole() || self.part.owns(index))
     }
 
     /// A world point in units of sample points.
@@ -141,7 +180,7 @@ impl Field {
     /// Double precision: the value that the fast levels are compared with.
     #[inline]
     pub fn sample(&self, index: DVec3) -> f32 {
-        let value = for_stored!(&*self.stored, v => trilinear(self.grid.dims(), v, index));
+        let value = for_stored!(&*self.stored, v => trilinear(self.part.dims(), v, self.part.local(index)));
         (self.scale * value + self.offset) as f32
     }
 }

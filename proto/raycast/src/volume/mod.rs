@@ -7,5 +7,6 @@ pub(crate) mod field;
 pub(crate) mod interpolate;
 pub(crate) mod light_volume;
 pub(crate) mod occupancy;
+pub(crate) mod part;
 pub(crate) mod stored;
 pub(crate) mod transfer_lut;

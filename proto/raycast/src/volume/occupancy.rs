@@ -4,7 +4,6 @@
 //! function leaves transparent is empty. Distances are Chebyshev's: all bricks nearer than d on every axis are empty.
 
 use super::stored::Scalar;
-use lamina_model::Grid;
 use rayon::prelude::*;
 
 /// Cells per side of a brick.
@@ -20,12 +19,17 @@ pub struct EmptySpaceMap {
 }
 
 impl EmptySpaceMap {
-    /// The map of `voxels` on `grid`, where `shows(lo, hi)` tells whether any value from `lo` to `hi` is visible. With `beside`,
+    /// The map of `voxels`, `points` per axis, where `shows(lo, hi)` tells whether any value from `lo` to `hi` is visible. With `beside`,
     /// neighbors of visible bricks count as visible too.
-    pub fn new<V: Scalar>(grid: &Grid, voxels: &[V], beside: bool, shows: impl Fn(f32, f32) -> bool + Sync) -> Self {
+    pub fn new<V: Scalar>(
+        points: [usize; 3],
+        voxels: &[V],
+        beside: bool,
+        shows: impl Fn(f32, f32) -> bool + Sync,
+    ) -> Self {
         // Cells are one fewer than voxels.
-        let dims = grid.dims().map(|d| (d - 1).max(1).div_ceil(BRICK));
-        let visible = visible(grid, dims, voxels, shows);
+        let dims = points.map(|d| (d - 1).max(1).div_ceil(BRICK));
+        let visible = visible(points, dims, voxels, shows);
         let mut distances = distances(dims, visible);
         if beside {
             distances.iter_mut().for_each(|d| *d = d.saturating_sub(1));
@@ -52,12 +56,11 @@ impl EmptySpaceMap {
 
 /// 1 for every brick that may be visible, else 0.
 fn visible<V: Scalar>(
-    grid: &Grid,
+    [nx, ny, nz]: [usize; 3],
     [bx, by, bz]: [usize; 3],
     voxels: &[V],
     shows: impl Fn(f32, f32) -> bool + Sync,
 ) -> Vec<u8> {
-    let [nx, ny, nz] = grid.dims();
     let mut bricks = vec![0; bx * by * bz];
     let init = || (vec![0.0_f32; nx], vec![0.0_f32; nx]);
     bricks.par_chunks_mut(bx).enumerate().for_each_init(init, |(lows, highs), (row, out)| {

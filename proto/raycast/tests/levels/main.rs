@@ -7,3 +7,4 @@ mod effects;
 mod fields;
 mod gpu;
 mod lanes;
+mod parts;
