@@ -33,6 +33,7 @@ fn crates_point_only_where_the_layout_says() {
         ("deploy/volume-io", &["model"]),
         ("deploy/report", &[]),
         ("proto/shared-memory", &[]),
+        ("proto/mpi", &[]),
         ("proto/client", &["model", "rpc", "shared-memory"]),
         ("proto/client/c", &["model", "client"]),
         ("generator-node", &["model", "compute", "raycast", "codec", "rpc", "shared-memory"]),

@@ -99,7 +99,7 @@ impl<V: Pair> GenerateRows<'_, V> {
         for tile in self.rays.tiles(self.first_row) {
             let mut packet = RayPacket::<L>::new(&self.rays.setup, tile.pixels());
             cluster.source.begin(&self.rays.setup, tile.pixels(), &mut packet);
-            self.sampler.march(&mut packet, &mut cluster);
+            self.sampler.march(&packet, &mut cluster);
             cluster.finish();
             cluster.closed.hand_over(tile.pixels().iter().map(|&(_, j)| (j - self.first_row) as usize), &mut rows);
         }

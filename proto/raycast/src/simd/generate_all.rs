@@ -87,9 +87,9 @@ impl<V: Pair> SimdKernel for GenerateAllRows<'_, V> {
             closed: Default::default(),
         };
         for tile in self.rays.tiles(self.first_row) {
-            let mut packet = RayPacket::<L>::new(&self.rays.setup, tile.pixels());
+            let packet = RayPacket::<L>::new(&self.rays.setup, tile.pixels());
             clusters.ray_depth = L::F::splat(0.0);
-            self.sampler.march(&mut packet, &mut clusters);
+            self.sampler.march(&packet, &mut clusters);
             for (l, &(_, j)) in tile.pixels().iter().enumerate() {
                 clusters.states[l].close_all(&mut clusters.closed[l]);
                 let row = &mut rows[(j - self.first_row) as usize];

@@ -65,9 +65,9 @@ pub(super) struct VolumeSampler<'a, V> {
     last: [f32; 3],
     /// True if voxel indices exceed 31 bits.
     huge: bool,
-    /// Index of the first stored point on each axis, and its number as if the points before it were stored, too.
-    start: [i32; 3],
+    /// Number of the first stored point, and of the first brick, as if those before it were there, too.
     before: usize,
+    bricks_before: i32,
     /// The cells whose samples are taken, and the largest position in the whole grid, if that is not all of it.
     own: Option<OwnCells>,
     row: usize,
@@ -90,6 +90,23 @@ struct OwnCells {
 }
 
 impl OwnCells {
+    /// Leaves of the steps of eight rays, from `first` to `steps`, those whose samples lie in the cells.
+    fn restrict(
+        &self,
+        entry: &[[f32; WIDTH]; 3],
+        delta: &[[f32; WIDTH]; 3],
+        last_at: &[f32; WIDTH],
+        (first, steps): (&mut [i32; WIDTH], &mut [i32; WIDTH]),
+    ) {
+        for l in 0..WIDTH {
+            let mut range = first[l]..steps[l];
+            for a in 0..3 {
+                range = self.range(a, range, [entry[a][l], delta[a][l], last_at[l]]);
+            }
+            (first[l], steps[l]) = (range.start, range.end);
+        }
+    }
+
     /// The steps of `range` whose samples lie between the cells of axis `a`, on a ray given by its entry, its change per step and
     /// the place of its last sample. Cells rise or fall along a ray, also as rounded.
     fn range(&self, a: usize, range: Range<i32>, [entry, delta, last_at]: [f32; 3]) -> Range<i32> {
@@ -145,14 +162,13 @@ impl<'a, V: Pair> VolumeSampler<'a, V> {
     /// A sampler of other voxels on the grid of `field`, which must [fit](fits): samples are `scale` times them plus `offset`.
     pub(super) fn scaled(field: &'a Field, voxels: &'a [V], table: &'a TransferLut, [scale, offset]: [f32; 2]) -> Self {
         let (part, dims) = (field.grid_part(), field.grid_part().dims());
-        let start = part.start();
+        let (start, bricks) = (part.start(), field.empty_space());
         assert!(fits(field) && voxels.len() == dims.iter().product::<usize>());
         Self {
             corners: [0, 1, dims[1], dims[1] + 1].map(|row| &voxels[row * dims[0]..]),
             first: start.map(|s| s as f32),
             last: std::array::from_fn(|a| ((start[a] + dims[a] - 1) as f32).next_down()),
             huge: voxels.len() >= 1 << 31,
-            start: start.map(|s| s as i32),
             before: (start[2] * dims[1] + start[1]) * dims[0] + start[0],
             own: (!part.is_whole()).then(|| OwnCells {
                 cells: part.cells().clone().map(|own| [own.start as i32, own.end as i32]),
@@ -162,8 +178,10 @@ impl<'a, V: Pair> VolumeSampler<'a, V> {
             slice: dims[0] * dims[1],
             scale,
             offset,
-            bricks: field.empty_space().dims().map(|n| n as i32),
-            distances: field.empty_space().distances(),
+            bricks: bricks.dims().map(|n| n as i32),
+            bricks_before: ((bricks.first()[2] * bricks.dims()[1] + bricks.first()[1]) * bricks.dims()[0]
+                + bricks.first()[0]) as i32,
+            distances: bricks.distances(),
             table,
         }
     }
@@ -207,9 +225,10 @@ impl<'a, V: Pair> VolumeSampler<'a, V> {
     #[inline(always)]
     fn run<L: Lanes>(&self, packet: &RayPacket<L>, p: [L::F; 3]) -> (L::I, L::I) {
         let (cell, _) = self.cell::<L>(p);
-        let brick = axes!(a => (cell[a] - L::I::splat(self.start[a])).shr::<2>());
+        let brick = axes!(a => cell[a].shr::<2>());
         let [bx, by, _] = self.bricks;
         let number = (brick[2] * L::I::splat(by) + brick[1]) * L::I::splat(bx) + brick[0];
+        let number = number - L::I::splat(self.bricks_before);
         let (number, mut bytes) = (number.to_indices(), 0);
         for l in (0..WIDTH).rev() {
             bytes = bytes << 8 | u64::from(self.distances[number[l]]);
@@ -218,21 +237,20 @@ impl<'a, V: Pair> VolumeSampler<'a, V> {
         let reach = distance.max(L::I::splat(1)) - L::I::splat(1);
         let steps = axes!(a => {
             let edge = L::I::select(packet.forward[a], brick[a] + reach + L::I::splat(1), brick[a] - reach);
-            let edge = edge * L::I::splat(BRICK as i32) + L::I::splat(self.start[a]);
-            (L::F::from(edge) - p[a]) * packet.inverse[a]
+            (L::F::from(edge * L::I::splat(BRICK as i32)) - p[a]) * packet.inverse[a]
         });
         let least = steps[0].min(steps[1]).min(steps[2]).max(L::F::splat(0.0)).min(L::F::splat(1e9));
         (distance, least.to_int() + L::I::splat(1))
     }
 
-    /// Passes all samples that may be visible to `sink`, each ray front to back. Leaves of `packet` the steps in the field's own
-    /// cells.
+    /// Passes all samples in the field's own cells that may be visible to `sink`, each ray front to back.
     #[inline(always)]
-    pub(super) fn march<L: Lanes>(&self, packet: &mut RayPacket<L>, sink: &mut impl SampleSink<L>) {
-        if let Some(own) = &self.own {
-            packet.restrict(own);
-        }
-        let packet = &*packet;
+    pub(super) fn march<L: Lanes>(&self, packet: &RayPacket<L>, sink: &mut impl SampleSink<L>) {
+        let (first, steps) = match &self.own {
+            None => (packet.first, packet.steps),
+            Some(own) => packet.steps_in(own),
+        };
+        let packet = &RayPacket { first, steps, ..*packet };
         let mut step = packet.first;
         let mut live = packet.steps.gt(step);
         let mut ahead = self.run(packet, packet.position(step));
@@ -321,6 +339,7 @@ impl RaySetup {
 }
 
 /// Eight rays, clipped to the box.
+#[derive(Clone, Copy)]
 pub(super) struct RayPacket<L: Lanes> {
     /// First sample of each ray: 0, unless the ray is clipped.
     pub first: L::I,
@@ -414,18 +433,13 @@ impl<L: Lanes> RayPacket<L> {
         }
     }
 
-    /// Leaves the steps whose samples lie in the cells of `own`.
-    fn restrict(&mut self, own: &OwnCells) {
+    /// First and end of the steps whose samples lie in the cells of `own`.
+    #[inline(always)]
+    fn steps_in(&self, own: &OwnCells) -> (L::I, L::I) {
         let (entry, delta) = (self.entry.map(SimdF32::to_array), self.delta.map(SimdF32::to_array));
         let (mut first, mut steps, last_at) = (self.first.to_array(), self.steps.to_array(), self.last_at.to_array());
-        for l in 0..WIDTH {
-            let mut range = first[l]..steps[l];
-            for a in 0..3 {
-                range = own.range(a, range, [entry[a][l], delta[a][l], last_at[l]]);
-            }
-            (first[l], steps[l]) = (range.start, range.end);
-        }
-        (self.first, self.steps) = (L::I::from_array(first), L::I::from_array(steps));
+        own.restrict(&entry, &delta, &last_at, (&mut first, &mut steps));
+        (L::I::from_array(first), L::I::from_array(steps))
     }
 
     /// The point `t` steps from the entry, in units of sample points.

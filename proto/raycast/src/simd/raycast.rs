@@ -133,7 +133,7 @@ struct CastParams<'a> {
 
 #[inline(always)]
 fn cast<L: Lanes, V: Pair>(sampler: &VolumeSampler<V>, cast: &CastParams, pixels: &[(u32, u32)]) -> [[f32; 3]; WIDTH] {
-    let mut packet = RayPacket::<L>::new(cast.setup, pixels);
+    let packet = RayPacket::<L>::new(cast.setup, pixels);
     let zero = L::F::splat(0.0);
     let mut sum = ColorAccumulator::<L> {
         table: sampler.table,
@@ -141,7 +141,7 @@ fn cast<L: Lanes, V: Pair>(sampler: &VolumeSampler<V>, cast: &CastParams, pixels
         color: [zero; 3],
         transmittance: L::F::splat(1.0),
     };
-    sampler.march(&mut packet, &mut sum);
+    sampler.march(&packet, &mut sum);
     over::<L>(cast, sum.color, sum.transmittance)
 }
 
@@ -157,7 +157,7 @@ fn cast_with<L: Lanes, V: Pair>(
     source.begin(cast.setup, pixels, &mut packet);
     let zero = L::F::splat(0.0);
     let mut sum = ShadedAccumulator { source, floor: cast.floor, color: [zero; 3], transmittance: L::F::splat(1.0) };
-    sampler.march(&mut packet, &mut sum);
+    sampler.march(&packet, &mut sum);
     over::<L>(cast, sum.color, sum.transmittance)
 }
 

@@ -104,7 +104,7 @@ impl Field {
         let unit = |x: f32| (scale * f64::from(x) + offset) as f32;
         let surfaces: Vec<f32> =
             scene.effects.isosurfaces.iter().map(|s| scene.transfer.range().unit_from_value(s.value)).collect();
-        let empty_space = for_stored!(&*stored, v => EmptySpaceMap::new(part.dims(), v, scene.effects.look_beside(),
+        let empty_space = for_stored!(&*stored, v => EmptySpaceMap::new((part.start(), part.dims()), v, scene.effects.look_beside(),
             |lo, hi| {
             let (lo, hi) = (unit(lo), unit(hi));
             !scene.transfer.is_transparent(lo, hi) || surfaces.iter().any(|s| (lo..=hi).contains(s))
@@ -167,8 +167,7 @@ impl Field {
     /// True if the surroundings of `index` (units of sample points, inside the grid) may show something of this field's own.
     #[inline]
     pub(crate) fn is_visible(&self, index: DVec3) -> bool {
-        let local = self.part.local(index);
-        self.empty_space.is_visible(local) && (self.part.is_whole() || self.part.owns(index))
+        self.empty_space.is_visible(index) && (self.part.is_whole() || self.part.owns(index))
     }
 
     /// A world point in units of sample points.

@@ -14,29 +14,36 @@ pub(crate) const FARTHEST: u8 = 15;
 /// Distances to the nearest visible brick, x fastest.
 #[derive(Debug)]
 pub struct EmptySpaceMap {
+    /// The first brick, in the whole grid's: bricks are those of the whole grid, also where a part of it is stored.
+    first: [usize; 3],
     dims: [usize; 3],
     distances: Vec<u8>,
 }
 
 impl EmptySpaceMap {
-    /// The map of `voxels`, `points` per axis, where `shows(lo, hi)` tells whether any value from `lo` to `hi` is visible. With `beside`,
+    /// The map of `voxels`, `points` per axis from point `start` of a grid on, where `shows(lo, hi)` tells whether any value from `lo` to `hi` is visible. With `beside`,
     /// neighbors of visible bricks count as visible too.
     pub fn new<V: Scalar>(
-        points: [usize; 3],
+        (start, points): ([usize; 3], [usize; 3]),
         voxels: &[V],
         beside: bool,
         shows: impl Fn(f32, f32) -> bool + Sync,
     ) -> Self {
         // Cells are one fewer than voxels.
-        let dims = points.map(|d| (d - 1).max(1).div_ceil(BRICK));
-        let visible = visible(points, dims, voxels, shows);
+        let first = start.map(|s| s / BRICK);
+        let dims = std::array::from_fn(|a| (start[a] + (points[a] - 1).max(1)).div_ceil(BRICK) - first[a]);
+        let visible = visible((start, points), dims, voxels, shows);
         let mut distances = distances(dims, visible);
         if beside {
             distances.iter_mut().for_each(|d| *d = d.saturating_sub(1));
         }
-        Self { dims, distances }
+        Self { first, dims, distances }
     }
 
+    /// The first brick, in the whole grid's.
+    pub fn first(&self) -> [usize; 3] {
+        self.first
+    }
     /// Number of bricks per axis.
     pub fn dims(&self) -> [usize; 3] {
         self.dims
@@ -48,26 +55,30 @@ impl EmptySpaceMap {
     /// True if the brick around `index` (units of sample points, inside the grid) may show something.
     #[inline]
     pub fn is_visible(&self, index: glam::DVec3) -> bool {
-        let brick = |x: f64, n: usize| (x.max(0.0) as usize / BRICK).min(n - 1);
-        let [nx, ny, nz] = self.dims;
-        self.distances[(brick(index.z, nz) * ny + brick(index.y, ny)) * nx + brick(index.x, nx)] == 0
+        let brick = |a: usize| (index[a].max(0.0) as usize / BRICK).saturating_sub(self.first[a]).min(self.dims[a] - 1);
+        self.distances[(brick(2) * self.dims[1] + brick(1)) * self.dims[0] + brick(0)] == 0
     }
 }
 
 /// 1 for every brick that may be visible, else 0.
 fn visible<V: Scalar>(
-    [nx, ny, nz]: [usize; 3],
+    (start, [nx, ny, nz]): ([usize; 3], [usize; 3]),
     [bx, by, bz]: [usize; 3],
     voxels: &[V],
     shows: impl Fn(f32, f32) -> bool + Sync,
 ) -> Vec<u8> {
+    // The points that the cells of brick `n` touch on axis `a`, of `count`.
+    let touched = |a: usize, n: usize, count: usize| {
+        let begin = ((start[a] / BRICK + n) * BRICK).saturating_sub(start[a]);
+        begin..count.min(((start[a] / BRICK + n + 1) * BRICK + 1).saturating_sub(start[a]))
+    };
     let mut bricks = vec![0; bx * by * bz];
     let init = || (vec![0.0_f32; nx], vec![0.0_f32; nx]);
     bricks.par_chunks_mut(bx).enumerate().for_each_init(init, |(lows, highs), (row, out)| {
-        let (y, z) = (row % by * BRICK, row / by * BRICK);
+        let (ys, zs) = (touched(1, row % by, ny), touched(2, row / by, nz));
         lows.fill(f32::INFINITY);
         highs.fill(f32::NEG_INFINITY);
-        for (k, j) in (z..nz.min(z + BRICK + 1)).flat_map(|k| (y..ny.min(y + BRICK + 1)).map(move |j| (k, j))) {
+        for (k, j) in zs.flat_map(|k| ys.clone().map(move |j| (k, j))) {
             let start = (k * ny + j) * nx;
             for ((lo, hi), v) in lows.iter_mut().zip(highs.iter_mut()).zip(&voxels[start..start + nx]) {
                 // NaN fails both comparisons.
@@ -77,7 +88,7 @@ fn visible<V: Scalar>(
             }
         }
         for (b, brick) in out.iter_mut().enumerate() {
-            let touched = b * BRICK..nx.min((b + 1) * BRICK + 1);
+            let touched = touched(0, b, nx);
             let lo = lows[touched.clone()].iter().copied().fold(f32::INFINITY, f32::min);
             let hi = highs[touched].iter().copied().fold(f32::NEG_INFINITY, f32::max);
             // A brick without a finite value is empty.
