@@ -6,6 +6,7 @@
 pub mod config;
 mod control;
 mod delivery;
+mod group;
 pub mod ingest;
 mod node_state;
 mod overhead;
@@ -19,13 +20,20 @@ mod trials;
 
 pub use config::Config;
 
+use ingest::{Ingest, IngestService};
 use lamina_compute::CpuShare;
+use lamina_mpi::{Inbox, Outbox};
 use lamina_raycast::Backend;
 use lamina_rpc::daemon::{NodeError, Shutdown, serve};
+use lamina_rpc::v1::group_message::Kind;
 use lamina_rpc::{MAX_MESSAGE_BYTES, v1};
 use lamina_shared_memory::{Receiver, Rings};
+use overhead::Overhead;
+use pipeline::Steps;
 use std::{sync::Arc, time::Duration};
 use tokio::net::TcpListener;
+use tonic::transport::server::Router;
+use tonic_health::server::HealthReporter;
 
 /// Runs the node on `listener` until `shutdown` completes, its rays cast by `backend` within `share` of the processor.
 ///
@@ -38,15 +46,83 @@ pub async fn run(
     listener: TcpListener,
     shutdown: Shutdown,
 ) -> Result<(), NodeError> {
-    let overhead = overhead::Overhead::new(share.clone());
-    let ingest = Arc::new(ingest::Ingest::new(
+    let overhead = Overhead::new(share.clone());
+    let ingest = Arc::new(ingest(&config, overhead.clone()));
+    let steps = Steps::Own(ingest.clone());
+    run_pipeline(config, backend, (share, overhead), (ingest, steps), listener, shutdown).await
+}
+
+/// The same as a member of a group of nodes, which `mesh` connects: its root, member 0, does what [`run`] does, of the steps that all
+/// members hold together; the others take bricks in and work for it.
+///
+/// # Errors
+/// If the transport fails.
+pub async fn run_member(
+    config: Config,
+    backend: Backend,
+    share: CpuShare,
+    listener: TcpListener,
+    shutdown: Shutdown,
+    (outbox, inbox): (Outbox, Inbox),
+) -> Result<(), NodeError> {
+    let (rank, members) = (outbox.rank(), outbox.size());
+    let overhead = Overhead::new(share.clone());
+    let door = Arc::new(group::Door::new(outbox.clone()));
+    let own_door = (rank == 0).then(|| door.clone() as Arc<dyn ingest::AssignMember>);
+    let ingest = Arc::new(ingest(&config, overhead.clone()).of_group(members, own_door));
+    let (channels, held) = (group::receive(inbox), group::HeldSteps::default());
+    let member = group::Member::new(outbox.clone(), channels.member, held.clone(), backend.clone());
+    std::thread::Builder::new().name("member".to_owned()).spawn(|| member.run()).map_err(NodeError::Thread)?;
+    let listens = tokio::spawn(door.clone().listen(ingest.clone(), channels.events));
+    let announces = tokio::spawn(group::announce(ingest.clone(), held, outbox.clone()));
+    group::send(&outbox, 0, 0, Kind::Ready(group::ready(&config, &listener)));
+    let served = if rank == 0 {
+        let root = Arc::new(group::Root::new(outbox, channels.replies));
+        let steps = Steps::Group(root, door);
+        run_pipeline(config, backend, (share, overhead), (ingest, steps), listener, shutdown).await
+    } else {
+        let (router, _) = router(ingest).await;
+        serve(router, listener, shutdown).await
+    };
+    listens.abort();
+    announces.abort();
+    served
+}
+
+fn ingest(config: &Config, overhead: Arc<Overhead>) -> Ingest {
+    Ingest::new(
         config.memory_bytes,
         config.waiting_steps as usize,
         Duration::from_secs_f64(config.idle_secs),
         config.scene.clone(),
-        overhead.clone(),
-        share_memory(&config),
-    ));
+        overhead,
+        share_memory(config),
+    )
+}
+
+/// A server that takes bricks in, and its health.
+async fn router(ingest: Arc<Ingest>) -> (Router, HealthReporter) {
+    type Service = v1::ingest_server::IngestServer<IngestService>;
+    let (health, health_service) = tonic_health::server::health_reporter();
+    health.set_serving::<Service>().await;
+    let router = tonic::transport::Server::builder()
+        // A peer that vanished without a word gives its reservations back.
+        .http2_keepalive_interval(Some(Duration::from_secs(10)))
+        .http2_keepalive_timeout(Some(Duration::from_secs(10)))
+        .add_service(health_service)
+        .add_service(Service::new(IngestService(ingest)).max_decoding_message_size(MAX_MESSAGE_BYTES));
+    (router, health)
+}
+
+/// Turns `steps` into frames, and answers who watches and who tunes.
+async fn run_pipeline(
+    config: Config,
+    backend: Backend,
+    (share, overhead): (CpuShare, Arc<Overhead>),
+    (ingest, steps): (Arc<Ingest>, Steps),
+    listener: TcpListener,
+    shutdown: Shutdown,
+) -> Result<(), NodeError> {
     let publisher = Arc::new(publish::Publisher::new(config.history_bytes));
     let node = Arc::new(node_state::NodeState::new(node_state::Parts {
         params: config.params,
@@ -58,22 +134,14 @@ pub async fn run(
         overhead,
         publisher: publisher.clone(),
     }));
-    let pipeline =
-        tokio::spawn(pipeline::run(ingest.clone(), node.clone(), config.reference_every, config.live_batches));
+    let pipeline = tokio::spawn(pipeline::run(steps, node.clone(), config.reference_every, config.live_batches));
 
-    type Ingest = v1::ingest_server::IngestServer<ingest::IngestService>;
     type Frames = v1::frames_server::FramesServer<publish::FramesService>;
     type Control = v1::control_server::ControlServer<control::ControlService>;
-    let (health, health_service) = tonic_health::server::health_reporter();
-    health.set_serving::<Ingest>().await;
+    let (router, health) = router(ingest).await;
     health.set_serving::<Frames>().await;
     health.set_serving::<Control>().await;
-    let router = tonic::transport::Server::builder()
-        // A peer that vanished without a word gives its reservations back.
-        .http2_keepalive_interval(Some(Duration::from_secs(10)))
-        .http2_keepalive_timeout(Some(Duration::from_secs(10)))
-        .add_service(health_service)
-        .add_service(Ingest::new(ingest::IngestService(ingest)).max_decoding_message_size(MAX_MESSAGE_BYTES))
+    let router = router
         .add_service(Frames::new(publish::FramesService(publisher)))
         .add_service(Control::new(control::ControlService(node)));
     tracing::info!(address = %listener.local_addr().map_or_else(|_| config.listen.to_string(), |a| a.to_string()), "generator-node listens");

@@ -3,9 +3,10 @@
 use clap::Parser;
 use lamina_compute::CpuShare;
 use lamina_compute::gpu::Choice;
-use lamina_generator_node::{Config, run};
+use lamina_generator_node::{Config, run, run_member};
 use lamina_raycast::Backend;
 use lamina_rpc::daemon::{exit_code, listen, load_config, log_to_stderr, stop_signal};
+use lamina_rpc::launcher::launched_rank;
 use std::{net::SocketAddr, path::PathBuf};
 
 /// Stands beside a simulation: takes its time steps and publishes them as Volumetric Depth Images.
@@ -21,6 +22,10 @@ struct Arguments {
     /// What casts the rays, instead of the configuration's: auto, cpu or gpu.
     #[arg(long)]
     backend: Option<Choice>,
+    /// Be one of a group: `mpirun -n P generator-node --group`, or `srun`. Rank 0 listens where it is told to, and simulations, viewers
+    /// and the tuner connect there; the others take a free port each.
+    #[arg(long)]
+    group: bool,
 }
 
 #[tokio::main]
@@ -33,8 +38,18 @@ async fn start() -> anyhow::Result<()> {
     log_to_stderr("info");
     let config: Config = load_config(arguments.config.as_deref())?;
     let config = Config { listen: arguments.listen.unwrap_or(config.listen), ..config }.check()?;
+    let mesh = arguments.group.then(|| lamina_mpi::join(launched_rank().map(|(_, ranks)| ranks))).transpose()?;
+    let config = match &mesh {
+        Some((outbox, _)) if outbox.rank() > 0 => Config { listen: SocketAddr::new(config.listen.ip(), 0), ..config },
+        _ => config,
+    };
     let backend = Backend::open(arguments.backend.unwrap_or(config.backend))?;
     let listener = listen(config.listen).await?;
     let share = CpuShare::new(config.cpu_share)?;
-    Ok(run(config, backend, share, listener, Box::pin(stop_signal())).await?)
+    let stop = Box::pin(stop_signal());
+    match mesh {
+        Some(mesh) => run_member(config, backend, share, listener, stop, mesh).await?,
+        None => run(config, backend, share, listener, stop).await?,
+    }
+    Ok(())
 }

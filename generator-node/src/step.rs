@@ -1,6 +1,7 @@
 //! One time step, prepared: its volumes and VDIs, their costs, its reference samples.
 
 use crate::delivery::Delivery;
+use crate::group::GroupField;
 use lamina_codec::{EncodeOptions, encode_timed};
 use lamina_compute::{Activity, Laps};
 use lamina_model::{
@@ -8,8 +9,70 @@ use lamina_model::{
 };
 use lamina_raycast::{Backend, Field, most_points};
 use lamina_rpc::Bytes;
+use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
+
+/// Where a step's field is.
+pub(crate) enum FieldSource {
+    /// In this node; its backend casts rays through it.
+    Own(Backend, Box<Field>),
+    /// In parts at the members of a group.
+    Group(Box<GroupField>),
+}
+
+impl FieldSource {
+    /// The step generated, and the time that took: of a group that of its slowest member.
+    fn represent(
+        &self,
+        params: &GenerationParams,
+        segmentation: Segmentation,
+    ) -> Result<(Intermediate, Duration), Invalid> {
+        match (self, params) {
+            (Self::Own(backend, field), _) => backend.represent(field, params, segmentation),
+            (Self::Group(group), GenerationParams::Vdi(params)) => group.generate(params, segmentation),
+            (Self::Group(_), GenerationParams::Volume(_)) => {
+                Err(Invalid::new("representation", "a group generates VDIs; a reduced volume needs one node"))
+            }
+        }
+    }
+
+    fn represent_all(
+        &self,
+        params: &GenerationParams,
+        gammas: &[f64],
+        segmentation: Segmentation,
+    ) -> Result<Vec<Intermediate>, Invalid> {
+        match self {
+            Self::Own(backend, field) => backend.represent_all(field, params, gammas, segmentation),
+            Self::Group(_) => {
+                gammas.iter().map(|&g| Ok(self.represent(&params.with_gamma(g)?, segmentation)?.0)).collect()
+            }
+        }
+    }
+
+    fn longest_side(&self) -> u32 {
+        match self {
+            Self::Own(_, field) => most_points(field),
+            Self::Group(_) => 0,
+        }
+    }
+
+    fn reference(&self, plan: &SamplePlan, step: u64, batches: Range<u32>) -> Result<ReferenceSamples, Invalid> {
+        match self {
+            Self::Own(backend, field) => backend.reference_slice(field, plan, step, batches),
+            Self::Group(group) => group.reference_slice(plan, batches),
+        }
+    }
+
+    /// Voxels that are NaN or infinite.
+    pub(crate) fn empty_voxels(&self) -> u64 {
+        match self {
+            Self::Own(_, field) => field.empty_voxels(),
+            Self::Group(group) => group.empty_voxels(),
+        }
+    }
+}
 
 /// A step ready to be generated from: kept for trials until a newer one comes.
 pub(crate) struct Step {
@@ -19,21 +82,24 @@ pub(crate) struct Step {
     pub step: u64,
     /// Simulation time.
     pub time: f64,
-    backend: Backend,
     segmentation: Segmentation,
-    field: Field,
+    source: FieldSource,
     reference: OnceLock<Result<ReferenceSamples, Invalid>>,
 }
 
 impl Step {
-    /// The step of `run` that `field` holds, rays cast by `backend`.
+    /// The step of `run` that `source` holds.
     pub(crate) fn new(
         run: Arc<RunInfo>,
         (step, time): (u64, f64),
-        (backend, segmentation): (Backend, Segmentation),
-        field: Field,
+        segmentation: Segmentation,
+        source: FieldSource,
     ) -> Self {
-        Self { run, step, time, backend, segmentation, field, reference: OnceLock::new() }
+        Self { run, step, time, segmentation, source, reference: OnceLock::new() }
+    }
+
+    fn represent(&self, params: &GenerationParams) -> Result<(Intermediate, Duration), Invalid> {
+        self.source.represent(params, self.segmentation)
     }
 
     /// The step generated and encoded, and what that cost.
@@ -43,7 +109,7 @@ impl Step {
         options: &EncodeOptions,
         laps: &mut Laps,
     ) -> Result<(Vec<u8>, Cost), Invalid> {
-        let (intermediate, generation_time) = self.backend.represent(&self.field, params, self.segmentation)?;
+        let (intermediate, generation_time) = self.represent(params)?;
         laps.lap(Activity::Generate);
         let encoded = encode_timed(&intermediate, generation_time, options);
         laps.lap(Activity::Encode);
@@ -60,7 +126,7 @@ impl Step {
         laps: &mut Laps,
     ) -> Result<(Vec<u8>, Cost), Invalid> {
         let (intermediate, generation_time) = match known {
-            Some(time) => (self.backend.represent(&self.field, params, self.segmentation)?.0, time),
+            Some(time) => (self.represent(params)?.0, time),
             None => self.timed(params)?,
         };
         laps.lap(Activity::Generate);
@@ -76,7 +142,7 @@ impl Step {
     }
 
     fn timed(&self, params: &GenerationParams) -> Result<(Intermediate, Duration), Invalid> {
-        let represent = || self.backend.represent(&self.field, params, self.segmentation);
+        let represent = || self.represent(params);
         let (intermediate, first) = represent()?;
         let time = median_of_three(first, || represent().map(|(_, time)| time))?;
         Ok((intermediate, time))
@@ -89,13 +155,13 @@ impl Step {
         gammas: &[f64],
     ) -> Result<(Vec<Intermediate>, Duration), Invalid> {
         let start = Instant::now();
-        let all = self.backend.represent_all(&self.field, params, gammas, self.segmentation)?;
+        let all = self.source.represent_all(params, gammas, self.segmentation)?;
         Ok((all, start.elapsed()))
     }
 
     /// The most sample points on a side of a reduced volume of the step; 0 if none can stand for it.
     pub(crate) fn longest_side(&self) -> u32 {
-        most_points(&self.field)
+        self.source.longest_side()
     }
 
     /// A slice of the reference samples, for the quality of the live step: `batches` of them, other ones from step to step; 0 for
@@ -105,13 +171,13 @@ impl Step {
             return self.reference(plan);
         }
         let slice = plan.rotating_slice(self.step, batches);
-        let samples = self.backend.reference_slice(&self.field, plan, self.step, slice)?;
+        let samples = self.source.reference(plan, self.step, slice)?;
         Ok(Delivery::reference(&self.run, &samples))
     }
 
     /// All of the step's reference samples, cast once.
     pub(crate) fn reference(&self, plan: &SamplePlan) -> Result<Delivery, Invalid> {
-        let cast = || self.backend.reference_samples(&self.field, plan, self.step);
+        let cast = || self.source.reference(plan, self.step, 0..plan.batches);
         let samples = self.reference.get_or_init(cast).as_ref().map_err(Clone::clone)?;
         Ok(Delivery::reference(&self.run, samples))
     }
@@ -143,7 +209,7 @@ impl Step {
             params: *params,
             cost,
             bytes: bytes.len() as u64,
-            empty_voxels: self.field.empty_voxels(),
+            empty_voxels: self.source.empty_voxels(),
             ..purpose
         };
         Delivery::frame(&self.run, frame, bytes)

@@ -52,9 +52,17 @@ impl Daemon {
     /// # Panics
     /// If it does not come up within a minute.
     pub fn start_plain(name: &str, port: u16, arguments: &[&str]) -> Self {
-        let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
         let mut command = Command::new(binary(name));
         command.args(arguments).stdin(Stdio::null()).stdout(Stdio::null());
+        Self::spawn(command, port)
+    }
+
+    /// Starts `command`, which is to make it listen on `port`, and waits until it accepts connections.
+    ///
+    /// # Panics
+    /// If it does not come up within a minute.
+    pub fn spawn(mut command: Command, port: u16) -> Self {
+        let (address, name) = (SocketAddr::from((Ipv4Addr::LOCALHOST, port)), format!("{:?}", command.get_program()));
         let mut daemon = Self { child: command.spawn().expect("the binary starts"), address };
         let up = wait_for(Duration::from_secs(60), || {
             assert!(daemon.child.try_wait().expect("a child").is_none(), "{name} ended early");
@@ -67,6 +75,24 @@ impl Daemon {
     /// `http://HOST:PORT`.
     pub fn url(&self) -> String {
         format!("http://{}", self.address)
+    }
+
+    /// Processes named `name` below it.
+    pub fn children(&self, name: &str) -> Vec<u32> {
+        let stat = |pid: u32| {
+            let text = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+            let (head, tail) = text.rsplit_once(')')?;
+            let mut fields = tail.split_whitespace();
+            let (state, parent) = (fields.next()?.to_owned(), fields.next()?.parse::<u32>().ok()?);
+            Some((head.split_once('(')?.1.to_owned(), state, parent))
+        };
+        let all = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+        let pids: Vec<u32> = all.filter_map(|e| e.file_name().to_str()?.parse().ok()).collect();
+        let below = |pid: u32| {
+            std::iter::successors(stat(pid), |(_, _, parent)| stat(*parent)).any(|(_, _, parent)| parent == self.pid())
+        };
+        let named = |pid: u32| stat(pid).is_some_and(|(found, state, _)| found == name && state != "Z");
+        pids.into_iter().filter(|&pid| named(pid) && below(pid)).collect()
     }
 
     /// Its process.

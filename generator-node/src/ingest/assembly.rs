@@ -93,11 +93,15 @@ impl Assembly {
         self.bricks.is_empty()
     }
 
-    /// Stores the bytes of a brick of `rank`; true if all bricks of all `ranks` are in.
-    pub(super) fn fill(&mut self, rank: u32, index: u32, ranks: u32, bytes: BrickBytes) -> bool {
+    /// Stores the bytes of a brick of `rank`.
+    pub(super) fn fill(&mut self, rank: u32, index: u32, bytes: BrickBytes) {
         if let Some(part) = self.parts.iter_mut().find(|p| (p.rank, p.index) == (rank, index)) {
             part.bytes = Some(bytes);
         }
+    }
+
+    /// True if all bricks of so many ranks are in.
+    pub(super) fn is_complete(&self, ranks: u32) -> bool {
         let all_here = self.bricks.len() == ranks as usize && self.parts.len() == self.expected();
         all_here && self.parts.iter().all(|p| p.bytes.is_some())
     }

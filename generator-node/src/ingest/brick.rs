@@ -47,6 +47,34 @@ impl GridBox {
         Ok(Self { start: start.map(|v| v as usize), dims: dims.map(|v| v as usize) })
     }
 
+    /// Index of the first sample point.
+    pub fn start(&self) -> [usize; 3] {
+        self.start
+    }
+
+    /// Sample points per axis.
+    pub fn dims(&self) -> [usize; 3] {
+        self.dims
+    }
+
+    /// What the two have in common.
+    pub fn intersection(&self, other: &Self) -> Option<Self> {
+        let start = [0, 1, 2].map(|a| self.start[a].max(other.start[a]));
+        let end = [0, 1, 2].map(|a| (self.start[a] + self.dims[a]).min(other.start[a] + other.dims[a]));
+        (0..3).all(|a| start[a] < end[a]).then(|| Self { start, dims: [0, 1, 2].map(|a| end[a] - start[a]) })
+    }
+
+    /// The two as one box, if they share a whole face.
+    pub fn union(&self, other: &Self) -> Option<Self> {
+        let differ: Vec<usize> =
+            (0..3).filter(|&a| (self.start[a], self.dims[a]) != (other.start[a], other.dims[a])).collect();
+        let &[a] = differ.as_slice() else { return None };
+        let (first, second) = if self.start[a] < other.start[a] { (self, other) } else { (other, self) };
+        let mut union = *first;
+        union.dims[a] += second.dims[a];
+        (first.start[a] + first.dims[a] == second.start[a]).then_some(union)
+    }
+
     /// Number of voxels.
     pub fn voxels(&self) -> usize {
         self.dims.iter().product()

@@ -28,6 +28,16 @@ pub struct CompleteStep {
 }
 
 impl CompleteStep {
+    /// Its bricks.
+    pub fn into_bricks(self) -> (RunSpec, Vec<(GridBox, BrickBytes)>) {
+        (self.spec, self.bricks)
+    }
+
+    /// Where its bricks lie.
+    pub fn boxes(&self) -> impl Iterator<Item = &GridBox> {
+        self.bricks.iter().map(|(place, _)| place)
+    }
+
     /// The step's volume.
     ///
     /// # Errors
@@ -66,12 +76,14 @@ pub struct Core {
     used_bytes: u64,
     run: Option<IngestRun>,
     queue: VecDeque<CompleteStep>,
+    /// Of a group's node: how many ranks of which run come here.
+    told: Option<(String, u32)>,
 }
 
 impl Core {
     /// No run yet; `memory_bytes` for steps, of which `waiting_steps` may wait whole; a run silent for `idle` may be replaced.
     pub fn new(memory_bytes: u64, waiting_steps: usize, idle: Duration) -> Self {
-        Self { memory_bytes, waiting_steps, idle, used_bytes: 0, run: None, queue: VecDeque::new() }
+        Self { memory_bytes, waiting_steps, idle, used_bytes: 0, run: None, queue: VecDeque::new(), told: None }
     }
 
     /// Attaches `rank` to the run it describes; `resume` is the id it had before this node was restarted, or empty, and
@@ -95,8 +107,25 @@ impl Core {
         }
         self.abandon_run();
         let id = if resume.is_empty() { fresh_id } else { resume.to_owned() };
-        self.run = Some(IngestRun::new(id.clone(), spec, rank, now));
+        let told_ranks = self.told.as_ref().filter(|(run, _)| *run == id).map(|(_, ranks)| *ranks);
+        let mut run = IngestRun::new(id.clone(), spec, rank, now);
+        run.told_ranks = told_ranks;
+        self.run = Some(run);
         Ok(id)
+    }
+
+    /// So many ranks of run `run_id` bring their bricks to this node of a group.
+    pub fn tell_ranks(&mut self, run_id: &str, ranks: u32, now: Instant) {
+        self.told = Some((run_id.to_owned(), ranks));
+        let Ok(run) = self.run(run_id) else { return };
+        run.told_ranks = Some(ranks);
+        let steps: Vec<u64> = run.steps.keys().copied().collect();
+        for step in steps {
+            let complete = self.run(run_id).is_ok_and(|run| run.steps.get(&step).is_some_and(|a| a.is_complete(ranks)));
+            if complete {
+                self.complete(run_id, step, now);
+            }
+        }
     }
 
     fn abandon_run(&mut self) {
@@ -142,7 +171,9 @@ impl Core {
             self.run(run_id)?.steps.insert(step, Assembly::new(offer.time));
         }
         let run = self.run(run_id)?;
-        let (ranks, voxels) = (run.spec.ranks, run.spec.grid.voxels());
+        // A group's nodes cover the grid together.
+        let ranks = if run.spec.members == 1 { run.spec.ranks } else { u32::MAX };
+        let voxels = run.spec.grid.voxels();
         if let Some(assembly) = run.steps.get_mut(&step)
             && let Err(refusal) = assembly.reserve(offer, ranks, brick, voxels)
         {
@@ -204,17 +235,28 @@ impl Core {
         let run = self.run(run_id)?;
         run.last_heard = now;
         run.last_step[rank as usize] = Some(step);
+        let ranks = run.ranks_here();
         let Some(assembly) = run.steps.get_mut(&step) else { return Ok(None) };
-        if !assembly.fill(rank, index, run.spec.ranks, bytes.into()) {
+        assembly.fill(rank, index, bytes.into());
+        if !assembly.is_complete(ranks) {
             return Ok(Some(false));
         }
+        self.complete(run_id, step, now);
+        Ok(Some(true))
+    }
+
+    /// Queues a step whose bricks are all in.
+    fn complete(&mut self, run_id: &str, step: u64, now: Instant) {
+        let Ok(run) = self.run(run_id) else { return };
         // Every rank is past the older steps: what is missing there will not come.
         let older: Vec<u64> = run.steps.range(..step).map(|(s, _)| *s).collect();
         for old in older {
             self.forget(old);
-            self.run(run_id)?.drop_step(old);
+            if let Ok(run) = self.run(run_id) {
+                run.drop_step(old);
+            }
         }
-        let run = self.run(run_id)?;
+        let Ok(run) = self.run(run_id) else { return };
         if let Some(assembly) = run.steps.remove(&step) {
             let complete = CompleteStep {
                 run_id: run_id.to_owned(),
@@ -232,7 +274,11 @@ impl Core {
                 self.drop_oldest();
             }
         }
-        Ok(Some(true))
+    }
+
+    /// True if the run's policy is to let the simulation wait.
+    pub fn blocks(&self) -> bool {
+        self.run.as_ref().is_some_and(|run| run.spec.full_policy == FullPolicy::Block)
     }
 
     /// True if a complete step waits.

@@ -13,4 +13,4 @@ pub use brick::{BrickBytes, BrickOffer, GridBox};
 pub use core::{Admit, CompleteStep, Core};
 pub use error::IngestError;
 pub use run::RunSpec;
-pub use service::{Ingest, IngestService, SharedMemory};
+pub use service::{AssignMember, Ingest, IngestService, SharedMemory};

@@ -25,6 +25,8 @@ pub struct RunSpec {
     pub full_policy: FullPolicy,
     /// How to show it, if the simulation or the node's configuration says.
     pub scene: Option<Scene>,
+    /// Nodes that share its steps.
+    pub members: u32,
 }
 
 impl RunSpec {
@@ -35,14 +37,19 @@ impl RunSpec {
 
     /// Bytes of a step.
     pub fn step_bytes(&self) -> u64 {
-        self.grid.voxels() as u64 * self.point_bytes() as u64
+        self.voxels_here() * self.point_bytes() as u64
+    }
+
+    /// Voxels of a step; of a group's node its even share of them.
+    fn voxels_here(&self) -> u64 {
+        (self.grid.voxels() as u64).div_ceil(u64::from(self.members))
     }
 
     /// Bytes besides waiting steps: one step's bricks and joined volume, and three fields (in work, newest, in trials), each
     /// with its colors.
     pub fn working_bytes(&self) -> u64 {
         let fields = 3 * (1 + u64::from(self.color_field.is_some()));
-        2 * self.step_bytes() + fields * 4 * self.grid.voxels() as u64
+        2 * self.step_bytes() + fields * 4 * self.voxels_here()
     }
 
     /// Passes what `rank` says of the run, on a node with so much memory.
@@ -95,6 +102,8 @@ pub(super) struct IngestRun {
     pub dropped_steps: u64,
     /// When a rank last called.
     pub last_heard: Instant,
+    /// How many of a group's ranks come here.
+    pub told_ranks: Option<u32>,
 }
 
 /// Bricks of one rank and step.
@@ -117,12 +126,18 @@ impl IngestRun {
             dropped: BTreeSet::new(),
             dropped_steps: 0,
             last_heard: now,
+            told_ranks: None,
         }
+    }
+
+    /// Ranks whose bricks come here; as good as none of a group's node that has not been told.
+    pub(super) fn ranks_here(&self) -> u32 {
+        if self.spec.members == 1 { self.spec.ranks } else { self.told_ranks.unwrap_or(u32::MAX) }
     }
 
     /// True once all its ranks have been here and closed. One that was not yet is waited for: ranks may start far apart.
     pub(super) fn ended(&self) -> bool {
-        self.closed.len() == self.spec.ranks as usize
+        self.closed.len() == self.ranks_here() as usize
     }
 
     /// True once all ranks that have been here closed.

@@ -25,6 +25,15 @@ pub struct Ingest {
     room: Notify,
     ready: Notify,
     shared: Option<SharedMemory>,
+    /// Members of the group that this node is of, and, of its root, the door to them.
+    members: u32,
+    door: Option<Arc<dyn AssignMember>>,
+}
+
+/// Chooses which member of a group takes the bricks of a rank.
+pub trait AssignMember: std::fmt::Debug + Send + Sync {
+    /// The member's address for `rank` of a run, on the host named `host`; empty for this node itself.
+    fn assign(&self, run_id: &str, spec: &RunSpec, rank: u32, host: &str) -> String;
 }
 
 /// Memory that simulations on this host share with the node.
@@ -47,7 +56,29 @@ impl Ingest {
         shared: Option<SharedMemory>,
     ) -> Self {
         let core = Mutex::new(Core::new(memory_bytes, waiting_steps, idle));
-        Self { core, default_scene, overhead, room: Notify::new(), ready: Notify::new(), shared }
+        Self {
+            core,
+            default_scene,
+            overhead,
+            room: Notify::new(),
+            ready: Notify::new(),
+            shared,
+            members: 1,
+            door: None,
+        }
+    }
+
+    /// The same of a node of a group of `members`; `door` is the root's.
+    #[must_use]
+    pub(crate) fn of_group(self, members: u32, door: Option<Arc<dyn AssignMember>>) -> Self {
+        Self { members, door, ..self }
+    }
+
+    /// So many ranks of run `run_id` bring their bricks to this node of a group.
+    pub(crate) fn tell_ranks(&self, run_id: &str, ranks: u32) {
+        self.core().tell_ranks(run_id, ranks, Instant::now());
+        self.ready.notify_one();
+        self.room.notify_waiters();
     }
 
     /// The state; a panic elsewhere leaves it whole, because no method of it panics between two changes.
@@ -64,6 +95,11 @@ impl Ingest {
             }
             ready.await;
         }
+    }
+
+    /// True if the run's policy is to let the simulation wait.
+    pub(crate) fn blocks(&self) -> bool {
+        self.core().blocks()
     }
 
     /// The next complete step.
@@ -216,13 +252,19 @@ impl ingest_server::Ingest for IngestService {
         let request = request.into_inner();
         let mut spec = spec_from(&request).map_err(|e| invalid(&e))?;
         spec.scene = spec.scene.or_else(|| self.0.default_scene.clone());
+        spec.members = self.0.members;
         let fresh = fresh_run_id(&spec.name);
         let resume = check_run_id(&request.resume_run_id)?;
+        let spec_of_run = spec.clone();
         let run_id = self.0.core().open(spec, request.rank, resume, fresh, Instant::now())?;
         self.0.room.notify_waiters();
-        tracing::info!(run_id, rank = request.rank, "rank attached");
+        let member = match &self.0.door {
+            Some(door) => door.assign(&run_id, &spec_of_run, request.rank, &request.host),
+            None => String::new(),
+        };
+        tracing::info!(run_id, rank = request.rank, member, "rank attached");
         let shared_memory = self.0.shared.as_ref().map(|memory| memory.name.clone()).unwrap_or_default();
-        Ok(Response::new(v1::OpenReply { run_id, chunk_bytes: CHUNK_BYTES as u32, shared_memory }))
+        Ok(Response::new(v1::OpenReply { run_id, chunk_bytes: CHUNK_BYTES as u32, shared_memory, member }))
     }
 
     type PushStream = Pin<Box<dyn Stream<Item = Result<v1::PushAnswer, Status>> + Send>>;
@@ -258,6 +300,7 @@ fn spec_from(r: &v1::OpenRequest) -> Result<RunSpec, Invalid> {
         ranks: r.ranks,
         full_policy: r.full_policy().into(),
         scene: r.scene.clone().map(TryInto::try_into).transpose()?,
+        members: 1,
     })
 }
 

@@ -21,7 +21,6 @@
 mod brick;
 mod buffer;
 mod driver;
-mod launcher;
 mod options;
 mod pace;
 mod session;
@@ -29,7 +28,7 @@ mod session;
 pub use brick::{Brick, VoxelSlice, check_type, dense, span};
 pub use buffer::{Buffer, VoxelScalar};
 pub use lamina_model::FullPolicy;
-pub use launcher::launched_rank;
+pub use lamina_rpc::launcher::launched_rank;
 pub use options::{Receipt, RunOptions};
 
 use driver::Driver;
@@ -37,7 +36,7 @@ use lamina_model::Invalid;
 use lamina_rpc::connect::host_and_port;
 use lamina_shared_memory::Lease;
 use pace::Pace;
-use session::{Session, StepPart};
+use session::{CONNECT_WITHIN, Session, StepPart};
 use std::time::{Duration, Instant};
 use tonic::{Code, Status, transport::Endpoint};
 
@@ -109,7 +108,7 @@ impl Client {
         let bad_address = |e: tonic::transport::Error| Invalid::new("generator", e.to_string());
         let endpoint = Endpoint::from_shared(options.generator.clone()).map_err(bad_address)?;
         let driver = Driver::start().map_err(ClientError::Runtime)?;
-        let endpoint = endpoint.connect_timeout(options.deadline.min(Duration::from_secs(2))).tcp_nodelay(true);
+        let endpoint = endpoint.connect_timeout(options.deadline.min(CONNECT_WITHIN)).tcp_nodelay(true);
         let mut client = Self {
             options,
             endpoint,

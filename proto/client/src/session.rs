@@ -24,6 +24,9 @@ pub(crate) struct StepPart {
     pub bricks: u32,
 }
 
+/// The longest that connecting may take, where the deadline of a call is longer.
+pub(crate) const CONNECT_WITHIN: Duration = Duration::from_secs(2);
+
 /// An attached rank.
 #[derive(Debug)]
 pub(crate) struct Session {
@@ -34,12 +37,26 @@ pub(crate) struct Session {
 }
 
 impl Session {
-    /// Connects and attaches; `run_id` is the one had before, or empty. Gives the run's id.
+    /// Connects and attaches; `run_id` is the one had before, or empty. Gives the run's id. Of a group of nodes it is the root that is
+    /// asked first, and the member it names that takes the bricks.
     pub(crate) async fn open(
         endpoint: Endpoint,
         options: RunOptions,
         run_id: String,
     ) -> Result<(Self, String), Status> {
+        let (session, run_id, member) = Self::attach(endpoint.clone(), options.clone(), run_id).await?;
+        if member.is_empty() {
+            return Ok((session, run_id));
+        }
+        let bad_address = |e: tonic::transport::Error| Status::unavailable(format!("member {member}: {e}"));
+        let near = Endpoint::from_shared(member.clone()).map_err(bad_address)?;
+        let near = near.connect_timeout(options.deadline.min(CONNECT_WITHIN)).tcp_nodelay(true);
+        let (session, run_id, _) = Self::attach(near, options, run_id).await?;
+        Ok((session, run_id))
+    }
+
+    /// One node's part of it; also the member that it names in its place.
+    async fn attach(endpoint: Endpoint, options: RunOptions, run_id: String) -> Result<(Self, String, String), Status> {
         let channel = endpoint
             .http2_keep_alive_interval(Duration::from_secs(5))
             // A stuck node is noticed while a blocking push waits, however long its deadline.
@@ -48,7 +65,9 @@ impl Session {
             .await
             .map_err(|e| Status::unavailable(innermost(&e)))?;
         let mut ingest = IngestClient::new(channel);
+        let host = lamina_rpc::connect::host_name();
         let request = v1::OpenRequest {
+            host,
             name: options.name,
             field: options.field,
             grid: Some((&options.grid).into()),
@@ -65,10 +84,10 @@ impl Session {
         let reply = ingest.open(request).await?.into_inner();
         let chunk_bytes = (reply.chunk_bytes as usize).clamp(1 << 12, lamina_rpc::MAX_MESSAGE_BYTES / 2);
         let ring = match reply.shared_memory {
-            name if name.is_empty() => None,
+            name if name.is_empty() || !reply.member.is_empty() => None,
             name => connect_ring(name).await,
         };
-        Ok((Self { ingest, chunk_bytes, ring }, reply.run_id))
+        Ok((Self { ingest, chunk_bytes, ring }, reply.run_id, reply.member))
     }
 
     /// True if there is a ring.

@@ -1,6 +1,5 @@
 //! Every process sends messages of many sizes to every other, and checks what it gets: for `mpiexec -n P ring`.
 
-use lamina_mpi::Mesh;
 use std::time::Duration;
 
 /// Bytes of a message, none of them by accident.
@@ -11,16 +10,16 @@ fn message(from: u32, to: u32, n: u64) -> Vec<u8> {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     const ROUNDS: u64 = 20;
-    let mesh = Mesh::join(None)?;
-    let (me, size) = (mesh.rank(), mesh.size());
+    let (outbox, inbox) = lamina_mpi::join(None)?;
+    let (me, size) = (outbox.rank(), outbox.size());
     for n in 0..ROUNDS {
         for to in 0..size {
-            mesh.send(to, message(me, to, n))?;
+            outbox.send(to, message(me, to, n))?;
         }
     }
     let mut next = vec![0; size as usize];
     for _ in 0..ROUNDS * u64::from(size) {
-        let (from, bytes) = mesh.receive(Duration::from_secs(60))?;
+        let (from, bytes) = inbox.receive(Duration::from_secs(60))?;
         let n = &mut next[from as usize];
         if bytes != message(from, me, *n) {
             return Err(format!("message {n} from {from} to {me} is another one").into());
@@ -28,6 +27,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         *n += 1;
     }
     println!("rank {me} of {size}: all {} messages came in order", ROUNDS * u64::from(size));
-    mesh.leave();
+    drop(outbox);
+    inbox.leave();
     Ok(())
 }

@@ -11,4 +11,4 @@ mod engine;
 mod library;
 mod mesh;
 
-pub use mesh::{Mesh, MpiError};
+pub use mesh::{Inbox, MpiError, Outbox, in_process, join};

@@ -42,15 +42,19 @@ pub enum MpiError {
     Ended,
 }
 
-/// This process's end of the mesh.
-#[derive(Debug)]
-pub struct Mesh {
+/// Sends to the processes of a mesh. Clones send in turn.
+#[derive(Debug, Clone)]
+pub struct Outbox {
     rank: u32,
-    size: u32,
     outgoing: Vec<Sender<Message>>,
-    inbox: Receiver<Message>,
     /// The others are threads of this process.
     threads: bool,
+}
+
+/// Receives from all processes of a mesh.
+#[derive(Debug)]
+pub struct Inbox {
+    messages: Receiver<Message>,
     /// Owns the MPI library.
     engine: Option<JoinHandle<()>>,
 }
@@ -58,54 +62,41 @@ pub struct Mesh {
 /// Sender or receiver, and bytes.
 pub(crate) type Message = (u32, Vec<u8>);
 
-impl Mesh {
-    /// Joins the MPI world that a launcher (`mpirun`, `srun`) started this process in; one process where there is none.
-    /// `launched` is the number of processes by the launcher's environment, if it says.
-    ///
-    /// # Errors
-    /// If there is no MPI library, or it is not the launcher's.
-    #[cfg(unix)]
-    pub fn join(launched: Option<u32>) -> Result<Self, MpiError> {
-        let (outgoing, sent) = channel();
-        let (received, inbox) = channel();
-        let ((rank, size), engine) = crate::engine::start(sent, received.clone(), launched)?;
-        // What is for this process itself does not pass through MPI.
-        let outgoing = (0..size).map(|to| if to == rank { received.clone() } else { outgoing.clone() }).collect();
-        Ok(Self { rank, size, outgoing, inbox, threads: false, engine: Some(engine) })
-    }
+/// Joins the MPI world that a launcher (`mpirun`, `srun`) started this process in; one process where there is none. `launched` is the
+/// number of processes by the launcher's environment, if it says.
+///
+/// # Errors
+/// If there is no MPI library, or it is not the launcher's.
+#[cfg(unix)]
+pub fn join(launched: Option<u32>) -> Result<(Outbox, Inbox), MpiError> {
+    let (sender, sent) = channel();
+    let (received, messages) = channel();
+    let ((rank, size), engine) = crate::engine::start(sent, received.clone(), launched)?;
+    // What is for this process itself does not pass through MPI.
+    let outgoing = (0..size).map(|to| if to == rank { received.clone() } else { sender.clone() }).collect();
+    Ok((Outbox { rank, outgoing, threads: false }, Inbox { messages, engine: Some(engine) }))
+}
 
-    /// Joins nothing: MPI is opened on Unix only.
-    ///
-    /// # Errors
-    /// Always.
-    #[cfg(not(unix))]
-    pub fn join(_: Option<u32>) -> Result<Self, MpiError> {
-        Err(MpiError::Missing("this system has none that can be opened".to_owned()))
-    }
+/// Joins nothing: MPI is opened on Unix only.
+///
+/// # Errors
+/// Always.
+#[cfg(not(unix))]
+pub fn join(_: Option<u32>) -> Result<(Outbox, Inbox), MpiError> {
+    Err(MpiError::Missing("this system has none that can be opened".to_owned()))
+}
 
-    /// A world of `size` threads of this process, for tests.
-    pub fn in_process(size: u32) -> Vec<Self> {
-        let ends: Vec<(Sender<Message>, Receiver<Message>)> = (0..size).map(|_| channel()).collect();
-        let outgoing: Vec<Sender<Message>> = ends.iter().map(|(sender, _)| sender.clone()).collect();
-        let mesh = |(rank, (_, inbox)): (u32, _)| Self {
-            rank,
-            size,
-            outgoing: outgoing.clone(),
-            inbox,
-            threads: true,
-            engine: None,
-        };
-        (0..size).zip(ends).map(mesh).collect()
-    }
+/// A mesh of `size` threads of this process, for tests.
+pub fn in_process(size: u32) -> Vec<(Outbox, Inbox)> {
+    let ends: Vec<(Sender<Message>, Receiver<Message>)> = (0..size).map(|_| channel()).collect();
+    let outgoing: Vec<Sender<Message>> = ends.iter().map(|(sender, _)| sender.clone()).collect();
+    let end = |(rank, (_, messages)): (u32, _)| {
+        (Outbox { rank, outgoing: outgoing.clone(), threads: true }, Inbox { messages, engine: None })
+    };
+    (0..size).zip(ends).map(end).collect()
+}
 
-    /// Sends what is left and leaves the world, which all processes are to leave: this waits for them.
-    pub fn leave(mut self) {
-        self.outgoing.clear();
-        if let Some(engine) = self.engine.take() {
-            let _ = engine.join();
-        }
-    }
-
+impl Outbox {
     /// This process, from 0.
     pub fn rank(&self) -> u32 {
         self.rank
@@ -113,28 +104,38 @@ impl Mesh {
 
     /// Processes.
     pub fn size(&self) -> u32 {
-        self.size
+        self.outgoing.len() as u32
     }
 
     /// Sends `bytes` to process `to`, without waiting. Messages between two processes arrive in their order.
     ///
     /// # Errors
-    /// If the world has ended.
+    /// If there is no such process, or the world has ended.
     pub fn send(&self, to: u32, bytes: Vec<u8>) -> Result<(), MpiError> {
-        // In one process the receiver learns who sent; over MPI the engine learns whom to send to.
+        // Among threads the receiver is told who sent; over MPI the engine is told whom to send to.
         let named = if self.threads || to == self.rank { self.rank } else { to };
         let outgoing = self.outgoing.get(to as usize).ok_or(MpiError::Ended)?;
         outgoing.send((named, bytes)).map_err(|_| MpiError::Ended)
     }
+}
 
+impl Inbox {
     /// The next message and who sent it.
     ///
     /// # Errors
     /// If none comes within `patience`, or the world has ended.
     pub fn receive(&self, patience: Duration) -> Result<(u32, Vec<u8>), MpiError> {
-        self.inbox.recv_timeout(patience).map_err(|error| match error {
+        self.messages.recv_timeout(patience).map_err(|error| match error {
             RecvTimeoutError::Timeout => MpiError::Timeout(patience),
             RecvTimeoutError::Disconnected => MpiError::Ended,
         })
+    }
+
+    /// Leaves the world once all outboxes of this process are dropped and their messages sent. All processes are to leave: this
+    /// waits for them.
+    pub fn leave(self) {
+        if let Some(engine) = self.engine {
+            let _ = engine.join();
+        }
     }
 }

@@ -219,6 +219,26 @@ impl Backend {
         Ok(simd::raycast_pixels(self.level(), field, &shot(camera, width, height), pixels))
     }
 
+    /// Casts some `pixels` of that picture without its background: premultiplied color and transmittance of what the field has in
+    /// its own cells.
+    ///
+    /// # Errors
+    /// If the picture's size is out of bounds.
+    pub fn raycast_layers(
+        &self,
+        field: &Field,
+        camera: &Camera,
+        width: u32,
+        height: u32,
+        pixels: &[(u32, u32)],
+    ) -> Result<Vec<[f32; 4]>, Invalid> {
+        Image::check_size(width, height)?;
+        if !simd::fits(field) {
+            return Ok(reference::raycast_layers(field, camera, width, height, pixels));
+        }
+        Ok(simd::raycast_layers(self.level(), field, &shot(camera, width, height), pixels))
+    }
+
     /// Casts the reference samples that VDIs of time step `step` are compared with.
     ///
     /// # Errors

@@ -441,6 +441,9 @@ pub struct OpenRequest {
     /// The second field that every brick carries, for colors; absent: none.
     #[prost(message, optional, tag = "10")]
     pub color_field: ::core::option::Option<SecondField>,
+    /// Name of the simulation's host, for a group of nodes to choose a near member; empty: not known.
+    #[prost(string, tag = "11")]
+    pub host: ::prost::alloc::string::String,
 }
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct SecondField {
@@ -459,6 +462,10 @@ pub struct OpenReply {
     /// Abstract Unix socket through which a simulation on the same host shares memory with the node; empty: none.
     #[prost(string, tag = "3")]
     pub shared_memory: ::prost::alloc::string::String,
+    /// The member of a group that takes this rank's bricks, <http://HOST:PORT:> open there, with this run id as resume_run_id. Empty: this
+    /// node itself.
+    #[prost(string, tag = "4")]
+    pub member: ::prost::alloc::string::String,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct BrickHeader {
@@ -2697,5 +2704,164 @@ pub mod tuning_server {
     pub const SERVICE_NAME: &str = "lamina.v1.Tuning";
     impl<T> tonic::server::NamedService for TuningServer<T> {
         const NAME: &'static str = SERVICE_NAME;
+    }
+}
+/// A box of the run's sample points.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct GroupBox {
+    #[prost(uint64, tag = "1")]
+    pub x0: u64,
+    #[prost(uint64, tag = "2")]
+    pub y0: u64,
+    #[prost(uint64, tag = "3")]
+    pub z0: u64,
+    #[prost(uint64, tag = "4")]
+    pub nx: u64,
+    #[prost(uint64, tag = "5")]
+    pub ny: u64,
+    #[prost(uint64, tag = "6")]
+    pub nz: u64,
+}
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct GroupBoxes {
+    #[prost(message, repeated, tag = "1")]
+    pub boxes: ::prost::alloc::vec::Vec<GroupBox>,
+}
+/// A member to the root, once: where simulations reach it, and the name of its host.
+#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct GroupReady {
+    #[prost(string, tag = "1")]
+    pub address: ::prost::alloc::string::String,
+    #[prost(string, tag = "2")]
+    pub host: ::prost::alloc::string::String,
+}
+/// The root to a member: so many of the run's ranks are its own.
+#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct GroupRanks {
+    #[prost(string, tag = "1")]
+    pub run_id: ::prost::alloc::string::String,
+    #[prost(uint32, tag = "2")]
+    pub ranks: u32,
+}
+/// A member to the root: all bricks of its ranks are in.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct GroupArrival {
+    #[prost(string, tag = "1")]
+    pub run_id: ::prost::alloc::string::String,
+    #[prost(uint64, tag = "2")]
+    pub step: u64,
+    #[prost(double, tag = "3")]
+    pub time: f64,
+    #[prost(message, repeated, tag = "4")]
+    pub boxes: ::prost::alloc::vec::Vec<GroupBox>,
+}
+/// Which of the step's points of every `stride`-th index on all axes a member has: to choose a scene from. Answer: their bytes, box by
+/// box, x fastest, those of the second field behind those of the first.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct GroupSample {
+    #[prost(uint64, tag = "1")]
+    pub step: u64,
+    #[prost(uint32, tag = "2")]
+    pub stride: u32,
+}
+/// Members exchange ghost points and make a field of each of their boxes. Answer: the number of its own points that are not finite, u64.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct GroupPrepare {
+    #[prost(uint64, tag = "1")]
+    pub step: u64,
+    #[prost(message, optional, tag = "2")]
+    pub grid: ::core::option::Option<::lamina_message::v1::Grid>,
+    #[prost(enumeration = "::lamina_message::v1::VoxelType", tag = "3")]
+    pub voxel_type: i32,
+    #[prost(message, optional, tag = "4")]
+    pub color_field: ::core::option::Option<SecondField>,
+    #[prost(message, optional, tag = "5")]
+    pub scene: ::core::option::Option<::lamina_message::v1::Scene>,
+    /// Of each member.
+    #[prost(message, repeated, tag = "6")]
+    pub members: ::prost::alloc::vec::Vec<GroupBoxes>,
+}
+/// Members send each other the lists of their boxes by tile, and composite their own tile. Answer: its lists.
+#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+pub struct GroupGenerate {
+    #[prost(uint64, tag = "1")]
+    pub step: u64,
+    #[prost(message, optional, tag = "2")]
+    pub params: ::core::option::Option<GenerationParams>,
+    #[prost(bool, tag = "3")]
+    pub greedy: bool,
+}
+/// Answer: four f32 for each box, view and pixel of the plan's batches: premultiplied color and transmittance.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct GroupCast {
+    #[prost(uint64, tag = "1")]
+    pub step: u64,
+    #[prost(uint32, tag = "2")]
+    pub image_size: u32,
+    #[prost(uint32, tag = "3")]
+    pub tile: u32,
+    #[prost(uint32, tag = "4")]
+    pub batches: u32,
+    #[prost(double, repeated, tag = "5")]
+    pub angles_deg: ::prost::alloc::vec::Vec<f64>,
+    #[prost(uint32, tag = "6")]
+    pub first_batch: u32,
+    #[prost(uint32, tag = "7")]
+    pub cast_batches: u32,
+}
+/// A step is not needed any more. Not answered.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct GroupRelease {
+    #[prost(uint64, tag = "1")]
+    pub step: u64,
+}
+#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct GroupReply {
+    #[prost(bytes = "vec", tag = "1")]
+    pub payload: ::prost::alloc::vec::Vec<u8>,
+    /// Wall time, and bytes sent to other members.
+    #[prost(uint64, tag = "2")]
+    pub elapsed_ns: u64,
+    #[prost(uint64, tag = "3")]
+    pub sent_bytes: u64,
+    /// Why there is no answer, if there is none.
+    #[prost(string, tag = "4")]
+    pub failed: ::prost::alloc::string::String,
+}
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct GroupMessage {
+    /// Of the command that this belongs to.
+    #[prost(uint64, tag = "1")]
+    pub sequence: u64,
+    #[prost(oneof = "group_message::Kind", tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12")]
+    pub kind: ::core::option::Option<group_message::Kind>,
+}
+/// Nested message and enum types in `GroupMessage`.
+pub mod group_message {
+    #[derive(Clone, PartialEq, ::prost::Oneof)]
+    pub enum Kind {
+        #[prost(message, tag = "2")]
+        Ready(super::GroupReady),
+        #[prost(message, tag = "3")]
+        Ranks(super::GroupRanks),
+        #[prost(message, tag = "4")]
+        Arrival(super::GroupArrival),
+        #[prost(message, tag = "5")]
+        Sample(super::GroupSample),
+        #[prost(message, tag = "6")]
+        Prepare(super::GroupPrepare),
+        #[prost(message, tag = "7")]
+        Generate(super::GroupGenerate),
+        #[prost(message, tag = "8")]
+        Cast(super::GroupCast),
+        #[prost(message, tag = "9")]
+        Release(super::GroupRelease),
+        #[prost(message, tag = "10")]
+        Reply(super::GroupReply),
+        /// Between members: ghost points, and lists of a tile.
+        #[prost(bytes, tag = "11")]
+        Ghost(::prost::alloc::vec::Vec<u8>),
+        #[prost(bytes, tag = "12")]
+        Lists(::prost::alloc::vec::Vec<u8>),
     }
 }

@@ -5,6 +5,7 @@ pub mod connect;
 pub mod convert;
 #[cfg(feature = "daemon")]
 pub mod daemon;
+pub mod launcher;
 pub mod reference;
 
 pub use lamina_message::required;

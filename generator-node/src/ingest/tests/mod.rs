@@ -20,7 +20,17 @@ const IDLE: Duration = Duration::from_secs(30);
 fn spec(ranks: u32, full_policy: FullPolicy) -> RunSpec {
     let grid = Grid::new(DIMS.map(|d| d as usize), DVec3::ONE, DVec3::ZERO).unwrap();
     let (name, field) = ("blast".into(), "density".into());
-    RunSpec { name, field, grid, voxel_type: VoxelType::U16, ranks, full_policy, scene: None, color_field: None }
+    RunSpec {
+        name,
+        field,
+        grid,
+        voxel_type: VoxelType::U16,
+        ranks,
+        full_policy,
+        scene: None,
+        color_field: None,
+        members: 1,
+    }
 }
 
 /// A node with room for `waiting` steps, and the time of the test's start.

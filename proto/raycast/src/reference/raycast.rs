@@ -26,6 +26,17 @@ pub fn raycast_pixels(field: &Field, camera: &Camera, width: u32, height: u32, p
     pixels.par_iter().with_min_len(64).map(color).collect()
 }
 
+/// The same without a background: premultiplied color and transmittance of what the field has in its own cells.
+pub fn raycast_layers(field: &Field, camera: &Camera, width: u32, height: u32, pixels: &[(u32, u32)]) -> Vec<[f32; 4]> {
+    let march = RayMarcher::new(field, field.scene().step_length(field.grid()));
+    let layer = |&(i, j): &(u32, u32)| {
+        let light = cast(&march, &camera.pixel_ray(i, j, width, height));
+        let [r, g, b] = light.over([0.0; 3]);
+        [r, g, b, light.transmittance as f32]
+    };
+    pixels.par_iter().with_min_len(64).map(layer).collect()
+}
+
 fn cast(march: &RayMarcher, ray: &Ray) -> Accumulator {
     let mut light = Accumulator::default();
     march.samples(ray, |s| {

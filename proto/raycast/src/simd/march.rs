@@ -4,13 +4,13 @@
 //! computed in double precision like the oracle's. Lanes advance independently: those in empty bricks jump to the first
 //! sample beyond, those in visible bricks take the samples up to the nearest brick boundary.
 
+use super::own_cells::OwnCells;
 use crate::Field;
 use crate::volume::occupancy::BRICK;
 use crate::volume::transfer_lut::TransferLut;
 use glam::DVec3;
 use lamina_compute::simd::{Lanes, Pair, SimdF32, SimdI32, SimdMask, WIDTH};
 use lamina_model::{Camera, vdi};
-use std::ops::Range;
 
 /// Evaluates an expression for each axis. A macro, because the compiler may fail to inline a closure into the function that
 /// enables the instruction set, and then every operation becomes a call.
@@ -81,67 +81,6 @@ pub(super) struct VolumeSampler<'a, V> {
     pub table: &'a TransferLut,
 }
 
-/// The cells of a part of a grid.
-struct OwnCells {
-    /// First cell and the one behind the last, per axis.
-    cells: [[i32; 2]; 3],
-    /// Largest position in the whole grid, per axis.
-    last: [f32; 3],
-}
-
-impl OwnCells {
-    /// Leaves of the steps of eight rays, from `first` to `steps`, those whose samples lie in the cells.
-    fn restrict(
-        &self,
-        entry: &[[f32; WIDTH]; 3],
-        delta: &[[f32; WIDTH]; 3],
-        last_at: &[f32; WIDTH],
-        (first, steps): (&mut [i32; WIDTH], &mut [i32; WIDTH]),
-    ) {
-        for l in 0..WIDTH {
-            let mut range = first[l]..steps[l];
-            for a in 0..3 {
-                range = self.range(a, range, [entry[a][l], delta[a][l], last_at[l]]);
-            }
-            (first[l], steps[l]) = (range.start, range.end);
-        }
-    }
-
-    /// The steps of `range` whose samples lie between the cells of axis `a`, on a ray given by its entry, its change per step and
-    /// the place of its last sample. Cells rise or fall along a ray, also as rounded.
-    fn range(&self, a: usize, range: Range<i32>, [entry, delta, last_at]: [f32; 3]) -> Range<i32> {
-        if range.is_empty() {
-            return range;
-        }
-        let [low, high] = self.cells[a];
-        // As `RayPacket::position` and `VolumeSampler::cell` compute it.
-        let cell = |n: i32| (entry + (n as f32 + 0.5).min(last_at) * delta).max(0.0).min(self.last[a]) as i32;
-        let ends = [cell(range.start), cell(range.end - 1)];
-        if ends.iter().all(|c| (low..high).contains(c)) {
-            return range;
-        }
-        if ends.iter().all(|&c| c < low) || ends.iter().all(|&c| c >= high) {
-            return range.start..range.start;
-        }
-        // The first step of the range at which `reached` holds, near the one that crosses `edge`.
-        let first = |edge: i32, reached: &dyn Fn(i32) -> bool| {
-            let mut n = (((edge as f32 - entry) / delta - 0.5) as i32).clamp(range.start, range.end);
-            while n < range.end && !reached(n) {
-                n += 1;
-            }
-            while n > range.start && reached(n - 1) {
-                n -= 1;
-            }
-            n
-        };
-        if ends[0] <= ends[1] {
-            first(low, &|n| cell(n) >= low)..first(high, &|n| cell(n) >= high)
-        } else {
-            first(high, &|n| cell(n) < high)..first(low, &|n| cell(n) < low)
-        }
-    }
-}
-
 /// True if `VolumeSampler` supports `field`: two sample points or more per axis, and positions, slices and bricks that fit 24, 31
 /// and 31 bits.
 pub fn fits(field: &Field) -> bool {
@@ -170,10 +109,7 @@ impl<'a, V: Pair> VolumeSampler<'a, V> {
             last: std::array::from_fn(|a| ((start[a] + dims[a] - 1) as f32).next_down()),
             huge: voxels.len() >= 1 << 31,
             before: (start[2] * dims[1] + start[1]) * dims[0] + start[0],
-            own: (!part.is_whole()).then(|| OwnCells {
-                cells: part.cells().clone().map(|own| [own.start as i32, own.end as i32]),
-                last: field.grid().dims().map(|n| ((n - 1) as f32).next_down()),
-            }),
+            own: OwnCells::of(field.grid(), part),
             row: dims[0],
             slice: dims[0] * dims[1],
             scale,

@@ -55,11 +55,29 @@ fn by_lists(level: Level, field: &Field, shot: &Shot) -> Vec<[f32; 3]> {
 
 /// Casts some `pixels` (column, row) of the picture; returns their colors in order.
 pub fn raycast_pixels(level: Level, field: &Field, shot: &Shot, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
+    over_background(level, field, shot, field.scene().background, pixels)
+}
+
+/// The same without a background: premultiplied color and transmittance of what the field has in its own cells.
+pub fn raycast_layers(level: Level, field: &Field, shot: &Shot, pixels: &[(u32, u32)]) -> Vec<[f32; 4]> {
+    // What is black over black is white over white where nothing is in between.
+    let [black, white] = [0.0, 1.0].map(|c| over_background(level, field, shot, [c; 3], pixels));
+    let layer = |([r, g, b], white): ([f32; 3], [f32; 3])| [r, g, b, (white[1] - g).clamp(0.0, 1.0)];
+    black.into_iter().zip(white).map(layer).collect()
+}
+
+fn over_background(
+    level: Level,
+    field: &Field,
+    shot: &Shot,
+    background: [f32; 3],
+    pixels: &[(u32, u32)],
+) -> Vec<[f32; 3]> {
     let mut colors = vec![[0.0; 3]; pixels.len()];
     let table = table(field);
     let setup = RaySetup::new(field, shot.camera, shot.size, step_length(field));
     let effects = LaneEffects::new(field, shot.camera, &table, step_length(field));
-    let (effects, background) = (effects.as_ref(), field.scene().background);
+    let effects = effects.as_ref();
     let cast = CastParams { setup: &setup, effects, floor: shot.floor, background };
     for_stored!(field.stored(), v => {
         let sampler = VolumeSampler::new(field, v, &table);

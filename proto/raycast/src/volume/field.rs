@@ -104,8 +104,8 @@ impl Field {
         let unit = |x: f32| (scale * f64::from(x) + offset) as f32;
         let surfaces: Vec<f32> =
             scene.effects.isosurfaces.iter().map(|s| scene.transfer.range().unit_from_value(s.value)).collect();
-        let empty_space = for_stored!(&*stored, v => EmptySpaceMap::new((part.start(), part.dims()), v, scene.effects.look_beside(),
-            |lo, hi| {
+        let (points, beside) = ((part.start(), part.dims()), scene.effects.look_beside());
+        let empty_space = for_stored!(&*stored, v => EmptySpaceMap::new(points, v, beside, |lo, hi| {
             let (lo, hi) = (unit(lo), unit(hi));
             !scene.transfer.is_transparent(lo, hi) || surfaces.iter().any(|s| (lo..=hi).contains(s))
         }));

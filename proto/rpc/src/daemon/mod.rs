@@ -39,6 +39,9 @@ pub enum NodeError {
         /// The system's words.
         reason: std::io::Error,
     },
+    /// The system gives no thread.
+    #[error("no thread: {0}")]
+    Thread(std::io::Error),
     /// The transport failed while serving.
     #[error("serving: {0}")]
     Serve(#[from] tonic::transport::Error),

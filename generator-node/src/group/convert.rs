@@ -1,0 +1,148 @@
+//! Boxes, specs and plans of group messages.
+
+use crate::ingest::{GridBox, RunSpec};
+use lamina_model::{Grid, Invalid, SamplePlan, Scene, VoxelType};
+use lamina_raycast::GridPart;
+use lamina_rpc::{required, v1};
+use std::ops::Range;
+
+/// As a message.
+pub(super) fn box_message(b: &GridBox) -> v1::GroupBox {
+    let ([x0, y0, z0], [nx, ny, nz]) = (b.start().map(|n| n as u64), b.dims().map(|n| n as u64));
+    v1::GroupBox { x0, y0, z0, nx, ny, nz }
+}
+
+/// Boxes of `grid`.
+pub(super) fn boxes(messages: &[v1::GroupBox], grid: &Grid) -> Result<Vec<GridBox>, Invalid> {
+    messages.iter().map(|b| GridBox::new([b.x0, b.y0, b.z0], [b.nx, b.ny, b.nz], grid)).collect()
+}
+
+/// What all members make fields of.
+pub(super) struct Preparation {
+    pub grid: Grid,
+    pub voxel_type: VoxelType,
+    pub color_field: Option<(String, VoxelType)>,
+    pub scene: Scene,
+    /// Of each member.
+    pub members: Vec<Vec<GridBox>>,
+}
+
+impl Preparation {
+    /// Layers of points around a box that its samples need.
+    fn ghost(&self) -> usize {
+        // Shading looks a point further, effects half a step; clipped steps are sampled elsewhere in theirs.
+        if self.scene.effects.is_none() { 1 } else { 3 + self.scene.step_voxels.ceil().clamp(1.0, 64.0) as usize }
+    }
+
+    /// The parts of member `member`: its boxes, joined where two make up a larger one, as far as they have cells.
+    pub(super) fn parts(&self, member: usize) -> Result<Vec<GridPart>, Invalid> {
+        let part = |b: &GridBox| GridPart::of_points(&self.grid, b.start(), b.dims(), self.ghost()).transpose();
+        joined(self.members[member].clone()).iter().filter_map(part).collect()
+    }
+
+    /// As the command.
+    pub(super) fn message(&self, step: u64) -> v1::GroupPrepare {
+        let second = |(name, voxel_type): &(String, VoxelType)| v1::SecondField {
+            name: name.clone(),
+            voxel_type: v1::VoxelType::from(*voxel_type).into(),
+        };
+        let boxes = |b: &Vec<GridBox>| v1::GroupBoxes { boxes: b.iter().map(box_message).collect() };
+        v1::GroupPrepare {
+            step,
+            grid: Some((&self.grid).into()),
+            voxel_type: v1::VoxelType::from(self.voxel_type).into(),
+            color_field: self.color_field.as_ref().map(second),
+            scene: Some((&self.scene).into()),
+            members: self.members.iter().map(boxes).collect(),
+        }
+    }
+
+    /// Of the command.
+    pub(super) fn read(message: v1::GroupPrepare) -> Result<Self, Invalid> {
+        let grid = required(message.grid, "grid")?.try_into()?;
+        let second = |f: &v1::SecondField| Ok::<_, Invalid>((f.name.clone(), f.voxel_type().try_into()?));
+        Ok(Self {
+            voxel_type: message.voxel_type().try_into()?,
+            color_field: message.color_field.as_ref().map(second).transpose()?,
+            scene: required(message.scene, "scene")?.try_into()?,
+            members: message.members.iter().map(|m| boxes(&m.boxes, &grid)).collect::<Result<_, _>>()?,
+            grid,
+        })
+    }
+
+    /// Of a run.
+    pub(super) fn of_run(spec: &RunSpec, scene: Scene, members: Vec<Vec<GridBox>>) -> Self {
+        let RunSpec { grid, voxel_type, color_field, .. } = spec;
+        Self { grid: *grid, voxel_type: *voxel_type, color_field: color_field.clone(), scene, members }
+    }
+}
+
+/// The most boxes of a member among which pairs are looked for.
+const MOST_JOINED: usize = 1024;
+
+/// `boxes` with those joined that share a whole face: fewer faces cut fewer rays.
+fn joined(mut boxes: Vec<GridBox>) -> Vec<GridBox> {
+    if boxes.len() > MOST_JOINED {
+        return boxes;
+    }
+    let mut n = 0;
+    while n < boxes.len() {
+        let union = (n + 1..boxes.len()).find_map(|m| Some((m, boxes[n].union(&boxes[m])?)));
+        match union {
+            Some((m, union)) => {
+                boxes.swap_remove(m);
+                boxes[n] = union;
+                // A larger box may fit to those before it.
+                n = 0;
+            }
+            None => n += 1,
+        }
+    }
+    boxes
+}
+
+/// The command to cast some batches of a plan.
+pub(super) fn cast_message(step: u64, plan: &SamplePlan, batches: &Range<u32>) -> v1::GroupCast {
+    v1::GroupCast {
+        step,
+        image_size: plan.image_size,
+        tile: plan.tile,
+        batches: plan.batches,
+        angles_deg: plan.angles_deg.clone(),
+        first_batch: batches.start,
+        cast_batches: batches.len() as u32,
+    }
+}
+
+/// Of the command.
+pub(super) fn read_cast(message: v1::GroupCast) -> Result<(SamplePlan, Range<u32>), Invalid> {
+    let v1::GroupCast { image_size, tile, batches, angles_deg, first_batch, cast_batches, .. } = message;
+    let plan = SamplePlan { image_size, tile, batches, angles_deg }.check()?;
+    let end = first_batch.checked_add(cast_batches).filter(|end| *end <= plan.batches);
+    let end = end.ok_or_else(|| Invalid::new("batches", format!("{first_batch} and {cast_batches} more")))?;
+    Ok((plan, first_batch..end))
+}
+
+/// Rows of member `member`'s tile of an image of `resolution` rows.
+pub(super) fn tile(resolution: u32, member: u32, members: u32) -> Range<u32> {
+    let row = |n: u32| (u64::from(resolution) * u64::from(n) / u64::from(members)) as u32;
+    row(member)..row(member + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn boxes_that_make_up_a_larger_one_are_joined_and_others_are_left() {
+        let grid = Grid::new([8; 3], DVec3::ONE, DVec3::ZERO).unwrap();
+        let at = |start, dims| GridBox::new(start, dims, &grid).unwrap();
+        let l = vec![at([0; 3], [8, 3, 8]), at([0, 3, 0], [4, 5, 8])];
+        assert_eq!(joined(l.clone()), l);
+        let corner = vec![at([4, 3, 0], [4, 5, 6]), at([4, 3, 6], [4, 5, 2])];
+        assert_eq!(joined([l, corner].concat()), [at([0; 3], [8; 3])]);
+        let apart = vec![at([0; 3], [8, 8, 2]), at([0, 0, 3], [8, 8, 2])];
+        assert_eq!(joined(apart.clone()), apart);
+    }
+}

@@ -1,0 +1,347 @@
+//! A member at work: carries out the root's commands on the bricks of its own ranks.
+
+use super::convert::{Preparation, boxes, read_cast, tile};
+use super::{Kind, lists, send, window};
+use crate::ingest::{BrickBytes, GridBox, RunSpec};
+use glam::DVec3;
+use lamina_model::{GenerationParams, Grid, Invalid, Scene, Segmentation, Volume, VoxelType, Voxels};
+use lamina_mpi::Outbox;
+use lamina_raycast::{Backend, Compositor, Field, RowBand};
+use lamina_rpc::v1;
+use parking_lot::Mutex;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+use std::sync::mpsc::Receiver;
+use std::time::{Duration, Instant};
+
+/// The longest that a member waits for what another one owes it.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A member's bricks of a step.
+#[derive(Debug)]
+pub(crate) struct HeldStep {
+    /// What the simulation says of the run.
+    pub spec: RunSpec,
+    /// The bricks of all its ranks.
+    pub bricks: Vec<(GridBox, BrickBytes)>,
+}
+
+/// Whole steps that wait for the root's commands.
+pub(crate) type HeldSteps = Arc<Mutex<BTreeMap<u64, HeldStep>>>;
+
+/// PartFields of a step.
+struct PartFields {
+    grid: Grid,
+    scene: Scene,
+    parts: Vec<Field>,
+}
+
+/// The executor.
+pub(crate) struct Member {
+    outbox: Outbox,
+    inbox: Receiver<(u32, v1::GroupMessage)>,
+    /// What came before it was asked for.
+    early: VecDeque<(u32, v1::GroupMessage)>,
+    held: HeldSteps,
+    fields: BTreeMap<u64, PartFields>,
+    backend: Backend,
+    /// Bytes sent to other members for the command at hand.
+    sent_bytes: u64,
+}
+
+fn missing(step: u64) -> Invalid {
+    Invalid::new("group", format!("this member has nothing of step {step}"))
+}
+
+impl Member {
+    pub(crate) fn new(
+        outbox: Outbox,
+        inbox: Receiver<(u32, v1::GroupMessage)>,
+        held: HeldSteps,
+        backend: Backend,
+    ) -> Self {
+        let (early, fields) = (VecDeque::new(), BTreeMap::new());
+        Self { outbox, inbox, early, held, fields, backend, sent_bytes: 0 }
+    }
+
+    /// Works until nobody sends any more.
+    pub(crate) fn run(mut self) {
+        loop {
+            let next = self.early.iter().position(|(_, m)| !is_between_members(m));
+            let (from, message) = match next.and_then(|n| self.early.remove(n)) {
+                Some(early) => early,
+                None => match self.inbox.recv() {
+                    Ok(arrived) if is_between_members(&arrived.1) => {
+                        self.early.push_back(arrived);
+                        continue;
+                    }
+                    Ok(arrived) => arrived,
+                    Err(_) => return,
+                },
+            };
+            self.obey(from, message);
+        }
+    }
+
+    fn obey(&mut self, from: u32, message: v1::GroupMessage) {
+        let (sequence, begun) = (message.sequence, Instant::now());
+        self.sent_bytes = 0;
+        // What was for commands before this one, which then failed.
+        self.early.retain(|(_, m)| m.sequence >= sequence);
+        let outcome = match message.kind {
+            Some(Kind::Prepare(command)) => self.prepare(sequence, command),
+            Some(Kind::Generate(command)) => self.generate(sequence, command),
+            Some(Kind::Cast(command)) => self.cast(command),
+            Some(Kind::Sample(command)) => self.sample(&command),
+            Some(Kind::Release(v1::GroupRelease { step })) => {
+                self.fields.remove(&step);
+                self.held.lock().retain(|held, _| *held > step);
+                return;
+            }
+            _ => return,
+        };
+        let elapsed_ns = begun.elapsed().as_nanos() as u64;
+        let (payload, failed) = match outcome {
+            Ok(payload) => (payload, String::new()),
+            Err(error) => (Vec::new(), error.to_string()),
+        };
+        let reply = v1::GroupReply { payload, elapsed_ns, sent_bytes: self.sent_bytes, failed };
+        send(&self.outbox, from, sequence, Kind::Reply(reply));
+    }
+
+    /// To another member.
+    fn tell(&mut self, to: u32, sequence: u64, kind: Kind) {
+        self.sent_bytes += match &kind {
+            Kind::Ghost(bytes) | Kind::Lists(bytes) => bytes.len() as u64,
+            _ => 0,
+        };
+        send(&self.outbox, to, sequence, kind);
+    }
+
+    /// What `take` takes of the messages of command `sequence` from all `members`.
+    fn gather(
+        &mut self,
+        sequence: u64,
+        mut members: Vec<u32>,
+        take: fn(&Kind) -> Option<&[u8]>,
+    ) -> Result<Vec<(u32, Vec<u8>)>, Invalid> {
+        let (mut gathered, until) = (Vec::new(), Instant::now() + PATIENCE);
+        let mut early = std::mem::take(&mut self.early);
+        while !members.is_empty() {
+            let arrived = match early.pop_front() {
+                Some(arrived) => arrived,
+                None => {
+                    let left = until.saturating_duration_since(Instant::now());
+                    self.inbox.recv_timeout(left).map_err(|_| {
+                        Invalid::new("group", format!("members {members:?} sent nothing within {PATIENCE:?}"))
+                    })?
+                }
+            };
+            let (from, message) = &arrived;
+            let bytes = message.kind.as_ref().and_then(take).filter(|_| message.sequence == sequence);
+            match (bytes, members.iter().position(|m| m == from)) {
+                (Some(bytes), Some(n)) => {
+                    gathered.push((*from, bytes.to_vec()));
+                    members.swap_remove(n);
+                }
+                _ => self.early.push_back(arrived),
+            }
+        }
+        self.early.extend(early);
+        gathered.sort_by_key(|(from, _)| *from);
+        Ok(gathered)
+    }
+
+    /// Exchanges ghost points, and makes a field of each box.
+    fn prepare(&mut self, sequence: u64, command: v1::GroupPrepare) -> Result<Vec<u8>, Invalid> {
+        let step = command.step;
+        let preparation = Preparation::read(command)?;
+        let (me, members) = (self.outbox.rank() as usize, preparation.members.len());
+        let held = self.held.lock().remove(&step);
+        let bricks = match held {
+            Some(held) => held.bricks,
+            None if preparation.members[me].is_empty() => Vec::new(),
+            None => return Err(missing(step)),
+        };
+        if bricks.iter().map(|(b, _)| *b).ne(preparation.members[me].iter().copied()) {
+            return Err(Invalid::new("group", format!("step {step}: these are not the bricks that were announced")));
+        }
+        let windows_of = |member: usize| -> Result<Vec<GridBox>, Invalid> {
+            let parts = preparation.parts(member)?;
+            let place = |p: &lamina_raycast::GridPart| {
+                GridBox::new(p.start().map(|n| n as u64), p.dims().map(|n| n as u64), &preparation.grid)
+            };
+            parts.iter().map(place).collect()
+        };
+        let windows = (0..members).map(windows_of).collect::<Result<Vec<_>, _>>()?;
+        let second = preparation.color_field.as_ref().map(|(_, t)| *t);
+        let types: Vec<VoxelType> = std::iter::once(preparation.voxel_type).chain(second).collect();
+        // Each field's own bytes of each brick.
+        let first_bytes = |b: &GridBox| b.voxels() * preparation.voxel_type.size_bytes();
+        let field = |n: usize| -> Vec<(GridBox, Vec<u8>)> {
+            let part = |(b, bytes): &(GridBox, BrickBytes)| {
+                let (first, second) = bytes.split_at(first_bytes(b));
+                (*b, if n == 0 { first } else { second }.to_vec())
+            };
+            bricks.iter().map(part).collect()
+        };
+        let own: Vec<Vec<(GridBox, Vec<u8>)>> = (0..types.len()).map(field).collect();
+        let meet = |windows: &[GridBox], boxes: &[GridBox]| {
+            windows.iter().any(|w| boxes.iter().any(|b| w.intersection(b).is_some()))
+        };
+        let mine = preparation.members[me].clone();
+        for other in (0..members).filter(|&other| other != me && meet(&windows[other], &mine)) {
+            let of_fields = own.iter().zip(&types).map(|(own, t)| window::ghosts(&windows[other], own, t.size_bytes()));
+            let bytes: Vec<u8> = of_fields.flatten().collect();
+            self.tell(other as u32, sequence, Kind::Ghost(bytes));
+        }
+        let owing = (0..members).filter(|&other| other != me && meet(&windows[me], &preparation.members[other]));
+        let ghosts = self.gather(sequence, owing.map(|m| m as u32).collect(), ghost_points)?;
+        let mut filled = Vec::new();
+        let mut consumed = vec![0; ghosts.len()];
+        for (own, voxel_type) in own.iter().zip(&types) {
+            let size = voxel_type.size_bytes();
+            let empty = |w: &GridBox| (*w, vec![0; w.voxels() * size]);
+            let mut of_field: Vec<(GridBox, Vec<u8>)> = windows[me].iter().map(empty).collect();
+            let whole = window::ghosts(&windows[me], own, size);
+            let mut complete = window::fill(&mut of_field, &mine, size, &whole);
+            for ((from, bytes), consumed) in ghosts.iter().zip(&mut consumed) {
+                let boxes = &preparation.members[*from as usize];
+                let points = windows[me].iter().flat_map(|w| boxes.iter().filter_map(|b| w.intersection(b)));
+                let length = points.map(|b| b.voxels()).sum::<usize>() * size;
+                let part = bytes.get(*consumed..*consumed + length).unwrap_or_default();
+                complete &= window::fill(&mut of_field, boxes, size, part);
+                *consumed += length;
+            }
+            if !complete {
+                return Err(Invalid::new("group", format!("step {step}: ghost points of another kind arrived")));
+            }
+            filled.push(of_field.into_iter().map(|(_, bytes)| Voxels::from_le_bytes(*voxel_type, &bytes)));
+        }
+        drop(bricks);
+        let not_finite: u64 = own[0].iter().map(|(_, bytes)| not_finite(preparation.voxel_type, bytes)).sum();
+        let (parts, mut fields) = (preparation.parts(me)?, Vec::new());
+        for part in parts {
+            let grid = Grid::new(part.dims(), preparation.grid.spacing(), DVec3::ZERO)?;
+            let mut next = filled.iter_mut().filter_map(Iterator::next);
+            let Some(voxels) = next.next() else { return Err(missing(step)) };
+            let mut volume = Volume::new(grid, voxels)?;
+            if let (Some((name, _)), Some(colors)) = (&preparation.color_field, next.next()) {
+                volume = volume.with_color_field(name, colors)?;
+            }
+            fields.push(Field::part(volume, (preparation.grid, part), &preparation.scene)?);
+        }
+        let Preparation { grid, scene, .. } = preparation;
+        self.fields.insert(step, PartFields { grid, scene, parts: fields });
+        Ok(not_finite.to_le_bytes().to_vec())
+    }
+
+    /// Makes the lists of its boxes, and of all boxes those of its tile.
+    fn generate(&mut self, sequence: u64, command: v1::GroupGenerate) -> Result<Vec<u8>, Invalid> {
+        let v1::GroupGenerate { step, params, greedy } = command;
+        let segmentation = if greedy { Segmentation::Greedy } else { Segmentation::Fitted };
+        let params = match GenerationParams::try_from(lamina_rpc::required(params, "params")?)? {
+            GenerationParams::Vdi(params) => params,
+            GenerationParams::Volume(_) => {
+                return Err(Invalid::new("representation", "a group generates VDIs; a reduced volume needs one node"));
+            }
+        };
+        let fields = self.fields.get(&step).ok_or_else(|| missing(step))?;
+        let compositor = Compositor::new(&fields.grid, &fields.scene, &params, segmentation)?;
+        let generate = |field: &Field| self.backend.generate(field, compositor.part_params(), Segmentation::Greedy);
+        let made = fields.parts.iter().map(|f| Ok(generate(f)?.0)).collect::<Result<Vec<_>, Invalid>>()?;
+        let (me, members) = (self.outbox.rank(), self.outbox.size());
+        for other in (0..members).filter(|&other| other != me) {
+            let rows = tile(params.resolution(), other, members);
+            let mut bytes = Vec::new();
+            made.iter().for_each(|vdi| lists::write(&RowBand::of_rows(vdi, rows.clone()), &mut bytes));
+            self.tell(other, sequence, Kind::Lists(bytes));
+        }
+        let rows = tile(params.resolution(), me, members);
+        let mut bands: Vec<RowBand> = made.iter().map(|vdi| RowBand::of_rows(vdi, rows.clone())).collect();
+        drop(made);
+        let others = (0..members).filter(|&other| other != me).collect();
+        for (_, bytes) in self.gather(sequence, others, lists_of_tile)? {
+            let mut rest = &bytes[..];
+            while !rest.is_empty() {
+                bands.push(lists::read(&mut rest)?);
+            }
+        }
+        let mut out = Vec::new();
+        lists::write(&compositor.rows(rows, &bands)?, &mut out);
+        Ok(out)
+    }
+
+    /// Casts pixels through each of its boxes.
+    fn cast(&mut self, command: v1::GroupCast) -> Result<Vec<u8>, Invalid> {
+        let step = command.step;
+        let (plan, batches) = read_cast(command)?;
+        let fields = self.fields.get(&step).ok_or_else(|| missing(step))?;
+        let (cameras, size) = (plan.test_cameras(&fields.scene.camera)?, plan.image_size);
+        let mut out = Vec::new();
+        for field in &fields.parts {
+            for (v, camera) in cameras.iter().enumerate() {
+                let pixels: Vec<_> = batches.clone().flat_map(|b| plan.pixels(v, b)).collect();
+                let layers = self.backend.raycast_layers(field, camera, size, size, &pixels)?;
+                out.extend(layers.iter().flatten().flat_map(|x| x.to_le_bytes()));
+            }
+        }
+        Ok(out)
+    }
+
+    /// The points of the command's lattice.
+    fn sample(&mut self, command: &v1::GroupSample) -> Result<Vec<u8>, Invalid> {
+        let held = self.held.lock();
+        let step = held.get(&command.step).ok_or_else(|| missing(command.step))?;
+        let sizes = std::iter::once(step.spec.voxel_type).chain(step.spec.color_field.as_ref().map(|(_, t)| *t));
+        let mut out = Vec::new();
+        for (brick, bytes) in &step.bricks {
+            let mut before = 0;
+            for size in sizes.clone().map(VoxelType::size_bytes) {
+                let [nx, ny, _] = brick.dims();
+                for [x, y, z] in lattice(brick, command.stride) {
+                    let [x, y, z] = [x - brick.start()[0], y - brick.start()[1], z - brick.start()[2]];
+                    let at = before + ((z * ny + y) * nx + x) * size;
+                    out.extend_from_slice(&bytes[at..at + size]);
+                }
+                before += brick.voxels() * size;
+            }
+        }
+        Ok(out)
+    }
+}
+
+fn ghost_points(kind: &Kind) -> Option<&[u8]> {
+    if let Kind::Ghost(bytes) = kind { Some(bytes) } else { None }
+}
+
+fn lists_of_tile(kind: &Kind) -> Option<&[u8]> {
+    if let Kind::Lists(bytes) = kind { Some(bytes) } else { None }
+}
+
+fn is_between_members(message: &v1::GroupMessage) -> bool {
+    matches!(message.kind, Some(Kind::Ghost(_) | Kind::Lists(_)))
+}
+
+/// Points of a box whose index is a multiple of `stride` on all axes, x fastest.
+pub(super) fn lattice(of: &GridBox, stride: u32) -> impl Iterator<Item = [usize; 3]> {
+    let stride = stride.max(1) as usize;
+    let (start, dims) = (of.start(), of.dims());
+    let axis = move |a: usize| (start[a].div_ceil(stride) * stride..start[a] + dims[a]).step_by(stride);
+    axis(2).flat_map(move |z| axis(1).flat_map(move |y| axis(0).map(move |x| [x, y, z])))
+}
+
+/// The number of points that are NaN or infinite.
+fn not_finite(voxel_type: VoxelType, bytes: &[u8]) -> u64 {
+    match Voxels::from_le_bytes(voxel_type, bytes) {
+        Voxels::F16(v) => v.iter().filter(|x| !x.is_finite()).count() as u64,
+        Voxels::F32(v) => v.iter().filter(|x| !x.is_finite()).count() as u64,
+        Voxels::F64(v) => v.iter().filter(|x| !x.is_finite()).count() as u64,
+        _ => 0,
+    }
+}
+
+/// Boxes of a member as it announces them.
+pub(super) fn boxes_of(arrival: &v1::GroupArrival, grid: &Grid) -> Result<Vec<GridBox>, Invalid> {
+    boxes(&arrival.boxes, grid)
+}

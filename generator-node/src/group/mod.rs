@@ -1,0 +1,135 @@
+//! A group of generator-nodes under MPI: each holds the bricks of some ranks, and all together make one VDI (sort-last, direct-send).
+//!
+//! The root commands, all members (the root among them) obey, in the order of the commands. Nothing here is in a simulation's way:
+//! its ranks hand their bricks to one member each, and go on.
+
+mod convert;
+mod door;
+mod lists;
+mod member;
+mod root;
+#[cfg(test)]
+mod tests;
+mod window;
+
+pub(crate) use door::{Door, GroupArrived};
+pub(crate) use member::{HeldStep, HeldSteps, Member};
+pub(crate) use root::{GroupField, Root};
+
+use crate::Config;
+use crate::ingest::Ingest;
+use lamina_mpi::{Inbox, MpiError, Outbox};
+use lamina_rpc::v1;
+use lamina_rpc::v1::group_message::Kind;
+use prost::Message as _;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::Duration;
+
+/// Hands a member's whole steps over to the group: they are held here, and the root is told. For ever.
+pub(crate) async fn announce(ingest: Arc<Ingest>, held: HeldSteps, outbox: Outbox) {
+    loop {
+        ingest.complete().await;
+        // Where the simulation is to wait, it waits for the group's work on the steps before.
+        while ingest.blocks() && held.lock().len() >= MOST_HELD {
+            tokio::time::sleep(WHILE_FULL).await;
+        }
+        let Some(complete) = ingest.take() else { continue };
+        let boxes = complete.boxes().map(convert::box_message).collect();
+        let (run_id, step, time) = (complete.run_id.clone(), complete.step, complete.time);
+        let (spec, bricks) = complete.into_bricks();
+        {
+            let mut held = held.lock();
+            held.insert(step, HeldStep { spec, bricks });
+            while held.len() > MOST_HELD {
+                held.pop_first();
+            }
+        }
+        send(&outbox, 0, 0, Kind::Arrival(v1::GroupArrival { run_id, step, time, boxes }));
+    }
+}
+
+/// Where this member can be reached.
+pub(crate) fn ready(config: &Config, listener: &tokio::net::TcpListener) -> v1::GroupReady {
+    let host = lamina_rpc::connect::host_name();
+    let address = listener.local_addr().unwrap_or(config.listen);
+    let reached = if address.ip().is_unspecified() { host.clone() } else { address.ip().to_string() };
+    v1::GroupReady { address: format!("http://{reached}:{}", address.port()), host }
+}
+
+/// Pause before a full member looks again.
+const WHILE_FULL: Duration = Duration::from_millis(2);
+
+/// Whole steps that a member holds until the root asks for one.
+const MOST_HELD: usize = 4;
+
+/// What the root hears of members unasked.
+#[derive(Debug)]
+pub(crate) enum MemberEvent {
+    /// A member can be reached.
+    Ready(u32, v1::GroupReady),
+    /// A member has all bricks of its ranks.
+    Arrival(u32, v1::GroupArrival),
+    /// The root tells this member how many ranks it has.
+    Ranks(v1::GroupRanks),
+}
+
+/// Where messages go in this process.
+pub(crate) struct Channels {
+    /// Commands, and what members tell each other.
+    pub member: Receiver<(u32, v1::GroupMessage)>,
+    /// Answers to the root.
+    pub replies: Receiver<root::Answer>,
+    /// What the root hears unasked, and the other way round.
+    pub events: tokio::sync::mpsc::UnboundedReceiver<MemberEvent>,
+}
+
+/// Sends a message; one that cannot be sent is waited for in vain, and that is said where it is waited for.
+pub(crate) fn send(outbox: &Outbox, to: u32, sequence: u64, kind: Kind) {
+    let message = v1::GroupMessage { sequence, kind: Some(kind) };
+    if let Err(error) = outbox.send(to, message.encode_to_vec()) {
+        tracing::warn!(to, %error, "group");
+    }
+}
+
+/// Sorts what comes, on a thread of its own, until the world ends.
+pub(crate) fn receive(inbox: Inbox) -> Channels {
+    let (to_member, member) = channel();
+    let (to_root, replies) = channel();
+    let (to_node, events) = tokio::sync::mpsc::unbounded_channel();
+    std::thread::spawn(move || {
+        loop {
+            match inbox.receive(Duration::from_secs(3600)) {
+                Ok((from, bytes)) => {
+                    let Ok(message) = v1::GroupMessage::decode(&bytes[..]) else {
+                        tracing::error!(from, "group: a message of another version");
+                        continue;
+                    };
+                    if !sort(from, message, &to_member, &to_root, &to_node) {
+                        return;
+                    }
+                }
+                Err(MpiError::Timeout(_)) => {}
+                Err(_) => return,
+            }
+        }
+    });
+    Channels { member, replies, events }
+}
+
+/// Passes one message on; false if nobody is there any more.
+fn sort(
+    from: u32,
+    message: v1::GroupMessage,
+    member: &Sender<(u32, v1::GroupMessage)>,
+    root: &Sender<root::Answer>,
+    node: &tokio::sync::mpsc::UnboundedSender<MemberEvent>,
+) -> bool {
+    match message.kind {
+        Some(Kind::Reply(reply)) => root.send((from, message.sequence, reply)).is_ok(),
+        Some(Kind::Ready(ready)) => node.send(MemberEvent::Ready(from, ready)).is_ok(),
+        Some(Kind::Arrival(arrival)) => node.send(MemberEvent::Arrival(from, arrival)).is_ok(),
+        Some(Kind::Ranks(ranks)) => node.send(MemberEvent::Ranks(ranks)).is_ok(),
+        _ => member.send((from, message)).is_ok(),
+    }
+}

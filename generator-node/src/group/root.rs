@@ -1,0 +1,215 @@
+//! The root: commands to all members, and a step's field in parts as if it were one.
+
+use super::convert::{Preparation, cast_message};
+use super::member::lattice;
+use super::{Kind, lists, send};
+use crate::ingest::{GridBox, RunSpec};
+use glam::DVec3;
+use lamina_model::{
+    Aabb, Grid, Intermediate, Invalid, ReferenceSamples, SamplePlan, Scene, Segmentation, VdiParams, Volume, VoxelType,
+    Voxels,
+};
+use lamina_mpi::Outbox;
+use lamina_raycast::{Compositor, GridPart};
+use lamina_rpc::v1;
+use parking_lot::Mutex;
+use std::ops::Range;
+use std::sync::Arc;
+use std::sync::mpsc::Receiver;
+use std::time::{Duration, Instant};
+
+/// The longest that members may take to answer a command: longer than they wait for each other.
+const PATIENCE: Duration = Duration::from_secs(90);
+
+/// The most points of a coarse volume on a side.
+const COARSE_POINTS: usize = 64;
+
+/// Who answers, to which command, and what.
+pub(super) type Answer = (u32, u64, v1::GroupReply);
+
+/// The root's end of a group.
+pub(crate) struct Root {
+    outbox: Outbox,
+    /// One command at a time: its number, and where its answers come.
+    asking: Mutex<(u64, Receiver<Answer>)>,
+}
+
+impl Root {
+    pub(crate) fn new(outbox: Outbox, replies: Receiver<Answer>) -> Self {
+        Self { outbox, asking: Mutex::new((0, replies)) }
+    }
+
+    /// Sends a command to all members; their answers in order, and the time that the slowest took.
+    fn ask(&self, kind: &Kind) -> Result<(Vec<v1::GroupReply>, Duration), Invalid> {
+        let mut asking = self.asking.lock();
+        let (sequence, replies) = &mut *asking;
+        *sequence += 1;
+        for member in 0..self.outbox.size() {
+            send(&self.outbox, member, *sequence, kind.clone());
+        }
+        let mut answers: Vec<Option<v1::GroupReply>> = vec![None; self.outbox.size() as usize];
+        let until = Instant::now() + PATIENCE;
+        while answers.iter().any(Option::is_none) {
+            let left = until.saturating_duration_since(Instant::now());
+            let Ok((from, of, reply)) = replies.recv_timeout(left) else {
+                let silent: Vec<usize> = (0..answers.len()).filter(|&n| answers[n].is_none()).collect();
+                let why = format!("members {silent:?} did not answer within {PATIENCE:?}; restart the group");
+                return Err(Invalid::new("group", why));
+            };
+            if of == *sequence {
+                answers[from as usize] = Some(reply);
+            }
+        }
+        let answers: Vec<v1::GroupReply> = answers.into_iter().flatten().collect();
+        if let Some((member, reply)) = answers.iter().enumerate().find(|(_, reply)| !reply.failed.is_empty()) {
+            return Err(Invalid::new("group", format!("member {member}: {}", reply.failed)));
+        }
+        let slowest = answers.iter().map(|reply| Duration::from_nanos(reply.elapsed_ns)).max();
+        Ok((answers, slowest.unwrap_or_default()))
+    }
+
+    /// The step on a lattice so coarse that it has few points, to choose a scene from.
+    pub(crate) fn coarse(&self, step: u64, spec: &RunSpec, members: &[Vec<GridBox>]) -> Result<Volume, Invalid> {
+        let grid = &spec.grid;
+        let stride = grid.dims().into_iter().max().unwrap_or(1).div_ceil(COARSE_POINTS).max(1);
+        let dims = grid.dims().map(|n| n.div_ceil(stride));
+        let coarse = Grid::new(dims, grid.spacing() * stride as f64, grid.origin())?;
+        let (answers, _) = self.ask(&Kind::Sample(v1::GroupSample { step, stride: stride as u32 }))?;
+        let types: Vec<VoxelType> =
+            std::iter::once(spec.voxel_type).chain(spec.color_field.as_ref().map(|(_, t)| *t)).collect();
+        let mut fields: Vec<Vec<u8>> = types.iter().map(|t| vec![0; coarse.voxels() * t.size_bytes()]).collect();
+        for (boxes, answer) in members.iter().zip(answers) {
+            let mut rest = &answer.payload[..];
+            for b in boxes {
+                for (field, size) in fields.iter_mut().zip(types.iter().map(|t| t.size_bytes())) {
+                    for [x, y, z] in lattice(b, stride as u32) {
+                        let short = || Invalid::new("group", "points of another member end early");
+                        let (point, others) = rest.split_at_checked(size).ok_or_else(short)?;
+                        let at = ((z / stride * dims[1] + y / stride) * dims[0] + x / stride) * size;
+                        field[at..at + size].copy_from_slice(point);
+                        rest = others;
+                    }
+                }
+            }
+        }
+        let volume = Volume::new(coarse, Voxels::from_le_bytes(types[0], &fields[0]))?;
+        match &spec.color_field {
+            Some((name, t)) => volume.with_color_field(name, Voxels::from_le_bytes(*t, &fields[1])),
+            None => Ok(volume),
+        }
+    }
+}
+
+/// A step whose field is in parts at all members; they forget it when this is dropped.
+pub(crate) struct GroupField {
+    root: Arc<Root>,
+    step: u64,
+    grid: Grid,
+    scene: Scene,
+    /// Of all members, in their order.
+    parts: Vec<GridPart>,
+    empty_voxels: u64,
+}
+
+impl GroupField {
+    /// Lets all members prepare the step whose boxes are those of `members`.
+    pub(crate) fn prepare(
+        root: &Arc<Root>,
+        step: u64,
+        spec: &RunSpec,
+        scene: Scene,
+        members: Vec<Vec<GridBox>>,
+    ) -> Result<Self, Invalid> {
+        let preparation = Preparation::of_run(spec, scene, members);
+        let (answers, _) = root.ask(&Kind::Prepare(preparation.message(step)))?;
+        let number = |reply: &v1::GroupReply| reply.payload.first_chunk().map_or(0, |bytes| u64::from_le_bytes(*bytes));
+        let empty_voxels = answers.iter().map(number).sum();
+        let parts = (0..preparation.members.len()).map(|member| preparation.parts(member));
+        let parts = parts.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
+        let Preparation { grid, scene, .. } = preparation;
+        Ok(Self { root: root.clone(), step, grid, scene, parts, empty_voxels })
+    }
+
+    /// Voxels that are NaN or infinite.
+    pub(crate) fn empty_voxels(&self) -> u64 {
+        self.empty_voxels
+    }
+
+    /// The VDI of the whole, and the time that the slowest member took.
+    pub(crate) fn generate(
+        &self,
+        params: &VdiParams,
+        segmentation: Segmentation,
+    ) -> Result<(Intermediate, Duration), Invalid> {
+        let compositor = Compositor::new(&self.grid, &self.scene, params, segmentation)?;
+        let command = v1::GroupGenerate {
+            step: self.step,
+            params: Some((&lamina_model::GenerationParams::Vdi(*params)).into()),
+            greedy: segmentation == Segmentation::Greedy,
+        };
+        let (tiles, slowest) = self.root.ask(&Kind::Generate(command))?;
+        let bands = tiles.iter().map(|tile| lists::read(&mut &tile.payload[..])).collect::<Result<Vec<_>, _>>()?;
+        Ok((Intermediate::Vdi(Box::new(compositor.finish(bands)?)), slowest))
+    }
+
+    /// Reference samples of some batches, composited of what the parts have of each pixel.
+    pub(crate) fn reference_slice(&self, plan: &SamplePlan, batches: Range<u32>) -> Result<ReferenceSamples, Invalid> {
+        let plan = plan.clone().check()?;
+        let (answers, _) = self.root.ask(&Kind::Cast(cast_message(self.step, &plan, &batches)))?;
+        let bytes: Vec<u8> = answers.iter().flat_map(|reply| reply.payload.iter().copied()).collect();
+        let layers: Vec<[f32; 4]> = bytes.as_chunks::<16>().0.iter().map(layer).collect();
+        let cameras = plan.test_cameras(&self.scene.camera)?;
+        let per_view = batches.len() * plan.samples_per_batch();
+        let per_part = per_view * cameras.len();
+        if layers.len() != per_part * self.parts.len() {
+            return Err(Invalid::new("group", "colors of another number of pixels arrived"));
+        }
+        let boxes = self.parts.iter().map(|part| self.bounds(part)).collect::<Result<Vec<_>, _>>()?;
+        let view = |(v, camera): (usize, &lamina_model::Camera)| {
+            let pixels = batches.clone().flat_map(|b| plan.pixels(v, b));
+            let color = |(n, (i, j)): (usize, (u32, u32))| {
+                let ray = camera.pixel_ray(i, j, plan.image_size, plan.image_size);
+                let met = boxes.iter().enumerate().filter_map(|(part, b)| Some((b.clip(&ray)?.0, part)));
+                let mut order: Vec<(f64, usize)> = met.collect();
+                order.sort_by(|a, b| a.0.total_cmp(&b.0));
+                let (mut color, mut transmittance) = ([0.0; 3], 1.0);
+                for (_, part) in order {
+                    let [r, g, b, through] = layers[part * per_part + v * per_view + n];
+                    color = [color[0] + transmittance * r, color[1] + transmittance * g, color[2] + transmittance * b];
+                    transmittance *= through;
+                }
+                std::array::from_fn(|c| color[c] + transmittance * self.scene.background[c])
+            };
+            pixels.enumerate().map(color).collect()
+        };
+        let colors = cameras.iter().enumerate().map(view).collect();
+        Ok(ReferenceSamples { step: self.step, plan, scene: self.scene.clone(), batches, colors })
+    }
+
+    /// The box of a part's own cells.
+    fn bounds(&self, part: &GridPart) -> Result<Aabb, Invalid> {
+        let whole = self.grid.bounds();
+        let corner = |end: bool| {
+            DVec3::from_array([0, 1, 2].map(|a| {
+                if self.grid.dims()[a] == 1 {
+                    return if end { whole.max[a] } else { whole.min[a] };
+                }
+                let cell = if end { part.cells()[a].end } else { part.cells()[a].start };
+                self.grid.origin()[a] + cell as f64 * self.grid.spacing()[a]
+            }))
+        };
+        Aabb::new(corner(false), corner(true))
+    }
+}
+
+impl Drop for GroupField {
+    fn drop(&mut self) {
+        for member in 0..self.root.outbox.size() {
+            send(&self.root.outbox, member, 0, Kind::Release(v1::GroupRelease { step: self.step }));
+        }
+    }
+}
+
+fn layer(bytes: &[u8; 16]) -> [f32; 4] {
+    std::array::from_fn(|n| f32::from_le_bytes([bytes[4 * n], bytes[4 * n + 1], bytes[4 * n + 2], bytes[4 * n + 3]]))
+}

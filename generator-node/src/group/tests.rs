@@ -1,0 +1,171 @@
+//! Groups of threads: what they make together is what one node makes.
+
+use super::*;
+use crate::ingest::{GridBox, RunSpec};
+use glam::DVec3;
+use lamina_model::{
+    FullPolicy, GenerationParams, Grid, Intermediate, Quality, SamplePlan, Scene, Segmentation, SquaredError, Vdi,
+    VdiParams, Volume, VoxelType, Voxels, suggest::suggest,
+};
+use lamina_raycast::{Backend, Field};
+use std::sync::Arc;
+
+const DIMS: [usize; 3] = [21, 18, 15];
+
+fn grid() -> Grid {
+    Grid::new(DIMS, DVec3::new(1.0, 0.8, 1.2), DVec3::new(-3.0, 2.0, 0.5)).unwrap()
+}
+
+fn value(x: usize, y: usize, z: usize) -> f32 {
+    let p = DVec3::new(x as f64 / 20.0, y as f64 / 17.0, z as f64 / 14.0);
+    if (x, y, z) == (4, 9, 9) {
+        return f32::NAN;
+    }
+    let blob = |c: DVec3, w: f64| (-(p - c).length_squared() / (w * w)).exp();
+    (blob(DVec3::splat(0.4), 0.25) + 0.7 * blob(DVec3::new(0.7, 0.6, 0.8), 0.2)) as f32
+}
+
+fn bytes_of(b: &GridBox) -> Vec<u8> {
+    let ([x0, y0, z0], [nx, ny, nz]) = (b.start(), b.dims());
+    let rows = (z0..z0 + nz).flat_map(|z| (y0..y0 + ny).map(move |y| (y, z)));
+    rows.flat_map(|(y, z)| (x0..x0 + nx).flat_map(move |x| value(x, y, z).to_le_bytes())).collect()
+}
+
+fn spec() -> RunSpec {
+    RunSpec {
+        name: "group".into(),
+        field: "f".into(),
+        grid: grid(),
+        voxel_type: VoxelType::F32,
+        color_field: None,
+        ranks: 1,
+        full_policy: FullPolicy::Block,
+        scene: None,
+        members: 1,
+    }
+}
+
+fn at(start: [usize; 3], dims: [usize; 3]) -> GridBox {
+    GridBox::new(start.map(|n| n as u64), dims.map(|n| n as u64), &grid()).unwrap()
+}
+
+/// Members' boxes: one, two uneven slabs, and three of which the first has an L and the last nothing but the last plane.
+fn layouts() -> Vec<Vec<Vec<GridBox>>> {
+    vec![
+        vec![vec![at([0; 3], DIMS)]],
+        vec![vec![at([0; 3], [21, 18, 4])], vec![at([0, 0, 4], [21, 18, 11])]],
+        vec![
+            vec![at([0; 3], [21, 7, 14]), at([0, 7, 0], [9, 11, 14])],
+            vec![at([9, 7, 0], [12, 11, 14])],
+            vec![at([0, 0, 14], [21, 18, 1])],
+        ],
+        vec![vec![], vec![at([0; 3], DIMS)], vec![], vec![]],
+    ]
+}
+
+/// A group whose members hold `steps` steps, all alike.
+fn group(layout: &[Vec<GridBox>], steps: u64) -> Arc<Root> {
+    let mut root = None;
+    for ((outbox, inbox), boxes) in lamina_mpi::in_process(layout.len() as u32).into_iter().zip(layout) {
+        let channels = receive(inbox);
+        let held = HeldSteps::default();
+        for step in 0..steps {
+            let bricks = boxes.iter().map(|b| (*b, bytes_of(b).into())).collect();
+            held.lock().insert(step, HeldStep { spec: spec(), bricks });
+        }
+        let member = Member::new(outbox.clone(), channels.member, held, Backend::cpu());
+        std::thread::spawn(move || member.run());
+        root.get_or_insert_with(|| Arc::new(Root::new(outbox, channels.replies)));
+    }
+    root.unwrap()
+}
+
+fn whole(scene: &Scene) -> Field {
+    Field::new(Volume::new(grid(), Voxels::F32(floats(&bytes_of(&at([0; 3], DIMS))))).unwrap(), scene)
+}
+
+fn floats(bytes: &[u8]) -> Vec<f32> {
+    bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
+}
+
+fn vdi(made: Intermediate) -> Vdi {
+    match made {
+        Intermediate::Vdi(vdi) => *vdi,
+        Intermediate::Volume(_) => panic!("a volume"),
+    }
+}
+
+fn scene() -> Scene {
+    suggest(&[&Volume::new(grid(), Voxels::F32(floats(&bytes_of(&at([0; 3], DIMS))))).unwrap()]).unwrap()
+}
+
+#[test]
+fn a_group_makes_the_vdi_of_one_node() {
+    let scene = scene();
+    for layout in layouts() {
+        let root = group(&layout, 3);
+        for step in 0..3 {
+            let field = GroupField::prepare(&root, step, &spec(), scene.clone(), layout.clone()).unwrap();
+            assert_eq!(field.empty_voxels(), 1);
+            for (gamma, segmentation) in [(0.0, Segmentation::Greedy), (0.02, Segmentation::Fitted)] {
+                let params = VdiParams::new(33, gamma).unwrap();
+                let alone = Backend::cpu().generate(&whole(&scene), &params, segmentation).unwrap().0;
+                let together = vdi(field.generate(&params, segmentation).unwrap().0);
+                assert_eq!(together.header(), alone.header());
+                let (a, b) = (alone.segments().len(), together.segments().len());
+                assert!(a > 500 && a.abs_diff(b) * 50 < a, "{a} and {b} supersegments");
+                assert!(gamma > 0.0 || together == alone, "samples differ");
+            }
+        }
+    }
+}
+
+#[test]
+fn reference_pixels_of_a_group_are_those_of_one_node() {
+    let scene = scene();
+    let plan = SamplePlan { image_size: 96, tile: 8, batches: 3, angles_deg: vec![10.0, 70.0, 200.0] };
+    let alone = Backend::cpu().reference_slice(&whole(&scene), &plan, 0, 1..3).unwrap();
+    for layout in layouts() {
+        let root = group(&layout, 1);
+        let field = GroupField::prepare(&root, 0, &spec(), scene.clone(), layout).unwrap();
+        let together = field.reference_slice(&plan, 1..3).unwrap();
+        assert_eq!((&together.plan, &together.batches, together.colors.len()), (&alone.plan, &alone.batches, 3));
+        for (a, b) in alone.colors.iter().zip(&together.colors) {
+            let mut error = SquaredError::default();
+            error.add_all(a, b);
+            assert!(a.len() == b.len() && error.psnr_db() > 90.0, "{} dB", error.psnr_db());
+        }
+    }
+}
+
+#[test]
+fn a_scene_can_be_chosen_from_a_coarse_volume() {
+    for layout in layouts() {
+        let root = group(&layout, 1);
+        let coarse = root.coarse(0, &spec(), &layout).unwrap();
+        // So small a grid is not coarsened at all.
+        let Voxels::F32(points) = coarse.voxels() else { panic!("another type") };
+        let expected = floats(&bytes_of(&at([0; 3], DIMS)));
+        assert!(
+            points.iter().zip(&expected).all(|(a, b)| a.to_bits() == b.to_bits()) && points.len() == expected.len()
+        );
+    }
+}
+
+#[test]
+fn what_a_member_lacks_or_cannot_make_is_said_with_its_number_and_the_group_goes_on() {
+    let layout = &layouts()[1];
+    let root = group(layout, 1);
+    let prepare = |step| GroupField::prepare(&root, step, &spec(), scene(), layout.clone());
+    let missing = prepare(7).err().unwrap();
+    assert!(missing.reason.contains("member 0") && missing.reason.contains("nothing of step 7"), "{missing}");
+    let field = prepare(0).unwrap();
+    let params = VdiParams::new(9, 0.1).unwrap();
+    assert!(field.generate(&params, Segmentation::Fitted).is_ok());
+    let absurd = field.reference_slice(&SamplePlan { tile: 0, ..SamplePlan::default() }, 0..1).err().unwrap();
+    assert!(absurd.reason.contains("tile") || absurd.thing.contains("tile"), "{absurd}");
+    // The step was taken: it cannot be prepared again.
+    assert!(prepare(0).is_err());
+    assert!(field.generate(&params, Segmentation::Fitted).is_ok());
+    let _ = (GenerationParams::default(), Quality::default());
+}

@@ -1,0 +1,190 @@
+//! Groups of generator-nodes under a real MPI: what they publish is what one node publishes, and their end is not the simulation's.
+#![cfg(target_os = "linux")]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use glam::DVec3;
+use lamina_client::{Brick, Client, FullPolicy, RunOptions};
+use lamina_codec::{DecodeLimits, decode};
+use lamina_model::{Grid, Intermediate, Scene, Vdi, Volume, VoxelType, Voxels, psnr::psnr, suggest::suggest};
+use lamina_tests::languages::source;
+use lamina_tests::processes::{Daemon, binary, free_port, wait_for};
+use lamina_vdi_render::{Backend, Detail, Drawable};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+const SIDE: usize = 40;
+const STEPS: u64 = 3;
+const RANKS: u32 = 4;
+
+/// `mpiexec` of `tests/mpi`, and its libraries.
+fn mpiexec(members: u32, listen: u16, config: &Path) -> Command {
+    let mpi = source("out/mpi");
+    assert!(mpi.join("bin/mpiexec").exists(), "run tests/mpi first, as tests/run does");
+    let mut command = Command::new(mpi.join("bin/mpiexec"));
+    command.env("LD_LIBRARY_PATH", mpi.join("lib")).args(["-n", &members.to_string()]).arg(binary("generator-node"));
+    command.args(["--group", "--listen", &format!("127.0.0.1:{listen}"), "--config"]).arg(config);
+    command.stdin(Stdio::null()).stdout(Stdio::null());
+    command
+}
+
+fn value(x: usize, y: usize, z: usize, step: u64) -> f32 {
+    let p = DVec3::new(x as f64, y as f64, z as f64) / SIDE as f64;
+    let blob = |c: DVec3, w: f64| (-(p - c).length_squared() / (w * w)).exp();
+    (blob(DVec3::splat(0.4 + 0.05 * step as f64), 0.25) + 0.7 * blob(DVec3::new(0.7, 0.6, 0.8), 0.2)) as f32
+}
+
+fn grid() -> Grid {
+    Grid::new([SIDE; 3], DVec3::splat(0.1), DVec3::new(-2.0, 1.0, 0.0)).unwrap()
+}
+
+fn scene() -> Scene {
+    let values = (0..SIDE.pow(3)).map(|n| value(n % SIDE, n / SIDE % SIDE, n / SIDE / SIDE, 0)).collect();
+    suggest(&[&Volume::new(grid(), Voxels::F32(values)).unwrap()]).unwrap()
+}
+
+/// Boxes of each rank: uneven, one rank with two in an L, one with none.
+fn boxes(rank: u32) -> Vec<([usize; 3], [usize; 3])> {
+    match rank {
+        0 => vec![([0, 0, 0], [SIDE, 11, SIDE]), ([0, 11, 0], [13, 29, SIDE])],
+        1 => vec![([13, 11, 0], [27, 29, 6])],
+        2 => vec![],
+        _ => vec![([13, 11, 6], [27, 29, 34])],
+    }
+}
+
+/// Pushes step after step by all ranks at once.
+fn simulate(url: &str, steps: std::ops::Range<u64>) {
+    let rank = |rank: u32| {
+        let steps = steps.clone();
+        let options = RunOptions::new(url, "group", "density", grid(), VoxelType::F32);
+        let (scene, full_policy) = (Some(scene()), FullPolicy::Block);
+        let deadline = Duration::from_secs(60);
+        let options = RunOptions { rank, ranks: RANKS, scene, full_policy, deadline, ..options };
+        move || {
+            let mut client = Client::connect(options).unwrap();
+            for step in steps {
+                let voxels = |([x0, y0, z0], [nx, ny, nz]): &([usize; 3], [usize; 3])| -> Vec<f32> {
+                    let rows = (*z0..z0 + nz).flat_map(|z| (*y0..y0 + ny).map(move |y| (y, z)));
+                    rows.flat_map(|(y, z)| (*x0..x0 + nx).map(move |x| value(x, y, z, step))).collect()
+                };
+                let boxes = boxes(rank);
+                let data: Vec<Vec<f32>> = boxes.iter().map(voxels).collect();
+                let bricks: Vec<Brick> = boxes.iter().zip(&data).map(|((s, d), v)| Brick::new(*s, *d, v)).collect();
+                client.push_bricks(step, step as f64, &bricks).unwrap();
+            }
+            client.close();
+        }
+    };
+    let ranks: Vec<_> = (0..RANKS).map(|r| std::thread::spawn(rank(r))).collect();
+    ranks.into_iter().for_each(|rank| rank.join().unwrap());
+}
+
+/// The steps that a viz-node records of the nodes at `url`.
+fn record(url: &str, folder: &Path) -> Vec<Vec<u8>> {
+    let (config, store) = (folder.join("viz-node.toml"), folder.join("runs"));
+    std::fs::write(&config, format!("store = \"{}\"\n", store.display())).unwrap();
+    let _viz = Daemon::start("viz-node", free_port(), &["--config", config.to_str().unwrap(), "--generator", url]);
+    simulate(url, 0..STEPS);
+    let files = || -> Vec<_> {
+        let runs = std::fs::read_dir(&store).into_iter().flatten().flatten();
+        let mut files: Vec<_> =
+            runs.flat_map(|run| std::fs::read_dir(run.path()).into_iter().flatten().flatten()).collect();
+        files.retain(|f| f.path().extension().is_some_and(|e| e == "vdi"));
+        files.sort_by_key(std::fs::DirEntry::path);
+        files.iter().map(|f| std::fs::read(f.path()).unwrap()).collect()
+    };
+    assert!(wait_for(Duration::from_secs(60), || files().len() as u64 == STEPS), "{} steps", files().len());
+    files()
+}
+
+fn config(folder: &Path, gamma: f64) -> std::path::PathBuf {
+    let file = folder.join("generator-node.toml");
+    let params = format!(
+        "representation = \"vdi\"\nresolution = 96\ngamma = {gamma}\nopacity_cutoff = 1.0\nstep_voxels = 0.5\n"
+    );
+    std::fs::write(&file, format!("[params]\n{params}")).unwrap();
+    file
+}
+
+fn vdi(bytes: &[u8]) -> Vdi {
+    decode(bytes, &DecodeLimits::default()).unwrap()
+}
+
+#[test]
+fn a_group_publishes_what_one_node_does_however_many_members_it_has() {
+    for gamma in [0.0, 0.02] {
+        let folder = tempfile::tempdir().unwrap();
+        let config = config(folder.path(), gamma);
+        let alone = {
+            let node = Daemon::start("generator-node", free_port(), &["--config", config.to_str().unwrap()]);
+            record(&node.url(), folder.path())
+        };
+        for members in [1, 2, 3] {
+            let (folder, port) = (tempfile::tempdir().unwrap(), free_port());
+            let group = Daemon::spawn(mpiexec(members, port, &config), port);
+            let together = record(&group.url(), folder.path());
+            for (a, b) in alone.iter().zip(&together) {
+                let change = b.len() as f64 / a.len() as f64 - 1.0;
+                assert!(change.abs() < 0.03, "{members} members: {} and {} bytes", a.len(), b.len());
+                // At gamma 0 supersegments are single samples: all are there, and nothing else.
+                assert!(gamma > 0.0 || a == b, "{members} members: other samples");
+                let [one, other] = [vdi(a), vdi(b)];
+                assert_eq!(one.header(), other.header());
+                for angle in [0.0, 40.0] {
+                    let camera = one.header().camera.rotated_about_y(angle).unwrap();
+                    let picture = |vdi: &Vdi| {
+                        let drawable = Drawable::new(Intermediate::Vdi(Box::new(vdi.clone())));
+                        Backend::default().render(&drawable, &camera, 256, 256, Detail::Cubic).unwrap()
+                    };
+                    let db = psnr(&picture(&one), &picture(&other)).unwrap();
+                    // Seen from where it was made hardly anything differs; from elsewhere both are as near to the truth, each
+                    // by other cuts of the rays that a face divides.
+                    let least = if angle == 0.0 { 60.0 } else { 50.0 };
+                    assert!(db > least, "{members} members, {angle} degrees: {db} dB");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_group_that_is_killed_costs_steps_and_the_next_one_takes_over() {
+    let (folder, port) = (tempfile::tempdir().unwrap(), free_port());
+    let config = config(folder.path(), 0.1);
+    for victim in 0..4 {
+        let group = Daemon::spawn(mpiexec(2, port, &config), port);
+        let url = group.url();
+        simulate(&url, 0..2);
+        // A member or the root, as a crash would: the launcher ends the others.
+        let members = group.children("generator-node");
+        assert_eq!(members.len(), 2);
+        let pid = members[victim % 2].to_string();
+        assert!(Command::new("kill").args(["-KILL", &pid]).status().unwrap().success());
+        assert!(wait_for(Duration::from_secs(20), || group.children("generator-node").is_empty()), "members stay");
+        drop(group);
+        // The simulation goes on: a push without a node is an error and nothing else.
+        let options = RunOptions::new(&url, "group", "density", grid(), VoxelType::F32);
+        let mut client = Client::connect(options).unwrap();
+        let zeros = vec![0.0_f32; SIDE.pow(3)];
+        assert!(client.push(0, 0.0, &Brick::new([0; 3], [SIDE; 3], &zeros)).is_err());
+    }
+    let group = Daemon::spawn(mpiexec(2, port, &config), port);
+    assert_eq!(record(&group.url(), folder.path()).len() as u64, STEPS);
+}
+
+#[test]
+fn without_mpi_a_group_is_refused_with_the_remedy() {
+    let start = |library: &str| {
+        let mut command = Command::new(binary("generator-node"));
+        command.args(["--group", "--listen", &format!("127.0.0.1:{}", free_port())]).env("LAMINA_MPI_LIBRARY", library);
+        let ended = command.output().unwrap();
+        assert!(!ended.status.success());
+        String::from_utf8_lossy(&ended.stderr).into_owned()
+    };
+    let missing = start("/nonexistent/libmpi.so");
+    assert!(missing.contains("no MPI library") && missing.contains("LAMINA_MPI_LIBRARY"), "{missing}");
+    // A library, but not an MPI one.
+    let other = start("libc.so.6");
+    assert!(other.contains("MPI_") && other.contains("LAMINA_MPI_LIBRARY"), "{other}");
+}
