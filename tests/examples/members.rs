@@ -125,9 +125,8 @@ struct Together {
     root: (f64, f64),
 }
 
-fn rows_of(resolution: u32, member: usize, members: usize) -> std::ops::Range<u32> {
-    let row = |n: usize| (resolution as usize * n / members) as u32;
-    row(member)..row(member + 1)
+fn rows_of(resolution: u32, member: usize, members: usize) -> Vec<u32> {
+    (member as u32..resolution).step_by(members).collect()
 }
 
 fn bytes_of(band: &RowBand) -> f64 {
@@ -160,18 +159,23 @@ fn together(
         let mut bands = Vec::new();
         for (member, made) in lists.iter().enumerate() {
             for vdi in made {
-                let band = RowBand::of_rows(vdi, rows.clone());
+                let band = RowBand::of_rows(vdi, &rows);
+                if band.segments.is_empty() {
+                    continue;
+                }
                 sent[member] += if member == owner { 0.0 } else { bytes_of(&band) };
                 bands.push(band);
             }
         }
         let start = Instant::now();
-        tiles.push(compositor.rows(rows, &bands)?);
+        tiles.push(compositor.rows(&rows, &bands)?);
         compositing.push(start.elapsed().as_secs_f64());
     }
     let gathered: f64 = tiles.iter().skip(1).map(bytes_of).sum();
     let start = Instant::now();
-    let vdi = compositor.finish(tiles)?;
+    let mut tiles: Vec<_> = tiles.into_iter().map(|tile| tile.into_rows(r)).collect();
+    let rows = (0..r as usize).filter_map(|row| tiles[row % count].next());
+    let vdi = compositor.finish(rows)?;
     Ok(Together { vdi, met, generation, compositing, sent, root: (start.elapsed().as_secs_f64(), gathered) })
 }
 
@@ -235,7 +239,7 @@ fn cut(volume: &Volume) -> Result<(), Failure> {
 fn repeated(volume: &Volume, blocks: [usize; 3]) -> Result<Volume, Failure> {
     let (n, dims) = (volume.grid().dims(), blocks.map(|b| 64 * b));
     let Voxels::F32(values) = volume.voxels() else { return Err("single precision".into()) };
-    let mirrored = |x: usize, n: usize| if x / n % 2 == 0 { x % n } else { n - 1 - x % n };
+    let mirrored = |x: usize, n: usize| if (x / n).is_multiple_of(2) { x % n } else { n - 1 - x % n };
     let at = |x, y, z| values[(mirrored(z, n[2]) * n[1] + mirrored(y, n[1])) * n[0] + mirrored(x, n[0])];
     let rows = (0..dims[2]).flat_map(|z| (0..dims[1]).map(move |y| (y, z)));
     let all = rows.flat_map(|(y, z)| (0..dims[0]).map(move |x| at(x, y, z))).collect();

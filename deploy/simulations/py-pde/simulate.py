@@ -9,9 +9,10 @@ import pde
 
 # --- what watching it takes -----------------------------------------------------------------------------------------------
 import lamina
+from pde.trackers.base import TrackerBase
 
 
-class Watch(pde.trackers.base.TrackerBase):
+class Watch(TrackerBase):
     """Hands the state over each time the tracker is due."""
 
     def initialize(self, field, info=None):

@@ -254,11 +254,13 @@ impl Member {
         for other in (0..members).filter(|&other| other != me) {
             let rows = tile(params.resolution(), other, members);
             let mut bytes = Vec::new();
-            made.iter().for_each(|vdi| lists::write(&RowBand::of_rows(vdi, rows.clone()), &mut bytes));
+            let bands = made.iter().map(|vdi| RowBand::of_rows(vdi, &rows));
+            // Nothing is sent of a box that no ray of the tile meets.
+            bands.filter(|band| !band.segments.is_empty()).for_each(|band| lists::write(&band, &mut bytes));
             self.tell(other, sequence, Kind::Lists(bytes));
         }
         let rows = tile(params.resolution(), me, members);
-        let mut bands: Vec<RowBand> = made.iter().map(|vdi| RowBand::of_rows(vdi, rows.clone())).collect();
+        let mut bands: Vec<RowBand> = made.iter().map(|vdi| RowBand::of_rows(vdi, &rows)).collect();
         drop(made);
         let others = (0..members).filter(|&other| other != me).collect();
         for (_, bytes) in self.gather(sequence, others, lists_of_tile)? {
@@ -268,7 +270,7 @@ impl Member {
             }
         }
         let mut out = Vec::new();
-        lists::write(&compositor.rows(rows, &bands)?, &mut out);
+        lists::write(&compositor.rows(&rows, &bands)?, &mut out);
         Ok(out)
     }
 

@@ -148,8 +148,12 @@ impl GroupField {
             greedy: segmentation == Segmentation::Greedy,
         };
         let (tiles, slowest) = self.root.ask(&Kind::Generate(command))?;
-        let bands = tiles.iter().map(|tile| lists::read(&mut &tile.payload[..])).collect::<Result<Vec<_>, _>>()?;
-        Ok((Intermediate::Vdi(Box::new(compositor.finish(bands)?)), slowest))
+        let bands = tiles.iter().map(|tile| lists::read(&mut &tile.payload[..]));
+        let r = params.resolution();
+        let mut tiles = bands.map(|band| Ok(band?.into_rows(r))).collect::<Result<Vec<_>, Invalid>>()?;
+        let members = tiles.len();
+        let rows = (0..r as usize).filter_map(|row| tiles[row % members].next());
+        Ok((Intermediate::Vdi(Box::new(compositor.finish(rows)?)), slowest))
     }
 
     /// Reference samples of some batches, composited of what the parts have of each pixel.

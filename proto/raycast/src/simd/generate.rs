@@ -12,6 +12,7 @@ use crate::volume::transfer_lut::TransferLut;
 use lamina_compute::simd::{Lanes, Level, Pair, SimdF32, SimdI32, SimdKernel, SimdMask, WIDTH, opacity};
 use lamina_model::composite::optical_depth_from_opacity;
 use lamina_model::{Invalid, Segmentation, Supersegment, Vdi, VdiHeader, VdiParams};
+use std::ops::Range;
 
 /// Generates the VDI of `field`, which must [fit](super::march::fits), with `segmentation`.
 ///
@@ -30,7 +31,9 @@ pub fn generate(level: Level, field: &Field, params: &VdiParams, segmentation: S
         let sampler = VolumeSampler::new(field, v, &table);
         let rows = |n: usize| {
             let first_row = Tile::ROWS * n as u32;
-            let rows = level.run(GenerateRows { sampler: &sampler, rays: &rays, effects, gamma, first_row });
+            let rows = rays.empty(first_row).unwrap_or_else(|| {
+                level.run(GenerateRows { sampler: &sampler, rays: &rays, effects, gamma, first_row })
+            });
             let mut number = first_row..;
             rows.map(|row| fit.rows(number.next().unwrap_or_default(), row))
         };
@@ -46,6 +49,8 @@ pub(super) struct VdiRays {
     /// Optical depth at which a ray ends; infinite without a cutoff.
     pub cutoff: f32,
     resolution: u32,
+    /// Columns and rows of those that may meet the field's own cells.
+    met: [Range<u32>; 2],
 }
 
 impl VdiRays {
@@ -56,12 +61,30 @@ impl VdiRays {
             setup: RaySetup::new(field, &header.camera, [resolution; 2], header.step_length),
             cutoff: optical_depth_from_opacity(cutoff) as f32,
             resolution,
+            met: field.grid_part().pixels(field.grid(), &header.camera, resolution),
         }
     }
 
     /// Number of pairs of rows.
     pub(super) fn bands(&self) -> usize {
         self.resolution.div_ceil(Tile::ROWS) as usize
+    }
+
+    /// Rows without a supersegment, if no ray of the pair of rows that starts at `first_row` meets the field.
+    fn empty(&self, first_row: u32) -> Option<[RowBand; 2]> {
+        let [_, rows] = &self.met;
+        let end = self.resolution.min(first_row + Tile::ROWS);
+        let row = |j: u32| if j < end { vec![0; self.resolution as usize] } else { Vec::new() };
+        let band = |j: u32| RowBand { counts: row(j), segments: Vec::new() };
+        (end <= rows.start || first_row >= rows.end).then(|| [band(first_row), band(first_row + 1)])
+    }
+
+    /// True if no ray of `tile` meets the field.
+    #[inline(always)]
+    fn misses(&self, tile: &Tile) -> bool {
+        let [columns, _] = &self.met;
+        let (first, last) = (tile.pixels()[0].0, tile.pixels()[tile.pixels().len() - 1].0);
+        last < columns.start || first >= columns.end
     }
 
     /// The tiles of the pair of rows that starts at `first_row`.
@@ -97,6 +120,10 @@ impl<V: Pair> GenerateRows<'_, V> {
         let mut rows = [RowBand::default(), RowBand::default()];
         let mut cluster = SegmentClusterer::new(source, self.sampler.table.unit_steps, self.gamma, self.rays.cutoff);
         for tile in self.rays.tiles(self.first_row) {
+            if self.rays.misses(&tile) {
+                tile.pixels().iter().for_each(|&(_, j)| rows[(j - self.first_row) as usize].counts.push(0));
+                continue;
+            }
             let mut packet = RayPacket::<L>::new(&self.rays.setup, tile.pixels());
             cluster.source.begin(&self.rays.setup, tile.pixels(), &mut packet);
             self.sampler.march(&packet, &mut cluster);

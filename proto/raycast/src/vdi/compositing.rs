@@ -8,7 +8,6 @@ use super::assemble::{RowBand, VdiBuilder, header};
 use super::segmentation::{Segmenter, joined};
 use lamina_model::composite::opacity_from_optical_depth;
 use lamina_model::{Grid, Invalid, Scene, Segmentation, Supersegment, Vdi, VdiHeader, VdiParams};
-use std::ops::Range;
 
 /// Makes one VDI of the lists of parts.
 #[derive(Debug)]
@@ -44,11 +43,11 @@ impl Compositor {
         self.header.params.resolution()
     }
 
-    /// The lists of `rows`, of those that `parts` have for them.
+    /// The lists of rows `rows`, of those that `parts` have for them.
     ///
     /// # Errors
     /// If a part has lists for another number of rays, or two parts have the same steps of one.
-    pub fn rows(&self, rows: Range<u32>, parts: &[RowBand]) -> Result<RowBand, Invalid> {
+    pub fn rows(&self, rows: &[u32], parts: &[RowBand]) -> Result<RowBand, Invalid> {
         let rays = rows.len() * self.resolution() as usize;
         let rays_of = |part: &RowBand| part.counts.len();
         if let Some(other) = parts.iter().map(rays_of).find(|&have| have != rays) {
@@ -71,11 +70,12 @@ impl Compositor {
                 return Err(Invalid::new("parts", format!("parts {a} and {b} have the same step of a ray")));
             }
             let before = fine.segments.len();
-            let (i, j) = (n as u32 % self.resolution(), rows.start + n as u32 / self.resolution());
+            let r = self.resolution() as usize;
+            let (i, j) = ((n % r) as u32, rows[n / r]);
             self.join(i, j, &ray, &mut fine.segments);
             fine.counts.push((fine.segments.len() - before) as u32);
         }
-        Ok(Segmenter::new(&self.header, self.segmentation, self.unit_length).rows(rows.start, fine))
+        Ok(Segmenter::new(&self.header, self.segmentation, self.unit_length).some_rows(rows.iter().copied(), fine))
     }
 
     /// Joins what only a face has cut on ray (`i`, `j`).
@@ -124,11 +124,29 @@ impl Compositor {
 
 impl RowBand {
     /// Rows `rows` of a VDI.
-    pub fn of_rows(vdi: &Vdi, rows: Range<u32>) -> Self {
-        let r = vdi.resolution() as usize;
-        let offsets = &vdi.offsets()[rows.start as usize * r..=rows.end as usize * r];
-        let (first, end) = (offsets[0] as usize, offsets[offsets.len() - 1] as usize);
-        let counts = offsets.windows(2).map(|w| w[1] - w[0]).collect();
-        Self { counts, segments: vdi.segments()[first..end].to_vec() }
+    pub fn of_rows(vdi: &Vdi, rows: &[u32]) -> Self {
+        let (r, mut band) = (vdi.resolution() as usize, Self::default());
+        for &row in rows {
+            let offsets = &vdi.offsets()[row as usize * r..=(row as usize + 1) * r];
+            band.counts.extend(offsets.windows(2).map(|w| w[1] - w[0]));
+            band.segments.extend_from_slice(&vdi.segments()[offsets[0] as usize..offsets[r] as usize]);
+        }
+        band
+    }
+
+    /// Its rows of `resolution` rays, each a band of its own.
+    pub fn into_rows(self, resolution: u32) -> impl Iterator<Item = Self> {
+        let mut from = 0;
+        let Self { counts, segments } = self;
+        let rows: Vec<Self> = counts
+            .chunks(resolution as usize)
+            .map(|counts| {
+                let end = segments.len().min(from + counts.iter().map(|&n| n as usize).sum::<usize>());
+                let row = Self { counts: counts.to_vec(), segments: segments[from..end].to_vec() };
+                from = end;
+                row
+            })
+            .collect();
+        rows.into_iter()
     }
 }

@@ -48,9 +48,14 @@ impl<'a> Segmenter<'a> {
 
     /// Segments whole rows, the first of which is row `first_row` of the VDI.
     pub(crate) fn rows(&self, first_row: u32, fine: RowBand) -> RowBand {
+        self.some_rows(first_row.., fine)
+    }
+
+    /// Segments the rows of these numbers.
+    pub(crate) fn some_rows(&self, numbers: impl Iterator<Item = u32>, fine: RowBand) -> RowBand {
         let Some(header) = self.header else { return fine };
         let (mut rows, mut rest) = (Vec::new(), fine.segments.as_slice());
-        for (j, counts) in (first_row..).zip(fine.counts.chunks(header.params.resolution() as usize)) {
+        for (j, counts) in numbers.zip(fine.counts.chunks(header.params.resolution() as usize)) {
             let (segments, others) = rest.split_at(counts.iter().sum::<u32>() as usize);
             rest = others;
             rows.push((j, counts, segments));

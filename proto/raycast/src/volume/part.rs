@@ -5,7 +5,7 @@
 //! same arithmetic, whoever takes it.
 
 use glam::DVec3;
-use lamina_model::{Grid, Invalid};
+use lamina_model::{Camera, Grid, Invalid};
 use std::ops::Range;
 
 /// A box of cells of a grid, and of the sample points that are stored for it.
@@ -63,6 +63,33 @@ impl GridPart {
     /// True if all cells are its own.
     pub fn is_whole(&self) -> bool {
         self.dims == self.whole && self.cells.iter().zip(self.whole).all(|(own, n)| *own == (0..(n - 1).max(1)))
+    }
+
+    /// Columns and rows of the rays of a `side` x `side` picture of `camera` that may meet its cells on `grid`.
+    pub(crate) fn pixels(&self, grid: &Grid, camera: &Camera, side: u32) -> [Range<u32>; 2] {
+        let everything = [0..side, 0..side];
+        if self.is_whole() {
+            return everything;
+        }
+        let half = 0.5 * f64::from(side);
+        let (mut least, mut most) = ([f64::MAX; 2], [f64::MIN; 2]);
+        for n in 0..8 {
+            let cell = [0, 1, 2].map(|a| if n >> a & 1 == 0 { self.cells[a].start } else { self.cells[a].end } as f64);
+            let seen = camera.view_from_world(grid.origin() + DVec3::from_array(cell) * grid.spacing());
+            // An axis with one point is drawn one spacing thick; what is beside the eye may be anywhere.
+            if seen.z <= 1e-6 * seen.length() || self.whole.contains(&1) {
+                return everything;
+            }
+            let scale = half / (seen.z * camera.tan_half_fov());
+            for (a, place) in [half + scale * seen.x, half - scale * seen.y].into_iter().enumerate() {
+                (least[a], most[a]) = (least[a].min(place), most[a].max(place));
+            }
+        }
+        // A pixel more on each side: samples are rounded.
+        [0, 1].map(|a| {
+            let end = (most[a].ceil() + 1.0).clamp(0.0, f64::from(side)) as u32;
+            ((least[a].floor() - 1.0).clamp(0.0, f64::from(end)) as u32)..end
+        })
     }
 
     /// True if the cell around `index` (units of the grid's sample points, clamped into it) is its own.
