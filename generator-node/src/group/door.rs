@@ -95,7 +95,10 @@ impl Door {
                     tracing::info!(member, address = ready.address, host = ready.host, "member of the group");
                     self.members.lock()[member as usize] = Some(ready);
                 }
-                MemberEvent::Arrival(member, arrival) => self.arrive(member, &arrival),
+                MemberEvent::Arrival(member, arrival) => {
+                    ingest.heard(&arrival.run_id);
+                    self.arrive(member, &arrival);
+                }
                 MemberEvent::Ranks(v1::GroupRanks { run_id, ranks }) => ingest.tell_ranks(&run_id, ranks),
             }
         }

@@ -114,6 +114,13 @@ impl Core {
         Ok(id)
     }
 
+    /// A member of the group has heard of run `run_id`.
+    pub fn heard(&mut self, run_id: &str, now: Instant) {
+        if let Ok(run) = self.run(run_id) {
+            run.last_heard = now;
+        }
+    }
+
     /// So many ranks of run `run_id` bring their bricks to this node of a group.
     pub fn tell_ranks(&mut self, run_id: &str, ranks: u32, now: Instant) {
         self.told = Some((run_id.to_owned(), ranks));

@@ -137,7 +137,8 @@ impl IngestRun {
 
     /// True once all its ranks have been here and closed. One that was not yet is waited for: ranks may start far apart.
     pub(super) fn ended(&self) -> bool {
-        self.closed.len() == self.ranks_here() as usize
+        // A group's root without a rank of its own does not hear of the end; silence tells.
+        self.ranks_here() > 0 && self.closed.len() == self.ranks_here() as usize
     }
 
     /// True once all ranks that have been here closed.

@@ -74,6 +74,11 @@ impl Ingest {
         Self { members, door, ..self }
     }
 
+    /// A member of the group has heard of run `run_id`.
+    pub(crate) fn heard(&self, run_id: &str) {
+        self.core().heard(run_id, Instant::now());
+    }
+
     /// So many ranks of run `run_id` bring their bricks to this node of a group.
     pub(crate) fn tell_ranks(&self, run_id: &str, ranks: u32) {
         self.core().tell_ranks(run_id, ranks, Instant::now());

@@ -1,6 +1,7 @@
 //! The ingest state machine, held to its promises: admission before bytes, a bound on memory, one run of agreeing ranks.
 
 mod bricks;
+mod group;
 mod runs;
 
 use super::{Admit, BrickOffer, CompleteStep, Core, IngestError, RunSpec};
