@@ -27,7 +27,7 @@ pub struct Config {
     pub reference_every: u64,
     /// Which pixels of which views are reference samples.
     pub samples: SamplePlan,
-    /// Batches of them that live steps are compared at, other ones from step to step; 0: all. TrialSession have all.
+    /// Batches of them that live steps are compared at, other ones from step to step; 0: all. Trials have all.
     pub live_batches: u32,
     /// Processor time of the node's own: cores (0.5) or percent of the machine's ("25%").
     pub cpu_share: CpuLimit,

@@ -92,11 +92,8 @@ fn part(volume: &Volume, scene: &Scene, (start, dims): PointBox) -> Result<Optio
     let ([x0, y0, z0], [nx, ny, nz]) = (part.start(), part.dims());
     let rows = (z0..z0 + nz).flat_map(|z| (y0..y0 + ny).map(move |y| (y, z)));
     let first = |(y, z): (usize, usize)| (z * grid.dims()[1] + y) * grid.dims()[0] + x0;
-    let points: Vec<f32> = match volume.voxels() {
-        Voxels::U8(v) => rows.flat_map(|row| v[first(row)..][..nx].iter().map(|x| f32::from(*x))).collect(),
-        Voxels::F32(v) => rows.flat_map(|row| v[first(row)..][..nx].to_vec()).collect(),
-        _ => return Err("voxels of one byte, or single precision".into()),
-    };
+    let Voxels::F32(values) = volume.voxels() else { return Err("single precision".into()) };
+    let points = rows.flat_map(|row| values[first(row)..][..nx].to_vec()).collect();
     let stored = Volume::new(Grid::new(part.dims(), grid.spacing(), DVec3::ZERO)?, Voxels::F32(points))?;
     Ok(Some(Field::part(stored, (*grid, part), scene)?))
 }

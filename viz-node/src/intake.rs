@@ -59,7 +59,7 @@ pub(crate) struct Intake {
     live_references: Mutex<References>,
     trial_references: Mutex<References>,
     newest: watch::Sender<Option<LiveStep>>,
-    /// TrialStore that can be asked for.
+    /// Trials that can be asked for.
     pub trials: ShownTrials,
 }
 

@@ -1,4 +1,4 @@
-//! TrialStore that arrived, kept for as long as there is room, and what those measured came to.
+//! Trials that arrived, kept for as long as there is room, and what those measured came to.
 
 use crate::store::StepRow;
 use lamina_codec::{CodecError, DecodeLimits};
@@ -10,7 +10,7 @@ use std::sync::{Arc, OnceLock};
 use tokio::sync::watch;
 use tonic::Status;
 
-/// TrialStore kept at once, the newest.
+/// Trials kept at once, the newest.
 const KEPT: usize = 8;
 /// Bytes of what was decoded kept at once; the newest one stays whatever it weighs.
 const KEPT_BYTES: usize = 512 << 20;

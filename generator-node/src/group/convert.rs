@@ -42,16 +42,12 @@ impl Preparation {
 
     /// As the command.
     pub(super) fn message(&self, step: u64) -> v1::GroupPrepare {
-        let second = |(name, voxel_type): &(String, VoxelType)| v1::SecondField {
-            name: name.clone(),
-            voxel_type: v1::VoxelType::from(*voxel_type).into(),
-        };
         let boxes = |b: &Vec<GridBox>| v1::GroupBoxes { boxes: b.iter().map(box_message).collect() };
         v1::GroupPrepare {
             step,
             grid: Some((&self.grid).into()),
             voxel_type: v1::VoxelType::from(self.voxel_type).into(),
-            color_field: self.color_field.as_ref().map(second),
+            color_field: self.color_field.as_ref().map(Into::into),
             scene: Some((&self.scene).into()),
             members: self.members.iter().map(boxes).collect(),
         }
@@ -60,10 +56,9 @@ impl Preparation {
     /// Of the command.
     pub(super) fn read(message: v1::GroupPrepare) -> Result<Self, Invalid> {
         let grid = required(message.grid, "grid")?.try_into()?;
-        let second = |f: &v1::SecondField| Ok::<_, Invalid>((f.name.clone(), f.voxel_type().try_into()?));
         Ok(Self {
             voxel_type: message.voxel_type().try_into()?,
-            color_field: message.color_field.as_ref().map(second).transpose()?,
+            color_field: message.color_field.as_ref().map(TryInto::try_into).transpose()?,
             scene: required(message.scene, "scene")?.try_into()?,
             members: message.members.iter().map(|m| boxes(&m.boxes, &grid)).collect::<Result<_, _>>()?,
             grid,
@@ -118,9 +113,8 @@ pub(super) fn cast_message(step: u64, plan: &SamplePlan, batches: &Range<u32>) -
 pub(super) fn read_cast(message: v1::GroupCast) -> Result<(SamplePlan, Range<u32>), Invalid> {
     let v1::GroupCast { image_size, tile, batches, angles_deg, first_batch, cast_batches, .. } = message;
     let plan = SamplePlan { image_size, tile, batches, angles_deg }.check()?;
-    let end = first_batch.checked_add(cast_batches).filter(|end| *end <= plan.batches);
-    let end = end.ok_or_else(|| Invalid::new("batches", format!("{first_batch} and {cast_batches} more")))?;
-    Ok((plan, first_batch..end))
+    let slice = plan.slice(first_batch, cast_batches)?;
+    Ok((plan, slice))
 }
 
 /// Rows of member `member`'s tile of an image of `resolution` rows: every so many, because those in the middle take more work.

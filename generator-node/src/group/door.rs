@@ -1,5 +1,6 @@
 //! The root's door: which member takes the bricks of which rank.
 
+use super::convert::boxes;
 use super::{Kind, MemberEvent, send};
 use crate::ingest::{AssignMember, GridBox, Ingest, RunSpec};
 use lamina_model::FullPolicy;
@@ -108,7 +109,7 @@ impl Door {
     fn arrive(&self, member: u32, arrival: &v1::GroupArrival) {
         let mut run = self.run.lock();
         let Some(run) = run.as_mut().filter(|run| run.id == arrival.run_id) else { return };
-        let boxes = match super::member::boxes_of(arrival, &run.spec.grid) {
+        let boxes = match boxes(&arrival.boxes, &run.spec.grid) {
             Ok(boxes) => boxes,
             Err(error) => return tracing::error!(member, %error, "group"),
         };

@@ -1,12 +1,12 @@
 //! A member at work: carries out the root's commands on the bricks of its own ranks.
 
-use super::convert::{Preparation, boxes, read_cast, tile};
+use super::convert::{Preparation, read_cast, tile};
 use super::{Kind, lists, send, window};
 use crate::ingest::{BrickBytes, GridBox, RunSpec};
 use glam::DVec3;
 use lamina_model::{GenerationParams, Grid, Invalid, Scene, Segmentation, Volume, VoxelType, Voxels};
 use lamina_mpi::Outbox;
-use lamina_raycast::{Backend, Compositor, Field, RowBand};
+use lamina_raycast::{Backend, Compositor, Field, GridPart, RowBand};
 use lamina_rpc::v1;
 use parking_lot::Mutex;
 use std::collections::{BTreeMap, VecDeque};
@@ -29,7 +29,7 @@ pub(crate) struct HeldStep {
 /// Whole steps that wait for the root's commands.
 pub(crate) type HeldSteps = Arc<Mutex<BTreeMap<u64, HeldStep>>>;
 
-/// PartFields of a step.
+/// The fields of a step, one for each of its parts.
 struct PartFields {
     grid: Grid,
     scene: Scene,
@@ -45,8 +45,6 @@ pub(crate) struct Member {
     held: HeldSteps,
     fields: BTreeMap<u64, PartFields>,
     backend: Backend,
-    /// Bytes sent to other members for the command at hand.
-    sent_bytes: u64,
 }
 
 fn missing(step: u64) -> Invalid {
@@ -61,7 +59,7 @@ impl Member {
         backend: Backend,
     ) -> Self {
         let (early, fields) = (VecDeque::new(), BTreeMap::new());
-        Self { outbox, inbox, early, held, fields, backend, sent_bytes: 0 }
+        Self { outbox, inbox, early, held, fields, backend }
     }
 
     /// Works until nobody sends any more.
@@ -85,9 +83,8 @@ impl Member {
 
     fn obey(&mut self, from: u32, message: v1::GroupMessage) {
         let (sequence, begun) = (message.sequence, Instant::now());
-        self.sent_bytes = 0;
-        // What was for commands before this one, which then failed.
-        self.early.retain(|(_, m)| m.sequence >= sequence);
+        // What other members sent for commands before this one, which then failed.
+        self.early.retain(|(_, m)| m.sequence >= sequence || !is_between_members(m));
         let outcome = match message.kind {
             Some(Kind::Prepare(command)) => self.prepare(sequence, command),
             Some(Kind::Generate(command)) => self.generate(sequence, command),
@@ -105,17 +102,8 @@ impl Member {
             Ok(payload) => (payload, String::new()),
             Err(error) => (Vec::new(), error.to_string()),
         };
-        let reply = v1::GroupReply { payload, elapsed_ns, sent_bytes: self.sent_bytes, failed };
+        let reply = v1::GroupReply { payload, elapsed_ns, failed };
         send(&self.outbox, from, sequence, Kind::Reply(reply));
-    }
-
-    /// To another member.
-    fn tell(&mut self, to: u32, sequence: u64, kind: Kind) {
-        self.sent_bytes += match &kind {
-            Kind::Ghost(bytes) | Kind::Lists(bytes) => bytes.len() as u64,
-            _ => 0,
-        };
-        send(&self.outbox, to, sequence, kind);
     }
 
     /// What `take` takes of the messages of command `sequence` from all `members`.
@@ -166,34 +154,31 @@ impl Member {
         if bricks.iter().map(|(b, _)| *b).ne(preparation.members[me].iter().copied()) {
             return Err(Invalid::new("group", format!("step {step}: these are not the bricks that were announced")));
         }
-        let windows_of = |member: usize| -> Result<Vec<GridBox>, Invalid> {
-            let parts = preparation.parts(member)?;
-            let place = |p: &lamina_raycast::GridPart| {
-                GridBox::new(p.start().map(|n| n as u64), p.dims().map(|n| n as u64), &preparation.grid)
-            };
-            parts.iter().map(place).collect()
-        };
-        let windows = (0..members).map(windows_of).collect::<Result<Vec<_>, _>>()?;
+        let mut parts = (0..members).map(|member| preparation.parts(member)).collect::<Result<Vec<_>, _>>()?;
+        let window =
+            |p: &GridPart| GridBox::new(p.start().map(|n| n as u64), p.dims().map(|n| n as u64), &preparation.grid);
+        let windows_of = |parts: &Vec<GridPart>| parts.iter().map(window).collect::<Result<Vec<_>, _>>();
+        let windows = parts.iter().map(windows_of).collect::<Result<Vec<_>, _>>()?;
         let second = preparation.color_field.as_ref().map(|(_, t)| *t);
         let types: Vec<VoxelType> = std::iter::once(preparation.voxel_type).chain(second).collect();
         // Each field's own bytes of each brick.
-        let first_bytes = |b: &GridBox| b.voxels() * preparation.voxel_type.size_bytes();
-        let field = |n: usize| -> Vec<(GridBox, Vec<u8>)> {
-            let part = |(b, bytes): &(GridBox, BrickBytes)| {
-                let (first, second) = bytes.split_at(first_bytes(b));
-                (*b, if n == 0 { first } else { second }.to_vec())
-            };
-            bricks.iter().map(part).collect()
-        };
-        let own: Vec<Vec<(GridBox, Vec<u8>)>> = (0..types.len()).map(field).collect();
+        let mut own: Vec<Vec<(GridBox, &[u8])>> = vec![Vec::new(); types.len()];
+        for (brick, bytes) in &bricks {
+            let mut rest = &bytes[..];
+            for (own, voxel_type) in own.iter_mut().zip(&types) {
+                let (field, behind) = rest.split_at(brick.voxels() * voxel_type.size_bytes());
+                own.push((*brick, field));
+                rest = behind;
+            }
+        }
         let meet = |windows: &[GridBox], boxes: &[GridBox]| {
             windows.iter().any(|w| boxes.iter().any(|b| w.intersection(b).is_some()))
         };
-        let mine = preparation.members[me].clone();
-        for other in (0..members).filter(|&other| other != me && meet(&windows[other], &mine)) {
+        let mine = &preparation.members[me];
+        for other in (0..members).filter(|&other| other != me && meet(&windows[other], mine)) {
             let of_fields = own.iter().zip(&types).map(|(own, t)| window::ghosts(&windows[other], own, t.size_bytes()));
             let bytes: Vec<u8> = of_fields.flatten().collect();
-            self.tell(other as u32, sequence, Kind::Ghost(bytes));
+            send(&self.outbox, other as u32, sequence, Kind::Ghost(bytes));
         }
         let owing = (0..members).filter(|&other| other != me && meet(&windows[me], &preparation.members[other]));
         let ghosts = self.gather(sequence, owing.map(|m| m as u32).collect(), ghost_points)?;
@@ -204,7 +189,7 @@ impl Member {
             let empty = |w: &GridBox| (*w, vec![0; w.voxels() * size]);
             let mut of_field: Vec<(GridBox, Vec<u8>)> = windows[me].iter().map(empty).collect();
             let whole = window::ghosts(&windows[me], own, size);
-            let mut complete = window::fill(&mut of_field, &mine, size, &whole);
+            let mut complete = window::fill(&mut of_field, mine, size, &whole);
             for ((from, bytes), consumed) in ghosts.iter().zip(&mut consumed) {
                 let boxes = &preparation.members[*from as usize];
                 let points = windows[me].iter().flat_map(|w| boxes.iter().filter_map(|b| w.intersection(b)));
@@ -218,10 +203,11 @@ impl Member {
             }
             filled.push(of_field.into_iter().map(|(_, bytes)| Voxels::from_le_bytes(*voxel_type, &bytes)));
         }
-        drop(bricks);
         let not_finite: u64 = own[0].iter().map(|(_, bytes)| not_finite(preparation.voxel_type, bytes)).sum();
-        let (parts, mut fields) = (preparation.parts(me)?, Vec::new());
-        for part in parts {
+        // The simulation gets its memory back.
+        drop(bricks);
+        let mut fields = Vec::new();
+        for part in parts.swap_remove(me) {
             let grid = Grid::new(part.dims(), preparation.grid.spacing(), DVec3::ZERO)?;
             let mut next = filled.iter_mut().filter_map(Iterator::next);
             let Some(voxels) = next.next() else { return Err(missing(step)) };
@@ -257,7 +243,7 @@ impl Member {
             let bands = made.iter().map(|vdi| RowBand::of_rows(vdi, &rows));
             // Nothing is sent of a box that no ray of the tile meets.
             bands.filter(|band| !band.segments.is_empty()).for_each(|band| lists::write(&band, &mut bytes));
-            self.tell(other, sequence, Kind::Lists(bytes));
+            send(&self.outbox, other, sequence, Kind::Lists(bytes));
         }
         let rows = tile(params.resolution(), me, members);
         let mut bands: Vec<RowBand> = made.iter().map(|vdi| RowBand::of_rows(vdi, &rows)).collect();
@@ -341,9 +327,4 @@ fn not_finite(voxel_type: VoxelType, bytes: &[u8]) -> u64 {
         Voxels::F64(v) => v.iter().filter(|x| !x.is_finite()).count() as u64,
         _ => 0,
     }
-}
-
-/// Boxes of a member as it announces them.
-pub(super) fn boxes_of(arrival: &v1::GroupArrival, grid: &Grid) -> Result<Vec<GridBox>, Invalid> {
-    boxes(&arrival.boxes, grid)
 }

@@ -39,14 +39,17 @@ impl Root {
         Self { outbox, asking: Mutex::new((0, replies)) }
     }
 
-    /// Sends a command to all members; their answers in order, and the time that the slowest took.
+    /// Sends a command to all members.
+    fn tell(&self, sequence: u64, kind: &Kind) {
+        (0..self.outbox.size()).for_each(|member| send(&self.outbox, member, sequence, kind.clone()));
+    }
+
+    /// The same of one that is answered: their answers in order, and the time that the slowest took.
     fn ask(&self, kind: &Kind) -> Result<(Vec<v1::GroupReply>, Duration), Invalid> {
         let mut asking = self.asking.lock();
         let (sequence, replies) = &mut *asking;
         *sequence += 1;
-        for member in 0..self.outbox.size() {
-            send(&self.outbox, member, *sequence, kind.clone());
-        }
+        self.tell(*sequence, kind);
         let mut answers: Vec<Option<v1::GroupReply>> = vec![None; self.outbox.size() as usize];
         let until = Instant::now() + PATIENCE;
         while answers.iter().any(Option::is_none) {
@@ -208,9 +211,7 @@ impl GroupField {
 
 impl Drop for GroupField {
     fn drop(&mut self) {
-        for member in 0..self.root.outbox.size() {
-            send(&self.root.outbox, member, 0, Kind::Release(v1::GroupRelease { step: self.step }));
-        }
+        self.root.tell(0, &Kind::Release(v1::GroupRelease { step: self.step }));
     }
 }
 

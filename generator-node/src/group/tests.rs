@@ -4,8 +4,8 @@ use super::*;
 use crate::ingest::{GridBox, RunSpec};
 use glam::DVec3;
 use lamina_model::{
-    FullPolicy, GenerationParams, Grid, Intermediate, Quality, SamplePlan, Scene, Segmentation, SquaredError, Vdi,
-    VdiParams, Volume, VoxelType, Voxels, suggest::suggest,
+    FullPolicy, Grid, Intermediate, SamplePlan, Scene, Segmentation, SquaredError, Vdi, VdiParams, Volume, VoxelType,
+    Voxels, suggest::suggest,
 };
 use lamina_raycast::{Backend, Field};
 use std::sync::Arc;
@@ -167,5 +167,4 @@ fn what_a_member_lacks_or_cannot_make_is_said_with_its_number_and_the_group_goes
     // The step was taken: it cannot be prepared again.
     assert!(prepare(0).is_err());
     assert!(field.generate(&params, Segmentation::Fitted).is_ok());
-    let _ = (GenerationParams::default(), Quality::default());
 }

@@ -3,7 +3,7 @@
 use crate::ingest::GridBox;
 
 /// Boxes with their bytes.
-pub(super) type Bricks = [(GridBox, Vec<u8>)];
+pub(super) type Bricks<'a> = [(GridBox, &'a [u8])];
 
 /// Offset of the row of `region` at (y, z) in a box of points of `size` bytes.
 fn offset(of: &GridBox, region: &GridBox, (y, z): (usize, usize), size: usize) -> usize {
@@ -88,7 +88,8 @@ mod tests {
         let windows = places.map(|(start, dims)| GridBox::new(start, dims, &grid).unwrap());
         let mut filled: Vec<_> = windows.iter().map(|w| (*w, vec![0xff; 2 * w.voxels()])).collect();
         for owner in &owners {
-            let sent = ghosts(&windows, owner, 2);
+            let bricks: Vec<_> = owner.iter().map(|(b, bytes)| (*b, &bytes[..])).collect();
+            let sent = ghosts(&windows, &bricks, 2);
             let boxes: Vec<GridBox> = owner.iter().map(|(b, _)| *b).collect();
             assert!(!fill(&mut filled.clone(), &boxes, 2, &sent[..sent.len() - 1]), "one byte is missing");
             assert!(fill(&mut filled, &boxes, 2, &sent));

@@ -4,7 +4,7 @@ use super::brick::BrickBytes;
 use super::{Admit, BrickOffer, CompleteStep, Core, IngestError, RunSpec};
 use crate::overhead::Overhead;
 use futures::{Stream, StreamExt};
-use lamina_model::{Invalid, Scene, VoxelType};
+use lamina_model::{Invalid, Scene};
 use lamina_rpc::v1::{self, ingest_server, push_part::Part};
 use lamina_rpc::{chunks::CHUNK_BYTES, invalid, required};
 use lamina_shared_memory::{KEPT_SLOTS, Rings, SharedBytes};
@@ -301,17 +301,12 @@ fn spec_from(r: &v1::OpenRequest) -> Result<RunSpec, Invalid> {
         field: r.field.clone(),
         grid: required(r.grid, "grid")?.try_into()?,
         voxel_type: r.voxel_type().try_into()?,
-        color_field: r.color_field.as_ref().map(second_field).transpose()?,
+        color_field: r.color_field.as_ref().map(TryInto::try_into).transpose()?,
         ranks: r.ranks,
         full_policy: r.full_policy().into(),
         scene: r.scene.clone().map(TryInto::try_into).transpose()?,
         members: 1,
     })
-}
-
-fn second_field(f: &v1::SecondField) -> Result<(String, VoxelType), Invalid> {
-    let voxel_type = f.voxel_type().try_into();
-    Ok((f.name.clone(), voxel_type.map_err(|e: Invalid| Invalid::new("color_field.voxel_type", e.reason))?))
 }
 
 /// Name and time: sorts by age, unique per machine and run, and safe as a folder's name.

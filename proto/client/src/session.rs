@@ -77,9 +77,7 @@ impl Session {
             full_policy: v1::FullPolicy::from(options.full_policy).into(),
             scene: options.scene.as_ref().map(Into::into),
             resume_run_id: run_id,
-            color_field: options
-                .color_field
-                .map(|(name, voxel_type)| v1::SecondField { name, voxel_type: v1::VoxelType::from(voxel_type).into() }),
+            color_field: options.color_field.as_ref().map(Into::into),
         };
         let reply = ingest.open(request).await?.into_inner();
         let chunk_bytes = (reply.chunk_bytes as usize).clamp(1 << 12, lamina_rpc::MAX_MESSAGE_BYTES / 2);

@@ -90,6 +90,17 @@ impl SamplePlan {
         pixels
     }
 
+    /// `count` batches from `first` on.
+    ///
+    /// # Errors
+    /// If the plan has not so many.
+    pub fn slice(&self, first: u32, count: u32) -> Result<Range<u32>, Invalid> {
+        let end = first.checked_add(count).filter(|&end| end <= self.batches);
+        let missing =
+            || Invalid::new("reference", format!("batches {first} and {count} more are not among {}", self.batches));
+        Ok(first..end.ok_or_else(missing)?)
+    }
+
     /// `count` batches that rotate from step to step, so that successive steps are sampled at other pixels.
     pub fn rotating_slice(&self, step: u64, count: u32) -> Range<u32> {
         let count = count.clamp(1, self.batches);

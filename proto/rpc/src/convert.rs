@@ -4,7 +4,7 @@ use crate::v1::generation_params::Kind;
 use crate::{required, v1};
 use lamina_model::{
     Cost, Frame, FullPolicy, GenerationParams, Invalid, Limits, Quality, RunInfo, Setting, StepReport, TuningState,
-    VdiParams, ViewError,
+    VdiParams, ViewError, VoxelType,
 };
 use std::time::Duration;
 
@@ -246,5 +246,19 @@ impl TryFrom<v1::Run> for RunInfo {
     fn try_from(run: v1::Run) -> Result<Self, Invalid> {
         let grid = required(run.grid, "grid")?.try_into()?;
         Ok(Self { id: run.run_id, name: run.name, field: run.field, grid })
+    }
+}
+
+impl From<&(String, VoxelType)> for v1::SecondField {
+    fn from((name, voxel_type): &(String, VoxelType)) -> Self {
+        Self { name: name.clone(), voxel_type: v1::VoxelType::from(*voxel_type).into() }
+    }
+}
+
+impl TryFrom<&v1::SecondField> for (String, VoxelType) {
+    type Error = Invalid;
+    fn try_from(field: &v1::SecondField) -> Result<Self, Invalid> {
+        let voxel_type = field.voxel_type().try_into();
+        Ok((field.name.clone(), voxel_type.map_err(|e: Invalid| Invalid::new("color_field.voxel_type", e.reason))?))
     }
 }

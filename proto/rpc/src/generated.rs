@@ -2819,13 +2819,11 @@ pub struct GroupRelease {
 pub struct GroupReply {
     #[prost(bytes = "vec", tag = "1")]
     pub payload: ::prost::alloc::vec::Vec<u8>,
-    /// Wall time, and bytes sent to other members.
+    /// Wall time.
     #[prost(uint64, tag = "2")]
     pub elapsed_ns: u64,
-    #[prost(uint64, tag = "3")]
-    pub sent_bytes: u64,
     /// Why there is no answer, if there is none.
-    #[prost(string, tag = "4")]
+    #[prost(string, tag = "3")]
     pub failed: ::prost::alloc::string::String,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]

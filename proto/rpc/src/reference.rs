@@ -31,10 +31,7 @@ pub fn decode(reference: v1::Reference, bytes: &[u8]) -> Result<ReferenceSamples
     let v1::Reference { image_size, tile, batches, angles_deg, first_batch, held_batches, .. } = reference;
     let plan = SamplePlan { image_size, tile, batches, angles_deg }.check()?;
     let held = if held_batches == 0 { batches } else { held_batches };
-    let end = first_batch.checked_add(held).filter(|&end| end <= batches);
-    let end = end.ok_or_else(|| {
-        Invalid::new("reference", format!("batches {first_batch} and {held} more are not among {batches}"))
-    })?;
+    let slice = plan.slice(first_batch, held)?;
     let per_view = 6 * plan.samples_per_batch() * held as usize;
     if bytes.len() != per_view * plan.angles_deg.len() {
         return Err(Invalid::new("reference", format!("{} bytes do not fit its sample plan", bytes.len())));
@@ -45,7 +42,7 @@ pub fn decode(reference: v1::Reference, bytes: &[u8]) -> Result<ReferenceSamples
         step: reference.step,
         scene: required(reference.scene, "reference.scene")?.try_into()?,
         colors: bytes.chunks_exact(per_view).map(view).collect(),
-        batches: first_batch..end,
+        batches: slice,
         plan,
     })
 }

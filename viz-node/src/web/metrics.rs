@@ -19,7 +19,7 @@ pub(super) async fn metrics(State(web): State<Web>) -> impl IntoResponse {
     let c = &web.intake.counters;
     say("frames_total", "counter", "Steps received and recorded.", count(&c.frames));
     say("frame_bytes_total", "counter", "Bytes of encoded VDIs received.", count(&c.frame_bytes));
-    say("trials_total", "counter", "TrialStore measured for the tuner.", count(&c.trials));
+    say("trials_total", "counter", "Trials measured for the tuner.", count(&c.trials));
     say("refused_total", "counter", "Deliveries that could not be used.", count(&c.refused));
     say("connections_total", "counter", "Connections made to the generator-node.", count(&c.connections));
     say("unmeasured_total", "counter", "Live steps not measured for want of processor time.", count(&c.unmeasured));

@@ -96,7 +96,7 @@ struct StudyState {
     step: u64,
     /// The run's first.
     first: bool,
-    /// TrialStore begun.
+    /// Trials begun.
     trials: u32,
     /// Of the best trial that keeps the contract so far.
     best_psnr_db: Option<Number>,

@@ -30,10 +30,11 @@ pub fn raycast(level: Level, field: &Field, shot: &Shot) -> Vec<[f32; 3]> {
     let mut image = vec![[0.0; 3]; width as usize * height as usize];
     let table = table(field);
     let setup = RaySetup::new(field, shot.camera, shot.size, step_length(field));
-    let cast = CastParams { setup: &setup, effects: None, floor: shot.floor, background: field.scene().background };
+    let cast = CastParams { setup: &setup, effects: None, floor: shot.floor };
+    let background = field.scene().background;
     for_stored!(field.stored(), v => {
         let sampler = VolumeSampler::new(field, v, &table);
-        let band = |(band, out)| level.run(PictureBand { sampler: &sampler, cast: &cast, width,
+        let band = |(band, out)| level.run(PictureBand { sampler: &sampler, cast: &cast, background, width,
             first_row: 2 * band as u32, out });
         image.par_chunks_mut(2 * width as usize).enumerate().for_each(band);
     });
@@ -55,37 +56,29 @@ fn by_lists(level: Level, field: &Field, shot: &Shot) -> Vec<[f32; 3]> {
 
 /// Casts some `pixels` (column, row) of the picture; returns their colors in order.
 pub fn raycast_pixels(level: Level, field: &Field, shot: &Shot, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
-    over_background(level, field, shot, field.scene().background, pixels)
+    let background = field.scene().background;
+    // Sums for white may round to slightly more than 1.
+    let over = |[r, g, b, transmittance]: [f32; 4]| {
+        std::array::from_fn(|c| ([r, g, b][c] + transmittance * background[c]).min(1.0))
+    };
+    raycast_layers(level, field, shot, pixels).into_iter().map(over).collect()
 }
 
 /// The same without a background: premultiplied color and transmittance of what the field has in its own cells.
 pub fn raycast_layers(level: Level, field: &Field, shot: &Shot, pixels: &[(u32, u32)]) -> Vec<[f32; 4]> {
-    // What is black over black is white over white where nothing is in between.
-    let [black, white] = [0.0, 1.0].map(|c| over_background(level, field, shot, [c; 3], pixels));
-    let layer = |([r, g, b], white): ([f32; 3], [f32; 3])| [r, g, b, (white[1] - g).clamp(0.0, 1.0)];
-    black.into_iter().zip(white).map(layer).collect()
-}
-
-fn over_background(
-    level: Level,
-    field: &Field,
-    shot: &Shot,
-    background: [f32; 3],
-    pixels: &[(u32, u32)],
-) -> Vec<[f32; 3]> {
-    let mut colors = vec![[0.0; 3]; pixels.len()];
+    let mut layers = vec![[0.0; 4]; pixels.len()];
     let table = table(field);
     let setup = RaySetup::new(field, shot.camera, shot.size, step_length(field));
     let effects = LaneEffects::new(field, shot.camera, &table, step_length(field));
     let effects = effects.as_ref();
-    let cast = CastParams { setup: &setup, effects, floor: shot.floor, background };
+    let cast = CastParams { setup: &setup, effects, floor: shot.floor };
     for_stored!(field.stored(), v => {
         let sampler = VolumeSampler::new(field, v, &table);
         let list = |(pixels, out): (&[_], &mut [_])| level.run(PixelList { sampler: &sampler, cast: &cast,
             pixels, out });
-        pixels.par_chunks(256).zip(colors.par_chunks_mut(256)).for_each(list);
+        pixels.par_chunks(256).zip(layers.par_chunks_mut(256)).for_each(list);
     });
-    colors
+    layers
 }
 
 fn step_length(field: &Field) -> f64 {
@@ -100,6 +93,7 @@ fn table(field: &Field) -> TransferLut {
 struct PictureBand<'a, V> {
     sampler: &'a VolumeSampler<'a, V>,
     cast: &'a CastParams<'a>,
+    background: [f32; 3],
     width: u32,
     first_row: u32,
     out: &'a mut [[f32; 3]],
@@ -111,7 +105,8 @@ impl<V: Pair> SimdKernel for PictureBand<'_, V> {
     fn run<L: Lanes>(self) {
         let width = self.width;
         for tile in Tile::across(width, self.first_row, self.out.len() as u32 / width) {
-            let colors = cast::<L, V>(self.sampler, self.cast, tile.pixels());
+            let (color, transmittance) = cast::<L, V>(self.sampler, self.cast, tile.pixels());
+            let colors = over::<L>(color, transmittance, self.background);
             for (&(i, j), color) in tile.pixels().iter().zip(colors) {
                 self.out[((j - self.first_row) * width + i) as usize] = color;
             }
@@ -124,7 +119,7 @@ struct PixelList<'a, V> {
     sampler: &'a VolumeSampler<'a, V>,
     cast: &'a CastParams<'a>,
     pixels: &'a [(u32, u32)],
-    out: &'a mut [[f32; 3]],
+    out: &'a mut [[f32; 4]],
 }
 
 impl<V: Pair> SimdKernel for PixelList<'_, V> {
@@ -132,11 +127,14 @@ impl<V: Pair> SimdKernel for PixelList<'_, V> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         for (pixels, out) in self.pixels.chunks(WIDTH).zip(self.out.chunks_mut(WIDTH)) {
-            let colors = match self.cast.effects {
+            let ([r, g, b], transmittance) = match self.cast.effects {
                 None => cast::<L, V>(self.sampler, self.cast, pixels),
                 Some(effects) => cast_with::<L, V>(self.sampler, self.cast, effects, pixels),
             };
-            out.copy_from_slice(&colors[..out.len()]);
+            let layers = [r.to_array(), g.to_array(), b.to_array(), transmittance.to_array()];
+            for (l, layer) in out.iter_mut().enumerate() {
+                *layer = layers.map(|values| values[l]);
+            }
         }
     }
 }
@@ -146,11 +144,13 @@ struct CastParams<'a> {
     setup: &'a RaySetup,
     effects: Option<&'a LaneEffects<'a>>,
     floor: f32,
-    background: [f32; 3],
 }
 
+/// Premultiplied color and transmittance of eight rays.
+type Layers<L> = ([<L as Lanes>::F; 3], <L as Lanes>::F);
+
 #[inline(always)]
-fn cast<L: Lanes, V: Pair>(sampler: &VolumeSampler<V>, cast: &CastParams, pixels: &[(u32, u32)]) -> [[f32; 3]; WIDTH] {
+fn cast<L: Lanes, V: Pair>(sampler: &VolumeSampler<V>, cast: &CastParams, pixels: &[(u32, u32)]) -> Layers<L> {
     let packet = RayPacket::<L>::new(cast.setup, pixels);
     let zero = L::F::splat(0.0);
     let mut sum = ColorAccumulator::<L> {
@@ -160,7 +160,7 @@ fn cast<L: Lanes, V: Pair>(sampler: &VolumeSampler<V>, cast: &CastParams, pixels
         transmittance: L::F::splat(1.0),
     };
     sampler.march(&packet, &mut sum);
-    over::<L>(cast, sum.color, sum.transmittance)
+    (sum.color, sum.transmittance)
 }
 
 #[inline(always)]
@@ -169,21 +169,21 @@ fn cast_with<L: Lanes, V: Pair>(
     cast: &CastParams,
     effects: &LaneEffects,
     pixels: &[(u32, u32)],
-) -> [[f32; 3]; WIDTH] {
+) -> Layers<L> {
     let mut packet = RayPacket::<L>::new(cast.setup, pixels);
     let mut source = EffectsSource::new(sampler, effects);
     source.begin(cast.setup, pixels, &mut packet);
     let zero = L::F::splat(0.0);
     let mut sum = ShadedAccumulator { source, floor: cast.floor, color: [zero; 3], transmittance: L::F::splat(1.0) };
     sampler.march(&packet, &mut sum);
-    over::<L>(cast, sum.color, sum.transmittance)
+    (sum.color, sum.transmittance)
 }
 
 #[inline(always)]
-fn over<L: Lanes>(cast: &CastParams, color: [L::F; 3], transmittance: L::F) -> [[f32; 3]; WIDTH] {
+fn over<L: Lanes>(color: [L::F; 3], transmittance: L::F, background: [f32; 3]) -> [[f32; 3]; WIDTH] {
     let mut pixels = [[0.0; 3]; WIDTH];
     for c in 0..3 {
-        let sum = color[c] + transmittance * L::F::splat(cast.background[c]);
+        let sum = color[c] + transmittance * L::F::splat(background[c]);
         // Sums for white may round to slightly more than 1.
         for (pixel, x) in pixels.iter_mut().zip(sum.min(L::F::splat(1.0)).to_array()) {
             pixel[c] = x;
