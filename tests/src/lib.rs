@@ -1,5 +1,6 @@
 //! What the suites share: small scenes with known answers.
 
+pub mod browser;
 pub mod languages;
 pub mod processes;
 pub mod reference;

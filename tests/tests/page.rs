@@ -2,127 +2,9 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use lamina_tests::processes::{Daemon, free_port, wait_for};
+use lamina_tests::browser::{Browser, end};
+use lamina_tests::processes::{Daemon, free_port};
 use serde_json::{Value, json};
-use std::process::{Child, Command, Stdio};
-use std::time::Duration;
-
-/// A ChromeDriver session.
-struct Browser {
-    driver: Child,
-    session: String,
-}
-
-fn request(method: &str, url: &str, body: &Value) -> Value {
-    let agent: ureq::Agent = ureq::Agent::config_builder().http_status_as_error(false).build().into();
-    let answer = if method == "GET" { agent.get(url).call() } else { agent.post(url).send_json(body) };
-    let answer: Value = answer.unwrap().body_mut().read_json().unwrap();
-    assert!(answer["value"]["error"].is_null(), "{method} {url} {body}: {answer}");
-    answer["value"].clone()
-}
-
-impl Browser {
-    fn open(profile: &str) -> Self {
-        let port = free_port();
-        let mut command = Command::new("chromedriver");
-        command.arg(format!("--port={port}")).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
-        let driver = command.spawn().expect("chromedriver is installed by tests/run");
-        let base = format!("http://127.0.0.1:{port}");
-        let up = || ureq::get(format!("{base}/status")).call().is_ok();
-        assert!(wait_for(Duration::from_secs(60), up), "chromedriver does not answer");
-        let arguments = [
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--disable-quic",
-            "--no-first-run",
-            "--disable-background-networking",
-            "--disable-component-update",
-            "--disable-sync",
-            "--window-size=1100,900",
-            &format!("--user-data-dir={profile}"),
-        ];
-        let capabilities = json!({"capabilities": {"alwaysMatch": {
-            "goog:chromeOptions": {"args": arguments},
-            "goog:loggingPrefs": {"browser": "ALL"},
-        }}});
-        let session = request("POST", &format!("{base}/session"), &capabilities);
-        let id = session["sessionId"].as_str().unwrap();
-        Self { driver, session: format!("{base}/session/{id}") }
-    }
-
-    fn post(&self, path: &str, body: &Value) -> Value {
-        request("POST", &format!("{}{path}", self.session), body)
-    }
-
-    /// What a JavaScript expression is worth.
-    fn js(&self, expression: &str) -> Value {
-        self.post("/execute/sync", &json!({"script": format!("return {expression}"), "args": []}))
-    }
-
-    fn wait_js(&self, condition: &str) {
-        let holds = wait_for(Duration::from_secs(90), || self.js(condition) == json!(true));
-        assert!(holds, "not so: {condition}; the page says {}", self.js("document.body.innerText"));
-    }
-
-    /// Presses `key`, by its WebDriver code.
-    fn key(&self, name: &str) {
-        let code = match name {
-            "Home" => "\u{e011}",
-            "End" => "\u{e010}",
-            other => other,
-        };
-        let keys = json!([{"type": "keyDown", "value": code}, {"type": "keyUp", "value": code}]);
-        self.post("/actions", &json!({"actions": [{"type": "key", "id": "keys", "actions": keys}]}));
-    }
-
-    /// What the mouse does.
-    fn mouse(&self, actions: &[Value]) {
-        let pointer =
-            json!({"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": actions});
-        self.post("/actions", &json!({"actions": [pointer]}));
-    }
-
-    /// The middle of `selector` on the page, not in the element: it may be drawn anew while the mouse is on its way.
-    fn middle(&self, selector: &str) -> [i32; 2] {
-        let middle = self.js(&format!(
-            "(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{block: 'nearest'}}); \
-             const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2].map(Math.round) }})()"
-        ));
-        [0, 1].map(|i| middle[i].as_i64().unwrap() as i32)
-    }
-
-    /// Presses the mouse in the middle of `selector`, moves by (`dx`, `dy`), releases.
-    fn drag(&self, selector: &str, dx: i32, dy: i32) {
-        let [x, y] = self.middle(selector);
-        let moves = [move_to(x + dx / 2, y + dy / 2, 50), move_to(x + dx, y + dy, 50)];
-        let [down, up] = ["pointerDown", "pointerUp"].map(|kind| json!({"type": kind, "button": 0}));
-        self.mouse(&[&[move_to(x, y, 50), down][..], &moves, &[up]].concat());
-    }
-
-    /// Presses the mouse in the middle of `selector` and moves to and fro for about `seconds`, with an event every 16 ms.
-    fn drag_on(&self, selector: &str, seconds: u32) {
-        let [x, y] = self.middle(selector);
-        self.mouse(&[move_to(x, y, 0), json!({"type": "pointerDown", "button": 0})]);
-        for second in 0..seconds {
-            let side = if second % 2 == 0 { 3 } else { -3 };
-            let moves: Vec<Value> = (-30..30).map(|i| move_to(x + side * i, y + i, 16)).collect();
-            self.mouse(&moves);
-        }
-    }
-}
-
-fn move_to(x: i32, y: i32, duration_ms: u32) -> Value {
-    json!({"type": "pointerMove", "duration": duration_ms, "origin": "viewport", "x": x, "y": y})
-}
-
-impl Drop for Browser {
-    fn drop(&mut self) {
-        let _ = ureq::delete(&self.session).call();
-        let _ = self.driver.kill();
-        let _ = self.driver.wait();
-    }
-}
 
 /// Share of the picture's pixels that are not black.
 const LIT: &str = "(() => { const c = document.querySelector('#picture'); \
@@ -135,17 +17,9 @@ fn watched(arguments: &[&str]) -> (Daemon, Browser, tempfile::TempDir) {
     let viewer = format!("127.0.0.1:{port}");
     let lamina = Daemon::start_plain("lamina", port, &[&["live", "--viewer", &viewer], arguments].concat());
     let profile = tempfile::tempdir().unwrap();
-    let browser = Browser::open(&profile.path().display().to_string());
+    let browser = Browser::open(&profile.path().display().to_string(), &["--disable-gpu"]);
     browser.post("/url", &json!({"url": format!("{}/", lamina.url())}));
     (lamina, browser, profile)
-}
-
-/// Nothing went wrong on the page, and its server stops when told to.
-fn end(browser: &Browser, lamina: Daemon) {
-    let log = browser.post("/se/log", &json!({"type": "browser"}));
-    let errors: Vec<_> = log.as_array().unwrap().iter().filter(|e| e["level"] == "SEVERE").collect();
-    assert!(errors.is_empty(), "{errors:?}");
-    assert_eq!(lamina.terminate(), Some(0));
 }
 
 /// A number for all of the picture, most likely another for another picture.
@@ -235,7 +109,7 @@ fn drafts_keep_coming_while_the_camera_turns_and_a_study_runs() {
     // Counted, not timed: the machine may be busy.
     let drafts = browser.js("drafts").as_array().unwrap().iter().map(|d| d.as_u64().unwrap()).collect::<Vec<_>>();
     assert!(drafts.len() >= 12, "{drafts:?}");
-    assert!(drafts.iter().all(|side| (96..=512).contains(side) && side % 32 == 0), "{drafts:?}");
+    assert!(drafts.iter().all(|side| (96..=1024).contains(side) && side % 32 == 0), "{drafts:?}");
     assert_eq!(browser.js("document.querySelector('#notice').hidden"), json!(true));
     // The hand still holds the picture; released, it is drawn well.
     assert_eq!(browser.js("document.querySelector('#picture').dataset.draft"), json!("true"));
@@ -248,8 +122,8 @@ fn drafts_keep_coming_while_the_camera_turns_and_a_study_runs() {
 
 /// A controller that saw `count` drafts, each of which took `c` ms a pixel and `overhead` ms.
 fn draft_side(browser: &Browser, c: f64, overhead: f64, count: u32) -> Value {
-    browser.js(&format!(
-        "fetch('draft_size.js').then(r => r.text()).then(text => {{ const d = new (new Function(text + '; return DraftSize')())(); \
+    browser.promised(&format!(
+        "import('/draft_size.js').then(module => {{ const d = new (Object.values(module)[0])(); \
          let changes = 0; for (let i = 0; i < {count}; i++) {{ const side = d.side; \
          d.record(side, ({overhead} + {c} * side ** 2) * (i % 2 ? 1.15 : 1 / 1.15)); \
          if (i >= {count} / 2) changes += d.side !== side; }} return {{side: d.side, changes}} }})"
@@ -269,7 +143,7 @@ fn the_side_of_a_draft_settles_where_it_takes_the_target() {
     // A constant time leaves less for the pixels; bounds hold.
     let side = draft_side(&browser, 4e-4, 13.0, 200)["side"].as_f64().unwrap();
     assert!((side - (20.0_f64 / 4e-4).sqrt()).abs() <= 34.0, "{side}");
-    assert_eq!(draft_side(&browser, 1e-6, 0.0, 200)["side"], json!(512));
+    assert_eq!(draft_side(&browser, 1e-6, 0.0, 200)["side"], json!(1024));
     assert_eq!(draft_side(&browser, 1.0, 0.0, 200)["side"], json!(96));
     // Drafts that take too long are left within five.
     let side = draft_side(&browser, 4e-3, 0.0, 5)["side"].as_f64().unwrap();

@@ -21,6 +21,7 @@ pub mod gpu;
 #[cfg(not(feature = "gpu"))]
 #[path = "gpu_absent.rs"]
 pub mod gpu;
+pub mod kernel;
 pub mod reference;
 pub mod simd;
 mod vdi;

@@ -15,6 +15,7 @@ pub mod gpu;
 #[cfg(not(feature = "gpu"))]
 #[path = "gpu_absent.rs"]
 pub mod gpu;
+pub mod kernel;
 mod psnr;
 mod reconstruction;
 pub mod reference;
@@ -24,5 +25,5 @@ pub use backend::Backend;
 pub use drawable::Drawable;
 pub use lamina_compute::simd::Level;
 pub use psnr::QualityEstimate;
-pub use reconstruction::{Detail, Displacement};
+pub use reconstruction::{Blend, Detail, Displacement, Reconstruction};
 pub use simd::{PreparedVdi, render};

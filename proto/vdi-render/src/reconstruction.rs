@@ -38,6 +38,86 @@ const FAR_RING: Displacement = [1.375, 0.125];
 /// Weight of the difference between near and far sides where pixels of the VDI are much larger than those of the picture.
 const SHARPNESS: f64 = 0.27;
 
+/// How displaced pictures make a still one.
+///
+/// With a, b, c, d of [`Self::around`] and the weighted sum s of [`Self::difference`], every channel is
+/// (((a + c) + (b + d)) / 4 + sharpness s), clamped to the range of a, b, c and d.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Blend {
+    /// Displacements within the pixel.
+    pub around: [Displacement; 4],
+    /// Displacements to the sides of the adjacent pixels, with their weights; none if the sharpness is 0.
+    pub difference: Vec<(Displacement, f32)>,
+    /// Weight of the difference.
+    pub sharpness: f32,
+}
+
+/// The blend for pixels of a VDI that are `magnification` pixels of the picture wide.
+pub(crate) fn blend(magnification: f64) -> Blend {
+    let sharpness = (SHARPNESS * (magnification - 0.5).clamp(0.0, 1.0)) as f32;
+    // Mean of the near sides of adjacent pixels minus that of their far sides.
+    let sides = turns(NEAR_RING).map(|by| (by, 0.25)).into_iter().chain(turns(FAR_RING).map(|by| (by, -0.25)));
+    let difference = if sharpness > 0.0 { sides.collect() } else { Vec::new() };
+    Blend { around: turns(INNER_RING), difference, sharpness }
+}
+
+/// Displaced pictures on their way to one.
+#[derive(Debug)]
+pub struct Reconstruction {
+    blend: Option<Blend>,
+    around: Vec<Vec<[f32; 3]>>,
+    /// Pictures added to the difference so far, and their weighted sum.
+    sides: usize,
+    finer: Vec<[f32; 3]>,
+}
+
+impl Reconstruction {
+    /// As `detail` asks; `magnification` is the width of a VDI pixel in pixels of the picture.
+    pub(crate) fn new(detail: Detail, magnification: f64) -> Self {
+        let blend = (detail == Detail::Cubic).then(|| blend(magnification));
+        Self { blend, around: Vec::new(), sides: 0, finer: Vec::new() }
+    }
+
+    /// The displacement of the next picture; `None` once all are there.
+    pub fn next(&self) -> Option<Displacement> {
+        match &self.blend {
+            None => self.around.is_empty().then_some([0.0; 2]),
+            Some(blend) if self.around.len() < 4 => Some(blend.around[self.around.len()]),
+            Some(blend) => blend.difference.get(self.sides).map(|(by, _)| *by),
+        }
+    }
+
+    /// Takes that picture.
+    pub fn add(&mut self, picture: Vec<[f32; 3]>) {
+        match &self.blend {
+            Some(blend) if self.around.len() == 4 => {
+                let (_, share) = blend.difference[self.sides];
+                self.finer.resize(picture.len(), [0.0; 3]);
+                self.finer.as_flattened_mut().iter_mut().zip(picture.as_flattened()).for_each(|(s, d)| *s += share * d);
+                self.sides += 1;
+            }
+            _ => self.around.push(picture),
+        }
+    }
+
+    /// The picture that all of them make.
+    pub fn finish(mut self) -> Vec<[f32; 3]> {
+        let Some(sharpness) = self.blend.map(|b| b.sharpness) else { return self.around.pop().unwrap_or_default() };
+        let (others, finer) = (self.around.split_off(1), self.finer);
+        let mut blended = self.around.pop().unwrap_or_default();
+        for (n, color) in blended.iter_mut().enumerate() {
+            for (c, value) in color.iter_mut().enumerate() {
+                let around = [*value, others[0][n][c], others[1][n][c], others[2][n][c]];
+                // Sum in two pairs, so that four equal colors give exactly their mean.
+                let linear = 0.25 * ((around[0] + around[2]) + (around[1] + around[3]));
+                let (least, most) = around.iter().fold((linear, linear), |(l, m), &a| (l.min(a), m.max(a)));
+                *value = (linear + finer.get(n).map_or(0.0, |finer| sharpness * finer[c])).clamp(least, most);
+            }
+        }
+        blended
+    }
+}
+
 /// Combines the pictures that `draw` gives for displacements as `detail` asks. `magnification` is the width of a VDI pixel in
 /// pixels of the picture.
 ///
@@ -48,34 +128,11 @@ pub(crate) fn reconstruct<E>(
     magnification: f64,
     mut draw: impl FnMut(Displacement) -> Result<Vec<[f32; 3]>, E>,
 ) -> Result<Vec<[f32; 3]>, E> {
-    if detail == Detail::Nearest {
-        return draw([0.0; 2]);
+    let mut reconstruction = Reconstruction::new(detail, magnification);
+    while let Some(by) = reconstruction.next() {
+        reconstruction.add(draw(by)?);
     }
-    let [first, second, third, fourth] = turns(INNER_RING);
-    let (mut blended, second, third, fourth) = (draw(first)?, draw(second)?, draw(third)?, draw(fourth)?);
-    let sharpness = (SHARPNESS * (magnification - 0.5).clamp(0.0, 1.0)) as f32;
-    let finer = if sharpness > 0.0 { difference(draw)? } else { Vec::new() };
-    for (n, color) in blended.iter_mut().enumerate() {
-        for (c, value) in color.iter_mut().enumerate() {
-            let around = [*value, second[n][c], third[n][c], fourth[n][c]];
-            // Sum in two pairs, so that four equal colors give exactly their mean.
-            let linear = 0.25 * ((around[0] + around[2]) + (around[1] + around[3]));
-            let (least, most) = around.iter().fold((linear, linear), |(l, m), &a| (l.min(a), m.max(a)));
-            *value = (linear + finer.get(n).map_or(0.0, |finer| sharpness * finer[c])).clamp(least, most);
-        }
-    }
-    Ok(blended)
-}
-
-/// Mean of the near sides of adjacent pixels minus that of their far sides.
-fn difference<E>(mut draw: impl FnMut(Displacement) -> Result<Vec<[f32; 3]>, E>) -> Result<Vec<[f32; 3]>, E> {
-    let mut sum: Vec<[f32; 3]> = Vec::new();
-    for (by, share) in turns(NEAR_RING).map(|by| (by, 0.25)).into_iter().chain(turns(FAR_RING).map(|by| (by, -0.25))) {
-        let reconstruct = draw(by)?;
-        sum.resize(reconstruct.len(), [0.0; 3]);
-        sum.as_flattened_mut().iter_mut().zip(reconstruct.as_flattened()).for_each(|(s, d)| *s += share * d);
-    }
-    Ok(sum)
+    Ok(reconstruction.finish())
 }
 
 /// A displacement and its three quarter turns.

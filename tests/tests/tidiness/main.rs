@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod modules;
+mod viewer;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -39,6 +40,7 @@ fn crates_point_only_where_the_layout_says() {
         ("generator-node", &["model", "compute", "raycast", "codec", "rpc", "shared-memory", "mpi"]),
         ("viz-node", &["model", "compute", "raycast", "vdi-render", "codec", "rpc"]),
         ("tuner", &["model", "rpc"]),
+        ("viz-node/viewer/engine", &["model", "compute", "raycast", "vdi-render", "codec"]),
     ]);
     for (folder, allowed) in allowed {
         for dependency in dependencies(folder) {

@@ -1,5 +1,6 @@
 //! The page and what it asks for: state, events, pictures; and metrics for Prometheus.
 
+mod assets;
 mod metrics;
 
 use crate::intake::Intake;
@@ -7,7 +8,7 @@ use crate::painter::{Orbit, PaintError, Painter};
 use crate::store::{Event, Number, Run, StepRow, Store};
 use crate::trials::StudyStatus;
 use axum::body::Body;
-use axum::extract::{Query, State};
+use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::sse::{self, Sse};
 use axum::response::{IntoResponse, Response};
@@ -40,27 +41,17 @@ impl Web {
 
     /// All routes.
     pub(crate) fn router(self) -> Router {
-        let file =
-            |mime: &'static str, body: &'static str| get(move || async move { ([(header::CONTENT_TYPE, mime)], body) });
-        let script = |body| file("text/javascript; charset=utf-8", body);
         Router::new()
-            .route("/", file("text/html; charset=utf-8", include_str!("../page/index.html")))
-            .route("/page.css", file("text/css; charset=utf-8", include_str!("../page/page.css")))
-            .route("/camera.js", script(include_str!("../page/camera.js")))
-            .route("/colors.js", script(include_str!("../page/colors.js")))
-            .route("/draft_size.js", script(include_str!("../page/draft_size.js")))
-            .route("/page.js", script(include_str!("../page/page.js")))
-            .route("/picture.js", script(include_str!("../page/picture.js")))
-            .route("/plots.js", script(include_str!("../page/plots.js")))
-            .route("/readout.js", script(include_str!("../page/readout.js")))
-            .route("/status.js", script(include_str!("../page/status.js")))
+            .merge(assets::router())
             .route("/api/state", get(state))
             .route("/api/trials", get(trials))
             .route("/api/events", get(events))
+            .route("/api/step/{step}", get(step))
             .route("/api/image", get(image))
             .route("/api/transfer", get(transfer))
             .route("/metrics", get(metrics::metrics))
             .with_state(self)
+            .layer(axum::middleware::map_response(assets::guarded))
     }
 }
 
@@ -138,6 +129,26 @@ async fn events(State(web): State<Web>) -> Sse<impl Stream<Item = Result<sse::Ev
     };
     // A page that fell behind fetches the state anew when the next run or step comes.
     Sse::new(events.map(to_sse)).keep_alive(sse::KeepAlive::default())
+}
+
+/// The encoded bytes of a step: pages decode and draw it themselves.
+async fn step(State(web): State<Web>, Path(step): Path<u64>, Query(query): Query<StepQuery>) -> Response {
+    if query.run.is_some_and(|run| web.store.run().is_none_or(|current| current.id != run)) {
+        return (StatusCode::NOT_FOUND, "another run has begun").into_response();
+    }
+    match web.store.encoded(step) {
+        Ok(bytes) => {
+            let headers = [(header::CONTENT_TYPE, "application/octet-stream"), (header::CACHE_CONTROL, "no-store")];
+            (headers, bytes.to_vec()).into_response()
+        }
+        Err(e) => (StatusCode::NOT_FOUND, e.to_string()).into_response(),
+    }
+}
+
+#[derive(Deserialize)]
+struct StepQuery {
+    /// Refused unless it is the current run's.
+    run: Option<String>,
 }
 
 #[derive(Deserialize)]

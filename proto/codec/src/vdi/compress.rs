@@ -10,6 +10,7 @@ use std::io::{self, Read, Write};
 pub(super) const BLOCK_BYTES: usize = 899_900;
 
 /// zstd's default level, of 1 to 22; level 9 takes four times as long for 7 to 13 percent less.
+#[cfg(not(target_arch = "wasm32"))]
 const ZSTD_LEVEL: i32 = 3;
 
 /// A general-purpose compressor.
@@ -33,9 +34,34 @@ impl ByteCompressor {
 pub(super) fn compress(codec: ByteCompressor, block: &[u8]) -> Result<Vec<u8>, CodecError> {
     match codec {
         ByteCompressor::Bzip2 => bzip2_block(block),
-        ByteCompressor::Zstd => zstd::bulk::compress(block, ZSTD_LEVEL),
+        ByteCompressor::Zstd => zstd_block(block),
     }
     .map_err(CodecError::Compress)
+}
+
+#[cfg(not(target_arch = "wasm32"))]
+fn zstd_block(block: &[u8]) -> io::Result<Vec<u8>> {
+    zstd::bulk::compress(block, ZSTD_LEVEL)
+}
+
+/// Browsers decode only.
+#[cfg(target_arch = "wasm32")]
+fn zstd_block(_: &[u8]) -> io::Result<Vec<u8>> {
+    Err(io::Error::new(io::ErrorKind::Unsupported, "zstd is not compressed here; choose another codec"))
+}
+
+/// Fills `raw` from `packed`; true if that is all it holds.
+#[cfg(not(target_arch = "wasm32"))]
+fn unpack_zstd(packed: &[u8], raw: &mut [u8]) -> io::Result<bool> {
+    Ok(zstd::bulk::decompress_to_buffer(packed, raw)? == raw.len())
+}
+
+/// Fills `raw` from `packed`; true if that is all it holds.
+#[cfg(target_arch = "wasm32")]
+fn unpack_zstd(mut packed: &[u8], raw: &mut [u8]) -> io::Result<bool> {
+    let mut decoder = ruzstd::decoding::StreamingDecoder::new(&mut packed).map_err(io::Error::other)?;
+    decoder.read_exact(raw)?;
+    Ok(decoder.read(&mut [0])? == 0 && packed.is_empty())
 }
 
 fn bzip2_block(block: &[u8]) -> io::Result<Vec<u8>> {
@@ -53,7 +79,7 @@ pub(super) fn decompress(codec: ByteCompressor, packed: &[u8], raw: &mut [u8]) -
             // One more read verifies the end mark of the stream and that nothing is left on either side.
             decoder.read(&mut [0])? == 0 && decoder.into_inner().is_empty()
         }
-        ByteCompressor::Zstd => zstd::bulk::decompress_to_buffer(packed, raw)? == raw.len(),
+        ByteCompressor::Zstd => unpack_zstd(packed, raw)?,
     };
     if whole { Ok(()) } else { Err(io::Error::new(io::ErrorKind::InvalidData, "it holds another number of bytes")) }
 }

@@ -4,10 +4,10 @@
 //! again and writes. Memory follows the actual number of supersegments: lists longer than one binding are written in chunks of
 //! rays.
 
-use super::layout::{ClusteringUniforms, GpuSegment, UNSURE};
 use super::scan::PrefixSum;
 use super::{BAND, BoundField, GpuError, GpuKernels, PerspectiveRays};
 use crate::Field;
+use crate::kernel::layout::{ClusteringUniforms, GpuSegment, UNSURE};
 use crate::vdi::assemble::{RowBand, VdiBuilder, header};
 use crate::vdi::segmentation::Segmenter;
 use lamina_compute::gpu::wgpu::{Buffer, BufferUsages};

@@ -6,23 +6,22 @@
 mod effects;
 mod error;
 mod generate;
-mod layout;
 mod pipelines;
 mod raycast;
 mod resident;
 mod scan;
 #[cfg(test)]
 mod tests;
-mod view;
 
 pub use error::GpuError;
 
 use super::Field;
-use effects::{EffectResources, EffectSet};
+use crate::kernel::effects::EffectSet;
+use crate::kernel::layout::ViewUniforms;
+use effects::EffectResources;
 use lamina_compute::gpu::wgpu::{BindGroup, BufferUsages};
 use lamina_compute::gpu::{AdapterFacts, DeviceError, Gpu};
 use lamina_model::Camera;
-use layout::ViewUniforms;
 use parking_lot::Mutex;
 use pipelines::{MarchPipelines, Pipelines};
 use resident::ResidentField;
@@ -121,7 +120,7 @@ impl GpuKernels {
                 marches.len() - 1
             });
             let tables = resident.tables(gpu, field, rays.step_length);
-            let view = ViewUniforms::new(field, rays.camera, rays.width, rays.height, &tables);
+            let view = ViewUniforms::new(field, rays.camera, rays.width, rays.height, &tables.facts);
             let view = gpu.upload("view", bytemuck::bytes_of(&view), BufferUsages::UNIFORM);
             let effects = EffectResources::new(gpu, field, resident, rays.camera, rays.step_length);
             let effects = self.pipelines.bind_effects(gpu, &effects);

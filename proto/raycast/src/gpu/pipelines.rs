@@ -1,30 +1,16 @@
 //! Pipelines and bind group layouts. Pipelines that march are compiled per voxel type and set of effects, at first use.
 
-use super::effects::{EffectResources, EffectSet};
-use super::resident::{ResidentField, ResidentTables, VoxelKind};
+use super::effects::EffectResources;
+use super::resident::{ResidentField, ResidentTables};
+use crate::kernel::effects::EffectSet;
+use crate::kernel::field::VoxelKind;
+use crate::kernel::{GENERATE, RAYCAST, SCAN};
 use lamina_compute::gpu::Gpu;
 use lamina_compute::gpu::pipeline::{READ, UNIFORM, WRITE};
 use lamina_compute::gpu::wgpu::{
     BindGroup, BindGroupLayout, BindingResource, BindingType, Buffer, ComputePipeline, TextureSampleType,
     TextureViewDimension,
 };
-
-/// The source of a kernel that marches.
-macro_rules! march {
-    ($($kernel:literal),+) => {
-        concat!(
-            include_str!("layout.wgsl"),
-            include_str!("leaf.wgsl"),
-            include_str!("march.wgsl"),
-            include_str!("effects.wgsl"),
-            $(include_str!($kernel)),+
-        )
-    };
-}
-
-pub(super) const RAYCAST: &str = march!("raycast.wgsl", "../../../compute/src/gpu/color_pass.wgsl");
-pub(super) const GENERATE: &str = march!("generate.wgsl");
-pub(super) const SCAN: &str = concat!(include_str!("layout.wgsl"), include_str!("scan.wgsl"));
 
 /// Pipelines that march, for one voxel type and one set of effects.
 #[derive(Debug)]

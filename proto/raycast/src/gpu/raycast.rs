@@ -1,11 +1,10 @@
 //! Ray casting of the field on the GPU; counterpart of `reference/raycast.rs`.
 
-use super::layout::PictureUniforms;
 use super::{BAND, BoundField, GpuError, GpuKernels, PerspectiveRays};
 use crate::Field;
+use crate::kernel::picture_uniforms;
 use lamina_compute::gpu::ColorPass;
 use lamina_compute::gpu::wgpu::BindGroup;
-use lamina_model::composite::TRANSMITTANCE_FLOOR;
 use lamina_model::{Camera, Image};
 
 impl GpuKernels {
@@ -50,6 +49,5 @@ fn color_pass<'a>(bound: &'a BoundField<'a>, groups: &'a [(u32, &'a BindGroup)])
 }
 
 fn uniforms(field: &Field, first: u32, count: u32) -> Vec<u8> {
-    let (background, floor) = (field.scene().background, TRANSMITTANCE_FLOOR as f32);
-    bytemuck::bytes_of(&PictureUniforms { background, floor, first, count, pad0: [0; 2] }).to_vec()
+    bytemuck::bytes_of(&picture_uniforms(field, first, count)).to_vec()
 }

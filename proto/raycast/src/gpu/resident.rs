@@ -1,25 +1,15 @@
 //! A field on the device: voxels as raw bits, the empty-space map, and transfer function tables for the step lengths in use.
 
 use super::error::GpuError;
-use super::layout::VolumeUniforms;
 use crate::Field;
-use crate::volume::stored::StoredVoxels;
-use crate::volume::transfer_lut::TransferLut;
-use half::slice::HalfFloatSliceExt;
+use crate::kernel::effects::light;
+use crate::kernel::field::{TableFacts, VoxelKind, colors, dims, distances, tables, volume, voxels_of};
 use lamina_compute::gpu::Gpu;
 use lamina_compute::gpu::wgpu::{
     Buffer, BufferUsages, Extent3d, Origin3d, PollType, TexelCopyBufferLayout, TexelCopyTextureInfo, TextureAspect,
     TextureDescriptor, TextureDimension, TextureFormat, TextureUsages, TextureView,
 };
-
-/// Storage of voxels; the shader's KIND.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub(super) enum VoxelKind {
-    Whole,
-    Half,
-    Single,
-}
+use lamina_compute::kernel::TexelFormat;
 
 /// A field on the device.
 #[derive(Debug)]
@@ -40,12 +30,7 @@ pub(super) struct ResidentField {
 /// Transfer function tables for one step length.
 #[derive(Debug, Clone)]
 pub(super) struct ResidentTables {
-    pub step_length: f64,
-    /// Bins of the range, and rows before it.
-    pub bins: u32,
-    pub below: u32,
-    /// Positions between which the function is not transparent.
-    pub visible: [f32; 2],
+    pub facts: TableFacts,
     pub step_rows: Buffer,
     pub unit_rows: Buffer,
 }
@@ -58,41 +43,31 @@ const SLAB_BYTES: usize = 64 << 20;
 impl ResidentField {
     /// Uploads `field`. To be called inside [`Gpu::run`], after [`check_size`].
     pub(super) fn new(gpu: &Gpu, field: &Field) -> Self {
-        let (kind, format, bytes): (_, _, &[u8]) = match field.stored() {
-            StoredVoxels::U8(v) => (VoxelKind::Whole, TextureFormat::R8Uint, v),
-            StoredVoxels::U16(v) => (VoxelKind::Whole, TextureFormat::R16Uint, bytemuck::cast_slice(v)),
-            StoredVoxels::F16(v) => {
-                (VoxelKind::Half, TextureFormat::R16Uint, bytemuck::cast_slice(v.reinterpret_cast()))
-            }
-            StoredVoxels::F32(v) => (VoxelKind::Single, TextureFormat::R32Uint, bytemuck::cast_slice(v)),
-        };
-        let mut distances = field.empty_space().distances().to_vec();
-        distances.resize(distances.len().next_multiple_of(4), 0);
+        let (kind, format, bytes) = voxels_of(field);
         Self {
             id: field.id(),
             kind,
-            voxels: voxels(gpu, field.grid().dims().map(|d| d as u32), format, bytes),
+            voxels: texture(gpu, dims(field), format, bytes),
             volume: gpu.upload("volume", bytemuck::bytes_of(&volume(field)), BufferUsages::UNIFORM),
-            distances: gpu.upload("distances", &distances, BufferUsages::STORAGE),
-            light: gpu.upload("light", bytemuck::cast_slice(&super::effects::light(field)), BufferUsages::STORAGE),
-            colors: colors(gpu, field),
+            distances: gpu.upload("distances", &distances(field), BufferUsages::STORAGE),
+            light: gpu.upload("light", bytemuck::cast_slice(&light(field)), BufferUsages::STORAGE),
+            colors: {
+                let (dims, colors) = colors(field);
+                texture(gpu, dims, TexelFormat::R32Uint, bytemuck::cast_slice(&colors))
+            },
             tables: Vec::new(),
         }
     }
 
     /// The tables for `step_length`, created at first use.
     pub(super) fn tables(&mut self, gpu: &Gpu, field: &Field, step_length: f64) -> ResidentTables {
-        if let Some(t) = self.tables.iter().find(|t| t.step_length == step_length) {
+        if let Some(t) = self.tables.iter().find(|t| t.facts.step_length == step_length) {
             return t.clone();
         }
-        let table = TransferLut::new(&field.scene().transfer, field.unit_length(), step_length);
+        let (facts, table) = tables(field, step_length);
         let upload = |label, bytes| gpu.upload(label, bytes, BufferUsages::STORAGE);
         let tables = ResidentTables {
-            step_length,
-            bins: table.bins() as u32,
-            below: table.below,
-            // Shaders may not support infinity.
-            visible: field.scene().transfer.visible_hull().map(|u| u.clamp(f32::MIN, f32::MAX)),
+            facts,
             step_rows: upload("step rows", bytemuck::cast_slice(&table.step)),
             unit_rows: upload("unit rows", bytemuck::cast_slice(&table.unit)),
         };
@@ -120,40 +95,18 @@ pub(super) fn check_size(gpu: &Gpu, field: &Field) -> Result<(), GpuError> {
     Ok(())
 }
 
-fn volume(field: &Field) -> VolumeUniforms {
-    let dims = field.grid().dims();
-    // As Grid::bounds: an axis with one sample point is drawn one spacing thick.
-    let low = dims.map(|d| if d == 1 { -0.5 } else { 0.0 });
-    let high = dims.map(|d| if d == 1 { 0.5 } else { (d - 1) as f32 });
-    let (scale, offset) = field.unit_from_stored();
-    VolumeUniforms {
-        last: dims.map(|d| (d - 1) as u32),
-        pad0: 0,
-        bricks: field.empty_space().dims().map(|d| d as u32),
-        pad1: 0,
-        low,
-        scale: scale as f32,
-        high,
-        offset: offset as f32,
-    }
-}
-
-fn colors(gpu: &Gpu, field: &Field) -> TextureView {
-    let format = TextureFormat::R32Uint;
-    match field.effects().and_then(|e| e.colors.as_ref()) {
-        None => voxels(gpu, [1; 3], format, &[0; 4]),
-        Some(colors) => voxels(gpu, field.grid().dims().map(|d| d as u32), format, bytemuck::cast_slice(&colors.units)),
-    }
-}
-
-fn voxels(gpu: &Gpu, [nx, ny, nz]: [u32; 3], format: TextureFormat, bytes: &[u8]) -> TextureView {
+fn texture(gpu: &Gpu, [nx, ny, nz]: [u32; 3], format: TexelFormat, bytes: &[u8]) -> TextureView {
     let texture = gpu.device().create_texture(&TextureDescriptor {
         label: Some("voxels"),
         size: Extent3d { width: nx, height: ny, depth_or_array_layers: nz },
         mip_level_count: 1,
         sample_count: 1,
         dimension: TextureDimension::D3,
-        format,
+        format: match format {
+            TexelFormat::R8Uint => TextureFormat::R8Uint,
+            TexelFormat::R16Uint => TextureFormat::R16Uint,
+            TexelFormat::R32Uint => TextureFormat::R32Uint,
+        },
         usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
         view_formats: &[],
     });

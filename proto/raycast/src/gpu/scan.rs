@@ -1,7 +1,7 @@
 //! Prefix sums on the device: from counts per ray to list offsets.
 
-use super::layout::ScanUniforms;
 use super::pipelines::Pipelines;
+use crate::kernel::layout::ScanUniforms;
 use lamina_compute::gpu::Gpu;
 use lamina_compute::gpu::wgpu::{BindGroup, Buffer, BufferUsages, ComputePass};
 

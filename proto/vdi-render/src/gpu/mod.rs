@@ -8,20 +8,18 @@
 //! more closely may hit it where the oracle's does not. tests/gpu.rs verifies this.
 
 mod error;
-mod layout;
 mod pipelines;
 mod resident;
 #[cfg(test)]
 mod tests;
-mod view;
 
 pub use error::GpuError;
 
 use super::{Displacement, PreparedVdi};
+use crate::kernel::layout::{PictureUniforms, ViewUniforms};
 use lamina_compute::gpu::wgpu::{BindGroup, BufferUsages};
 use lamina_compute::gpu::{AdapterFacts, ColorPass, DeviceError, Gpu};
 use lamina_model::{Camera, Image, Vdi};
-use layout::{PictureUniforms, ViewUniforms};
 use parking_lot::Mutex;
 use pipelines::Pipelines;
 use resident::ResidentVdis;

@@ -1,19 +1,9 @@
 //! Pipelines and bind group layouts.
 
+use crate::kernel::RENDER;
 use lamina_compute::gpu::Gpu;
 use lamina_compute::gpu::pipeline::{READ, UNIFORM, WRITE};
 use lamina_compute::gpu::wgpu::{BindGroupLayout, ComputePipeline};
-
-/// Source of all kernels.
-pub(super) const RENDER: &str = concat!(
-    include_str!("layout.wgsl"),
-    include_str!("leaf.wgsl"),
-    include_str!("line.wgsl"),
-    include_str!("composite.wgsl"),
-    include_str!("dda.wgsl"),
-    include_str!("render.wgsl"),
-    include_str!("../../../compute/src/gpu/color_pass.wgsl")
-);
 
 /// The compiled pipelines, and the layouts of their bind groups.
 #[derive(Debug)]

@@ -1,13 +1,13 @@
 //! VDIs on the device: supersegments as two columns, and the parts of the acceleration grid that kernels read.
 
 use super::error::GpuError;
-use super::layout::StoredVdi;
 use crate::PreparedVdi;
+use crate::kernel::arrays;
 use crate::simd::AccelerationGrid;
 use lamina_compute::gpu::Gpu;
 use lamina_compute::gpu::wgpu::{Buffer, BufferUsages};
+use lamina_compute::kernel::Resource;
 use lamina_model::Vdi;
-use rayon::prelude::*;
 use std::ops::Deref;
 
 /// The most VDIs kept: the one viewed, and those measured meanwhile.
@@ -18,11 +18,6 @@ const KEPT_BYTES: u64 = 1 << 30;
 const CONTENT_BYTES: u64 = 16;
 /// Bytes per ray of the largest array per ray.
 const RAY_BYTES: u64 = 16;
-/// Rounding error of positions on the scale of depth bins, in bins, besides the part that grows with the volume's extent.
-const MARGIN: f64 = 2e-3;
-/// Relative rounding error of depths, in units of the box.
-const ROUNDING: f64 = 4e-6;
-
 /// A VDI on the device.
 #[derive(Debug)]
 pub(super) struct ResidentVdi {
@@ -58,19 +53,11 @@ impl ResidentVdis {
 
 impl ResidentVdi {
     fn new<V: Deref<Target = Vdi>>(gpu: &Gpu, prepared: &PreparedVdi<V>) -> Self {
-        let (vdi, grid) = (&**prepared.vdi(), prepared.grid());
-        let masks: Vec<u64> = grid.masks.iter().flatten().copied().collect();
-        let ends: Vec<[u32; 2]> = vdi.segments().par_iter().map(|s| [s.start, s.end]).collect();
-        let upload = |label, bytes| gpu.upload(label, bytes, BufferUsages::STORAGE);
-        let buffers = [
-            gpu.upload("stored", bytemuck::bytes_of(&stored(vdi, grid)), BufferUsages::UNIFORM),
-            upload("slots", bytemuck::cast_slice(&grid.slots)),
-            upload("spans", bytemuck::cast_slice(&grid.spans)),
-            // Little-endian, so the lower word comes first.
-            upload("masks", bytemuck::cast_slice(&masks)),
-            upload("ends", bytemuck::cast_slice(&ends)),
-            upload("contents", bytemuck::cast_slice(&contents(vdi, grid))),
-        ];
+        let buffers = arrays(prepared).map(|binding| match binding.resource {
+            Resource::Uniform(bytes) => gpu.upload("stored", &bytes, BufferUsages::UNIFORM),
+            Resource::Storage(bytes) => gpu.upload("array", &bytes, BufferUsages::STORAGE),
+            Resource::Texture { .. } => unreachable!("a VDI has no textures"),
+        });
         Self { id: prepared.id(), bytes: buffers.iter().map(Buffer::size).sum(), buffers }
     }
 }
@@ -89,27 +76,4 @@ pub(super) fn check_size(most: u64, vdi: &Vdi, grid: &AccelerationGrid) -> Resul
         return Err(GpuError::TooLarge { what, needed, limit, unit, remedy });
     }
     Ok(())
-}
-
-fn stored(vdi: &Vdi, grid: &AccelerationGrid) -> StoredVdi {
-    let [near, far] = grid.depths;
-    // The depth bins end at a quarter of the farthest depth, as in `DepthBins::new`.
-    let thickness = far - near.max(0.25 * far);
-    let lost = 64.0 * ROUNDING * vdi.header().bounds.size().length() / thickness;
-    let tiles = |level: usize| grid.masks[level].len() as u32;
-    StoredVdi {
-        size: grid.size,
-        first_masks: [tiles(0), tiles(0) + tiles(1)],
-        depth: grid.middle as f32,
-        far: (far - grid.middle) as f32,
-        depth_bins: (grid.depth_bins.per_inverse_depth * grid.depth_bins.far) as f32,
-        // A margin of 64 bins disables skipping.
-        margin: (MARGIN + lost).clamp(MARGIN, 64.0) as f32,
-    }
-}
-
-/// Colors and densities (optical depth per step).
-fn contents(vdi: &Vdi, grid: &AccelerationGrid) -> Vec<[f32; 4]> {
-    let both = vdi.segments().par_iter().zip(&grid.densities);
-    both.map(|(s, &density)| [s.color[0], s.color[1], s.color[2], density]).collect()
 }

@@ -35,7 +35,7 @@ pub(super) use acceleration_grid::DepthBins;
 pub(super) use depth_steps::DepthSteps;
 pub(super) use ray_setup::homogeneous;
 
-use super::Displacement;
+use super::{Detail, Displacement, Reconstruction};
 use lamina_compute::simd::Level;
 use lamina_model::{Camera, Image, Invalid, Vdi};
 use picture::{listed, picture};
@@ -95,6 +95,11 @@ impl<V: Deref<Target = Vdi>> PreparedVdi<V> {
         self.grid.size_bytes()
     }
 
+    /// The pictures that [`Self::displaced`] has to draw for one from `camera`, `height` pixels high, with `detail`.
+    pub fn reconstruction(&self, camera: &Camera, height: u32, detail: Detail) -> Reconstruction {
+        Reconstruction::new(detail, self.magnification(camera, height))
+    }
+
     /// Renders the VDI from `camera` with nearest rays. The paper's I.
     ///
     /// # Errors
@@ -106,7 +111,7 @@ impl<V: Deref<Target = Vdi>> PreparedVdi<V> {
     }
 
     /// Renders all pixels, row by row, with the VDI's image displaced.
-    pub(super) fn displaced(&self, camera: &Camera, size: [u32; 2], by: Displacement) -> Vec<[f32; 3]> {
+    pub fn displaced(&self, camera: &Camera, size: [u32; 2], by: Displacement) -> Vec<[f32; 3]> {
         let setup = RaySetup::new(&self.vdi, &self.grid, camera, size, by);
         picture(self.level, &setup, size[0] as usize, size[1] as usize)
     }

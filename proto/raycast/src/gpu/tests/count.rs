@@ -3,9 +3,9 @@
 use crate::Field;
 use crate::count::cases;
 use crate::gpu::GpuKernels;
-use crate::gpu::effects::EffectSet;
-use crate::gpu::pipelines::RAYCAST;
-use crate::gpu::resident::VoxelKind;
+use crate::kernel::RAYCAST;
+use crate::kernel::effects::EffectSet;
+use crate::kernel::field::VoxelKind;
 use lamina_compute::gpu::{DeviceError, testing};
 use lamina_model::Effects;
 
@@ -39,7 +39,7 @@ fn without_effects() -> String {
     let start = RAYCAST.find("    if EFFECTS {\n        let clipped").unwrap();
     let length = RAYCAST[start..].find("\n    }\n").unwrap() + "\n    }\n".len();
     let bare = format!("{}{}", &RAYCAST[..start], &RAYCAST[start + length..]);
-    let effects = include_str!("../effects.wgsl");
+    let effects = include_str!("../../kernel/effects.wgsl");
     // What the pipeline sets has to be there.
     let switches: Vec<&str> = effects.lines().filter(|line| line.starts_with("override")).collect();
     let bare = bare.replace(effects, &switches.join("\n")).replace("EFFECTS ||", "");

@@ -1,15 +1,15 @@
 //! WGSL's structs and their Rust twins lie in memory alike.
 
-use crate::gpu::layout::{
+use crate::kernel::layout::{
     ClusteringUniforms, EffectUniforms, GpuSegment, PictureUniforms, ScanUniforms, ViewUniforms, VolumeUniforms,
 };
-use crate::gpu::pipelines::{GENERATE, RAYCAST, SCAN};
+use crate::kernel::{GENERATE, RAYCAST, SCAN};
 use lamina_compute::gpu::layout::{parse, struct_layout};
 use lamina_compute::layout_of;
 
 #[test]
 fn structs_equal_their_twins() {
-    let module = parse(include_str!("../layout.wgsl")).unwrap();
+    let module = parse(include_str!("../../kernel/layout.wgsl")).unwrap();
     let twins = [
         layout_of!(VolumeUniforms { last, pad0, bricks, pad1, low, scale, high, offset }),
         layout_of!(ViewUniforms {

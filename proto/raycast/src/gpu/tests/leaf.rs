@@ -7,7 +7,7 @@ use lamina_compute::gpu::testing;
 use lamina_model::composite::opacity_from_optical_depth;
 use lamina_model::{Aabb, Ray, vdi};
 
-const PROBE: &str = concat!(include_str!("../leaf.wgsl"), include_str!("probe.wgsl"));
+const PROBE: &str = concat!(include_str!("../../kernel/leaf.wgsl"), include_str!("probe.wgsl"));
 
 /// Leaves by their numbers in probe.wgsl.
 #[derive(Clone, Copy)]

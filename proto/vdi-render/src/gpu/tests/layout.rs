@@ -1,14 +1,14 @@
 //! WGSL's structs and their Rust twins lie in memory alike.
 
-use crate::gpu::layout::{LinearForm, PictureUniforms, StoredVdi, ViewUniforms};
-use crate::gpu::pipelines::RENDER;
+use crate::kernel::RENDER;
+use crate::kernel::layout::{LinearForm, PictureUniforms, StoredVdi, ViewUniforms};
 use crate::simd::DepthSteps;
 use lamina_compute::gpu::layout::{parse, struct_layout};
 use lamina_compute::layout_of;
 
 #[test]
 fn structs_equal_their_twins() {
-    let module = parse(include_str!("../layout.wgsl")).unwrap();
+    let module = parse(include_str!("../../kernel/layout.wgsl")).unwrap();
     let twins = [
         layout_of!(StoredVdi { size, first_masks, depth, far, depth_bins, margin }),
         layout_of!(LinearForm { start, pad0, change, pad1 }),

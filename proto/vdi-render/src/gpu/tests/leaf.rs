@@ -4,7 +4,7 @@ use crate::simd::DepthBins;
 use lamina_compute::gpu::testing;
 use lamina_model::composite::opacity_from_optical_depth;
 
-const PROBE: &str = concat!(include_str!("../leaf.wgsl"), include_str!("probe.wgsl"));
+const PROBE: &str = concat!(include_str!("../../kernel/leaf.wgsl"), include_str!("probe.wgsl"));
 
 /// Leaves by their numbers in probe.wgsl.
 #[derive(Clone, Copy)]

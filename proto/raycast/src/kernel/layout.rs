@@ -1,11 +1,11 @@
-//! Uniforms and storage elements, laid out as the structs of layout.wgsl, member by member (tests/layout.rs compares them).
+//! Uniforms and storage elements, laid out as the structs of layout.wgsl, member by member (gpu/tests/layout.rs compares them).
 
 use bytemuck::{Pod, Zeroable};
 
 /// The field.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct VolumeUniforms {
+pub(crate) struct VolumeUniforms {
     pub last: [u32; 3],
     pub pad0: u32,
     pub bricks: [u32; 3],
@@ -19,7 +19,7 @@ pub(super) struct VolumeUniforms {
 /// Rays of a picture or VDI.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct ViewUniforms {
+pub(crate) struct ViewUniforms {
     pub base: [f32; 3],
     pub width: u32,
     pub base_right: [f32; 3],
@@ -40,7 +40,7 @@ pub(super) struct ViewUniforms {
 /// Effects of the scene.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct EffectUniforms {
+pub(crate) struct EffectUniforms {
     pub light: [f32; 3],
     pub shadows: f32,
     pub spacing: [f32; 3],
@@ -70,7 +70,7 @@ pub(super) struct EffectUniforms {
 /// The pixels that a dispatch colors.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct PictureUniforms {
+pub(crate) struct PictureUniforms {
     pub background: [f32; 3],
     pub floor: f32,
     pub first: u32,
@@ -81,7 +81,7 @@ pub(super) struct PictureUniforms {
 /// The rays that a dispatch clusters, and the parameters.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct ClusteringUniforms {
+pub(crate) struct ClusteringUniforms {
     pub gamma: f32,
     pub cutoff: f32,
     pub first_row: u32,
@@ -95,7 +95,7 @@ pub(super) struct ClusteringUniforms {
 /// A supersegment as kernels write it; the last one of a ray may carry [`UNSURE`] in its end.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct GpuSegment {
+pub(crate) struct GpuSegment {
     pub start: u32,
     pub end: u32,
     pub red: f32,
@@ -107,11 +107,11 @@ pub(super) struct GpuSegment {
 /// One level of a prefix sum.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct ScanUniforms {
+pub(crate) struct ScanUniforms {
     pub count: u32,
     pub blocks: u32,
     pub pad0: [u32; 2],
 }
 
 /// Marks the last supersegment of a ray for which double precision may count another number of steps.
-pub(super) const UNSURE: u32 = 1 << 31;
+pub(crate) const UNSURE: u32 = 1 << 31;

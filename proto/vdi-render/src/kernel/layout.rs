@@ -1,15 +1,15 @@
-//! Uniforms and storage elements, laid out as the structs of layout.wgsl, member by member (tests/layout.rs compares them);
+//! Uniforms and storage elements, laid out as the structs of layout.wgsl, member by member (gpu/tests/layout.rs compares them);
 //! `DepthSteps` of [`crate::simd`] is one of them too.
 
 use bytemuck::{Pod, Zeroable};
 
 /// Planes that clip a ray: six of the box, four sides of the occupied rectangle, two of depth.
-pub(super) const PLANES: usize = 12;
+pub(crate) const PLANES: usize = 12;
 
 /// The VDI.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct StoredVdi {
+pub(crate) struct StoredVdi {
     pub size: [u32; 2],
     pub first_masks: [u32; 2],
     pub depth: f32,
@@ -21,7 +21,7 @@ pub(super) struct StoredVdi {
 /// A function that is linear along every ray and in the picture's columns and rows.
 #[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct LinearForm {
+pub(crate) struct LinearForm {
     pub start: [f32; 3],
     pub pad0: f32,
     pub change: [f32; 3],
@@ -31,7 +31,7 @@ pub(super) struct LinearForm {
 /// Rays of a picture.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct ViewUniforms {
+pub(crate) struct ViewUniforms {
     pub column: LinearForm,
     pub row: LinearForm,
     pub depth: LinearForm,
@@ -50,7 +50,7 @@ pub(super) struct ViewUniforms {
 /// The pixels that a dispatch colors.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct PictureUniforms {
+pub(crate) struct PictureUniforms {
     pub first: u32,
     pub count: u32,
     pub pad0: [u32; 2],

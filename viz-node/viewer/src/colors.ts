@@ -1,9 +1,24 @@
-// The editor of a volume's transfer function. Where a step is a volume, its colors are chosen here and drawn by the
-// server; what the recorded function leaves transparent was not recorded, is hatched, and stays transparent.
-"use strict";
+// The editor of a volume's transfer function. Where a step is a volume, its colors are chosen here;
+// what the recorded function leaves transparent was not recorded, is hatched, and stays transparent.
+
+import type { ControlPoint, StepRow, Transfer } from "./api";
+import { moving } from "./camera";
+import { refresh } from "./frame";
+import { type Point, GUTTER, gridLine, pathOf, significant } from "./plots";
+import { RETRY_MS, byId, clamp, link, motion, shownRow, store } from "./state";
+import { setText } from "./status";
 
 /** `recorded`: what the server said of run `run`; `points: null` draws as recorded; `selected` is a position in `points`. */
-const colors = { run: null, recorded: null, points: null, selected: 0, loading: false, retryAt: 0 };
+interface Colors {
+  run: string | null;
+  recorded: Transfer | null;
+  points: ControlPoint[] | null;
+  selected: number;
+  loading: boolean;
+  retryAt: number;
+}
+
+const colors: Colors = { run: null, recorded: null, points: null, selected: 0, loading: false, retryAt: 0 };
 
 const CURVE_BOTTOM = 92;
 const CURVE_TOP = 8;
@@ -11,18 +26,18 @@ const CURVE_TOP = 8;
 const REACH = 14;
 
 /** Control points to draw the shown step with, or none: as recorded, or not a volume. */
-const wishedPoints = () => (shownRow()?.representation === "volume" && colors.run === store.run?.id ? colors.points : null);
+export const wishedPoints = (): ControlPoint[] | null => (shownRow()?.representation === "volume" && colors.run === store.run?.id ? colors.points : null);
 
-const editedPoints = () => colors.points ?? colors.recorded.points;
+const editedPoints = (): ControlPoint[] => colors.points ?? colors.recorded?.points ?? [];
 
-async function loadColors(row) {
+async function loadColors(row: StepRow): Promise<void> {
   const wait = colors.loading || performance.now() < colors.retryAt;
-  if (wait || link.phase !== "live" || colors.run === store.run.id) return;
+  if (wait || link.phase !== "live" || !store.run || colors.run === store.run.id) return;
   colors.loading = true;
   const run = store.run.id;
   try {
     const answer = await fetch(`api/transfer?step=${row.step}`, { cache: "no-store" });
-    if (answer.ok) Object.assign(colors, { run, recorded: await answer.json(), points: null, selected: 0 });
+    if (answer.ok) Object.assign(colors, { run, recorded: (await answer.json()) as Transfer, points: null, selected: 0 });
   } catch {
     // Asked again below.
   }
@@ -41,29 +56,29 @@ function curveScale() {
   const right = width - 8;
   return {
     width,
-    x: (at) => GUTTER + at * (right - GUTTER),
+    x: (at: number) => GUTTER + at * (right - GUTTER),
     // By the cube root, so that a thousandth is seen beside one.
-    y: (opacity) => CURVE_BOTTOM - Math.cbrt(opacity) * (CURVE_BOTTOM - CURVE_TOP),
-    at: (x) => clamp((x - GUTTER) / (right - GUTTER), 0, 1),
-    opacity: (y) => clamp((CURVE_BOTTOM - y) / (CURVE_BOTTOM - CURVE_TOP), 0, 1) ** 3,
+    y: (opacity: number) => CURVE_BOTTOM - Math.cbrt(opacity) * (CURVE_BOTTOM - CURVE_TOP),
+    at: (x: number) => clamp((x - GUTTER) / (right - GUTTER), 0, 1),
+    opacity: (y: number) => clamp((CURVE_BOTTOM - y) / (CURVE_BOTTOM - CURVE_TOP), 0, 1) ** 3,
   };
 }
 
-const hex = (color) => `#${color.map((c) => Math.round(c * 255).toString(16).padStart(2, "0")).join("")}`;
-const fromHex = (text) => [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16) / 255);
+const hex = (color: readonly number[]): string => `#${color.map((c) => Math.round(c * 255).toString(16).padStart(2, "0")).join("")}`;
+const fromHex = (text: string) => [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16) / 255);
 
 /** The scalar at position `at` of the range. */
-function scalarAt(at) {
-  const { lo, hi, scale } = colors.recorded.range;
+function scalarAt(at: number): number {
+  const { lo, hi, scale } = colors.recorded!.range;
   return scale === "log10" ? lo * (hi / lo) ** at : lo + at * (hi - lo);
 }
 
-function drawColors() {
+export function drawColors() {
   const row = shownRow();
   byId("colors").hidden = !row;
-  if (!row || !byId("colors").open) return;
+  if (!row || !byId<HTMLDetailsElement>("colors").open) return;
   const isVolume = row.representation === "volume";
-  if (isVolume) loadColors(row);
+  if (isVolume) void loadColors(row);
   const ready = isVolume && colors.run === store.run?.id;
   byId("editor").hidden = !ready;
   byId("fixed").hidden = isVolume;
@@ -73,14 +88,14 @@ function drawColors() {
 function drawCurve() {
   const { x, y, width } = curveScale();
   const points = editedPoints();
-  const { unrecorded, range } = colors.recorded;
-  const ends = [{ ...points[0], at: 0 }, ...points, { ...points[points.length - 1], at: 1 }];
-  const line = pathOf(ends.map((p) => [x(p.at), y(p.opacity)]));
+  const { unrecorded, range } = colors.recorded!;
+  const ends = [{ ...points[0]!, at: 0 }, ...points, { ...points[points.length - 1]!, at: 1 }];
+  const line = pathOf(ends.map((p): Point => [x(p.at), y(p.opacity)]));
   const stops = points.map((p) => `<stop offset="${p.at}" stop-color="${hex(p.color)}"/>`).join("");
   const hatched = unrecorded.filter(([a, b]) => b > a)
     .map(([a, b]) => `<rect class="unrecorded" x="${x(a)}" y="${CURVE_TOP}" width="${x(b) - x(a)}" height="${CURVE_BOTTOM - CURVE_TOP}"/>`);
-  const scalar = (at, px, anchor) => `<text x="${px}" y="${CURVE_BOTTOM + 15}" text-anchor="${anchor}">${significant(scalarAt(at), 3)}</text>`;
-  byId("curve").firstElementChild.innerHTML = [
+  const scalar = (at: number, px: number, anchor: string) => `<text x="${px}" y="${CURVE_BOTTOM + 15}" text-anchor="${anchor}">${significant(scalarAt(at), 3)}</text>`;
+  byId("curve").firstElementChild!.innerHTML = [
     `<defs><linearGradient id="along" gradientUnits="userSpaceOnUse" x1="${x(0)}" x2="${x(1)}" y1="0" y2="0">${stops}</linearGradient>
      <pattern id="hatch" width="6" height="6" patternUnits="userSpaceOnUse" patternTransform="rotate(45)"><path class="hatch" d="M0 0V6"/></pattern></defs>`,
     ...[0.001, 0.01, 0.1, 1].map((o) => gridLine(y(o), width, String(o))),
@@ -91,44 +106,46 @@ function drawCurve() {
     `<text x="${(x(0) + x(1)) / 2}" y="${CURVE_BOTTOM + 15}" text-anchor="middle">${range.scale === "log10" ? "logarithmic" : ""}</text>`,
     scalar(1, x(1), "end"),
   ].join("");
-  const { at, opacity, color } = points[colors.selected];
+  const { at, opacity, color } = points[colors.selected]!;
   setText(byId("corner"), `${significant(scalarAt(at), 4)}: opacity ${significant(opacity, 3)}`);
-  if (byId("corner-color").value !== hex(color)) byId("corner-color").value = hex(color);
-  byId("remove-corner").disabled = points.length < 2;
-  byId("recorded-colors").disabled = colors.points === null;
+  const chosen = byId<HTMLInputElement>("corner-color");
+  if (chosen.value !== hex(color)) chosen.value = hex(color);
+  byId<HTMLButtonElement>("remove-corner").disabled = points.length < 2;
+  byId<HTMLButtonElement>("recorded-colors").disabled = colors.points === null;
 }
 
 // ---- Editing ---------------------------------------------------------------------------------------------------------
 
 /** Puts `points` in the place of what is drawn; the camera's drafts serve here too. */
-function setPoints(points, selected = colors.selected) {
+function setPoints(points: ControlPoint[] | null, selected = colors.selected): void {
   Object.assign(colors, { points, selected: points === null ? 0 : clamp(selected, 0, points.length - 1) });
   moving();
   refresh();
 }
 
-function changeSelected(change) {
+function changeSelected(change: Partial<ControlPoint>): void {
   const points = editedPoints().map((p, i) => (i === colors.selected ? { ...p, ...change } : p));
   const [before, after] = [points[colors.selected - 1]?.at ?? 0, points[colors.selected + 1]?.at ?? 1];
-  points[colors.selected].at = clamp(points[colors.selected].at, before, after);
+  const moved = points[colors.selected]!;
+  moved.at = clamp(moved.at, before, after);
   setPoints(points);
 }
 
 /** A new point at `at`: in the color that is there, and as opaque unless told otherwise. */
-function addPoint(at, opacity = null) {
+function addPoint(at: number, opacity: number | null = null): void {
   const points = editedPoints();
   const next = points.findIndex((p) => p.at > at);
   const index = next < 0 ? points.length : next;
-  const [a, b] = [points[Math.max(index - 1, 0)], points[Math.min(index, points.length - 1)]];
+  const [a, b] = [points[Math.max(index - 1, 0)]!, points[Math.min(index, points.length - 1)]!];
   const w = b.at > a.at ? (at - a.at) / (b.at - a.at) : 0;
-  const mix = (from, to) => from + clamp(w, 0, 1) * (to - from);
-  const color = a.color.map((c, i) => mix(c, b.color[i]));
+  const mix = (from: number, to: number) => from + clamp(w, 0, 1) * (to - from);
+  const color = a.color.map((c, i) => mix(c, b.color[i]!)) as ControlPoint["color"];
   setPoints(points.toSpliced(index, 0, { at, color, opacity: opacity ?? mix(a.opacity, b.opacity) }), index);
 }
 
 function addBesideSelected() {
   const points = editedPoints();
-  const [here, next] = [points[colors.selected], points[colors.selected + 1]];
+  const [here, next] = [points[colors.selected]!, points[colors.selected + 1]];
   addPoint(next ? (here.at + next.at) / 2 : (here.at + 1) / 2);
 }
 
@@ -136,14 +153,14 @@ function removeSelected() {
   if (editedPoints().length > 1) setPoints(editedPoints().toSpliced(colors.selected, 1));
 }
 
-function select(index) {
+function select(index: number): void {
   colors.selected = clamp(index, 0, editedPoints().length - 1);
   refresh();
 }
 
-const CORNER_KEYS = {
-  ArrowLeft: () => changeSelected({ at: editedPoints()[colors.selected].at - 0.01 }),
-  ArrowRight: () => changeSelected({ at: editedPoints()[colors.selected].at + 0.01 }),
+const CORNER_KEYS: Record<string, () => void> = {
+  ArrowLeft: () => changeSelected({ at: editedPoints()[colors.selected]!.at - 0.01 }),
+  ArrowRight: () => changeSelected({ at: editedPoints()[colors.selected]!.at + 0.01 }),
   ArrowUp: () => raiseSelected(0.02),
   ArrowDown: () => raiseSelected(-0.02),
   PageUp: () => select(colors.selected + 1),
@@ -152,20 +169,20 @@ const CORNER_KEYS = {
   Backspace: removeSelected,
 };
 
-const raiseSelected = (by) =>
-  changeSelected({ opacity: clamp(Math.cbrt(editedPoints()[colors.selected].opacity) + by, 0, 1) ** 3 });
+const raiseSelected = (by: number) =>
+  changeSelected({ opacity: clamp(Math.cbrt(editedPoints()[colors.selected]!.opacity) + by, 0, 1) ** 3 });
 
 /** The point within reach of a place on the curve, or -1. */
-function pointAt([px, py]) {
+function pointAt([px, py]: Point): number {
   const { x, y } = curveScale();
   const far = editedPoints().map((p) => Math.hypot(x(p.at) - px, y(p.opacity) - py));
   const nearest = far.indexOf(Math.min(...far));
-  return far[nearest] > REACH ? -1 : nearest;
+  return far[nearest]! > REACH ? -1 : nearest;
 }
 
-function listenToCurve(element) {
-  let held = null;
-  const place = (event) => {
+function listenToCurve(element: HTMLElement): void {
+  let held: number | null = null;
+  const place = (event: MouseEvent): Point => {
     const box = element.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   };
@@ -183,13 +200,14 @@ function listenToCurve(element) {
     const [scale, [px, py]] = [curveScale(), place(event)];
     changeSelected({ at: scale.at(px), opacity: scale.opacity(py) });
   });
-  const release = (event) => {
+  const release = (event: PointerEvent) => {
     if (held !== event.pointerId) return;
     [held, motion.held] = [null, false];
     refresh();
   };
-  element.addEventListener("pointerup", release);
-  element.addEventListener("pointercancel", release);
+  // On the window: the pointer may be let go anywhere.
+  window.addEventListener("pointerup", release);
+  window.addEventListener("pointercancel", release);
   element.addEventListener("dblclick", (event) => {
     const [scale, [px, py]] = [curveScale(), place(event)];
     if (pointAt([px, py]) < 0) addPoint(scale.at(px), scale.opacity(py));
@@ -203,10 +221,10 @@ function listenToCurve(element) {
   });
 }
 
-function listenToColors() {
+export function listenToColors() {
   listenToCurve(byId("curve"));
   byId("colors").addEventListener("toggle", refresh);
-  byId("corner-color").addEventListener("input", (event) => changeSelected({ color: fromHex(event.target.value) }));
+  byId("corner-color").addEventListener("input", () => changeSelected({ color: fromHex(byId<HTMLInputElement>("corner-color").value) as ControlPoint["color"] }));
   byId("previous-corner").addEventListener("click", () => select(colors.selected - 1));
   byId("next-corner").addEventListener("click", () => select(colors.selected + 1));
   byId("add-corner").addEventListener("click", addBesideSelected);

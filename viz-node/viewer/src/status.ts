@@ -1,5 +1,11 @@
 // Status in words: the run, the connection, a study under way, and how far the picture is behind.
-"use strict";
+
+import type { Study } from "./api";
+import type { Pose } from "./engine/wasm";
+import { deviceText } from "./picture";
+import { refreshStatus } from "./frame";
+import { decibelText, decibels, fixed, kilobytes } from "./plots";
+import { FRONT, type Shown, QUIET_MS, byId, link, lowerBound, newest, picture, store, view } from "./state";
 
 /** A study without a trial for longer has ended; a run's first, whose end is told by the steps, has stopped. */
 const STUDY_QUIET_MS = 10_000;
@@ -8,26 +14,26 @@ const FIRST_STUDY_QUIET_MS = 60_000;
 const BEHIND_MS = 600;
 
 /** Since when the picture has been behind; null: it is not. */
-const behind = { since: null };
+const behind: { since: number | null } = { since: null };
 
-function duration(ms) {
+function duration(ms: number): string {
   const seconds = Math.floor(ms / 1000);
   if (seconds < 90) return `${seconds} s`;
   return seconds < 5400 ? `${Math.floor(seconds / 60)} min` : `${Math.floor(seconds / 3600)} h`;
 }
 
-function setText(element, text) {
+export function setText(element: Element, text: string): void {
   // Writing the same words again would make a screen reader say them again.
   if (element.textContent !== text) element.textContent = text;
 }
 
-function drawRun() {
+export function drawRun() {
   const facts = [];
   if (store.run) facts.push(store.run.field, store.run.dims?.join(" × "), `${store.steps.length} steps`);
   if (store.missed > 0) facts.push(`${store.missed} missed`);
   const quiet = performance.now() - link.lastStepAt;
   if (store.run && link.phase === "live" && quiet > QUIET_MS) facts.push(`no new step for ${duration(quiet)}`);
-  const [name, rest] = byId("run").children;
+  const [name, rest] = [...byId("run").children] as [Element, Element];
   setText(name, store.run?.name ?? "");
   setText(rest, facts.length ? facts.filter(Boolean).join(" · ") : "");
   const title = store.run ? `${store.run.name} – Lamina` : "Lamina";
@@ -40,11 +46,11 @@ function drawRun() {
  * The study under way, or null. A run's first has ended when a newer step comes with its parameters. Later ones end unseen, since
  * steps are tuned all along: they count for as long as their trials come.
  */
-function currentStudy() {
+function currentStudy(): Study | null {
   const { study, studyAt } = store;
   if (study === null || !store.run || link.phase !== "live") return null;
   const last = newest();
-  if (study.first && last?.step > study.step && last.tuning === "done") return null;
+  if (study.first && last !== null && last.step > study.step && last.tuning === "done") return null;
   return performance.now() - studyAt < (study.first ? FIRST_STUDY_QUIET_MS : STUDY_QUIET_MS) ? study : null;
 }
 
@@ -81,7 +87,7 @@ function behindText() {
 // ---- State -----------------------------------------------------------------------------------------------------------
 
 /** The state in a word, and on the stage what to do about it. */
-function stateWords() {
+function stateWords(): [string, string, string, string] {
   if (link.phase === "reconnecting") {
     return ["reconnecting", "reconnecting", "The viz-node does not answer", "Start it again if it has stopped; this page then goes on by itself."];
   }
@@ -94,7 +100,7 @@ function stateWords() {
   return ["live", "live", picture.shown === null && picture.notice === "" ? "Rendering" : "", ""];
 }
 
-function drawState() {
+export function drawState() {
   const [state, word, title, advice] = stateWords();
   byId("state").dataset.state = state;
   setText(byId("state"), word);
@@ -105,18 +111,19 @@ function drawState() {
   byId("zoom").hidden = empty;
   const hint = byId("hint");
   hint.hidden = !empty || title === "";
-  const [strong, span] = hint.children;
+  const [strong, span] = [...hint.children] as [Element, Element];
   setText(strong, title);
   setText(span, advice);
   const notice = state === "reconnecting" && !empty ? `${title}. ${advice}` : picture.notice;
   byId("notice").hidden = notice === "";
   setText(byId("notice"), notice);
-  setText(byId("rendered"), empty ? "" : renderedText());
-  const turned = view.azimuth !== 0 || view.elevation !== 0 || view.zoom !== 1;
-  setText(byId("camera"), turned && !empty ? `${fixed(view.azimuth, 0)}°, ${fixed(view.elevation, 0)}°, ×${fixed(view.zoom, 2)}` : "");
+  setText(byId("rendered"), picture.shown && !empty ? renderedText(picture.shown) : "");
+  const { azimuth, elevation, zoom } = view.pose;
+  const turned = Object.entries(view.pose).some(([name, value]) => value !== FRONT[name as keyof Pose]);
+  setText(byId("camera"), turned && !empty ? `${fixed(azimuth, 0)}°, ${fixed(elevation, 0)}°, ×${fixed(zoom, 2)}` : "");
 }
 
-function renderedText() {
-  const { step, size, renderMs, points } = picture.shown;
-  return `step ${step}${behindText()}, ${size} px in ${fixed(renderMs, 1)} ms${points ? ", own colors" : ""}`;
+function renderedText(shown: Shown): string {
+  const { step, size, renderMs, points } = shown;
+  return `step ${step}${behindText()}, ${size} px in ${fixed(renderMs, 1)} ms${points ? ", own colors" : ""}, ${deviceText(shown)}`;
 }

@@ -3,21 +3,21 @@
 //! A distant camera has coordinates so large that single precision would shift its rays by a voxel; on that plane they are as
 //! small as the box. Computed once per picture, in double precision.
 
+use super::field::TableFacts;
 use super::layout::ViewUniforms;
-use super::resident::ResidentTables;
 use crate::Field;
 use glam::DVec3;
 use lamina_model::Camera;
 
 /// Depth, along the camera's axis, of the plane on which rays start: that of the box's nearest corner.
-pub(super) fn nearest_depth(field: &Field, camera: &Camera) -> f64 {
+pub(crate) fn nearest_depth(field: &Field, camera: &Camera) -> f64 {
     let corners = field.grid().bounds().corners();
     corners.map(|c| camera.view_from_world(c).z).into_iter().fold(f64::INFINITY, f64::min).max(0.0)
 }
 
 impl ViewUniforms {
     /// The rays of `camera` through a `width` x `height` picture of `field`, sampled with the step length of `tables`.
-    pub(super) fn new(field: &Field, camera: &Camera, width: u32, height: u32, tables: &ResidentTables) -> Self {
+    pub(crate) fn new(field: &Field, camera: &Camera, width: u32, height: u32, tables: &TableFacts) -> Self {
         let step_length = tables.step_length;
         let near = nearest_depth(field, camera);
         let (center_x, center_y) = (0.5 * f64::from(width), 0.5 * f64::from(height));

@@ -64,7 +64,7 @@ fn single(form: [[f64; 3]; 2]) -> LinearForm {
 
 impl ViewUniforms {
     /// The rays of `camera` through a `width` x `height` picture of `vdi`, whose image is displaced `by`.
-    pub(super) fn new(
+    pub(crate) fn new(
         vdi: &Vdi,
         grid: &AccelerationGrid,
         camera: &Camera,

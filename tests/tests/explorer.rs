@@ -1,0 +1,198 @@
+//! The browser draws: by its processor as the viz-node does, to the byte, and by WebGPU within its stated bounds.
+
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use lamina_tests::browser::{Browser, end};
+use lamina_tests::processes::{Daemon, free_port, wait_for};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// WebGPU in software.
+const GPU: [&str; 2] = ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"];
+/// Azimuth, elevation, zoom.
+const VIEWS: [[f64; 3]; 6] =
+    [[0.0, 0.0, 1.0], [20.0, 10.0, 1.0], [-35.0, 25.0, 1.4], [60.0, -20.0, 0.8], [150.0, 40.0, 1.0], [10.0, 5.0, 3.0]];
+
+/// `lamina live` with `arguments`, and a browser that looks at its page with `query`.
+fn watched(arguments: &[&str], flags: &[&str], query: &str) -> (Daemon, Browser, tempfile::TempDir) {
+    let port = free_port();
+    let viewer = format!("127.0.0.1:{port}");
+    let live = ["live", "--viewer", &viewer, "--cells", "32", "--steps", "3", "--cpu-share", "100%"];
+    let lamina = Daemon::start_plain("lamina", port, &[&live[..], arguments].concat());
+    let profile = tempfile::tempdir().unwrap();
+    let browser = Browser::open(&profile.path().display().to_string(), &[flags, &["--window-size=900,420"]].concat());
+    browser.post("/url", &json!({"url": format!("{}/{query}", lamina.url())}));
+    browser.wait_js("document.querySelector('#picture').dataset.step !== undefined");
+    // On a busy machine others may be dropped.
+    browser.wait_js("document.querySelector('#timeline').ariaValueMax === '2'");
+    (lamina, browser, profile)
+}
+
+/// Turns to a view by the page's address, and waits for its still picture.
+fn look(browser: &Browser, [azimuth, elevation, zoom]: [f64; 3]) {
+    browser.js(&format!("void (location.hash = '#step=2&azimuth={azimuth}&elevation={elevation}&zoom={zoom}')"));
+    browser.wait_js(&format!(
+        "(() => {{ const d = document.querySelector('#picture').dataset; return d.draft === 'false' && d.step === '2' && \
+         Number(d.azimuth) === {azimuth} && Number(d.elevation) === {elevation} && Number(d.zoom) === {zoom} && \
+         !document.querySelector('#stage').ariaBusy }})()"
+    ));
+}
+
+/// The mean squared difference, of 255^2, between the page's picture and the viz-node's.
+fn difference(browser: &Browser, [azimuth, elevation, zoom]: [f64; 3]) -> f64 {
+    let answer = browser.promised(&format!(
+        "(async () => {{ const bytes = (source, n) => {{ const c = document.createElement('canvas'); c.width = c.height = n; \
+         const x = c.getContext('2d'); x.drawImage(source, 0, 0); return x.getImageData(0, 0, n, n).data }}; \
+         const c = document.querySelector('#picture'), n = c.width; \
+         const r = await fetch(`api/image?step=2&azimuth={azimuth}&elevation={elevation}&zoom={zoom}&size=${{n}}`); \
+         const a = bytes(c, n), b = bytes(await createImageBitmap(await r.blob()), n); \
+         let sum = 0; for (let i = 0; i < a.length; i++) sum += (a[i] - b[i]) ** 2; \
+         return {{mean: sum / (3 * n * n) / 255 ** 2, lit: b.some((v, i) => i % 4 < 3 && v > 60)}} }})()"
+    ));
+    assert_eq!(answer["lit"], json!(true), "something is seen");
+    answer["mean"].as_f64().unwrap()
+}
+
+/// Every effect that a reduced volume is drawn with, in parts: one kernel with all takes a GPU in software minutes to compile.
+const EFFECTS: [&str; 4] = [
+    "light = [0.5, 1.0, 1.0]
+shading = { ambient = 0.4, diffuse = 0.6, specular = 0.2, shininess = 32 }
+depth_cue = { color = [0.0, 0.0, 0.2], strength = 0.5 }",
+    "pre_integrated = true",
+    "light = [0.5, 1.0, 1.0]
+shadows = 0.7
+ambient_occlusion = 0.7
+clip_planes = [{ normal = [1.0, 0.0, 0.0], offset = 0.3 }]",
+    "isosurfaces = [{ value = 3.0, color = [0.9, 0.8, 0.7], opacity = 0.5 }]",
+];
+
+/// A scene file with `effects` in `folder`.
+fn scene(folder: &tempfile::TempDir, effects: &str) -> String {
+    let path = folder.path().join("scene.toml");
+    std::fs::write(&path, format!("[effects]\n{effects}\n")).unwrap();
+    path.display().to_string()
+}
+
+#[test]
+fn the_browsers_processor_draws_the_viz_nodes_picture_to_the_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    // All together.
+    let [shading, integration, shadows, surfaces] = EFFECTS;
+    let shadows = shadows.trim_start_matches("light = [0.5, 1.0, 1.0]");
+    let scene = scene(&folder, &[shading, integration, shadows, surfaces].join("\n"));
+    for arguments in [&["--representation", "vdi"][..], &["--representation", "volume", "--scene", &scene]] {
+        let (lamina, browser, _profile) = watched(arguments, &["--disable-gpu"], "");
+        for view in VIEWS {
+            look(&browser, view);
+            assert_eq!(difference(&browser, view), 0.0, "{arguments:?}, {view:?}");
+        }
+        assert_eq!(browser.js("document.querySelector('#picture').dataset.drawnBy"), json!("cpu"));
+        end(&browser, lamina);
+    }
+}
+
+fn holds_by_webgpu(arguments: &[&str], views: &[[f64; 3]]) {
+    let (lamina, browser, _profile) = watched(arguments, &GPU, "?gpu");
+    // The processor draws until the kernel is compiled: isosurfaces take SwiftShader half a minute.
+    let by_gpu =
+        "(location.hash = `#azimuth=${90 * Math.random()}`, document.querySelector('#picture').dataset.drawnBy)";
+    assert!(wait_for(Duration::from_secs(400), || browser.js(by_gpu) == json!("gpu")), "{arguments:?}: no kernel");
+    for &view in views {
+        look(&browser, view);
+        let decibels = -10.0 * difference(&browser, view).log10();
+        assert!(decibels >= 50.0, "{arguments:?}, {view:?}: {decibels} dB");
+        assert_eq!(browser.js("document.querySelector('#picture').dataset.drawnBy"), json!("gpu"));
+    }
+    end(&browser, lamina);
+}
+
+#[test]
+fn webgpu_draws_the_viz_nodes_picture_within_fifty_decibels() {
+    holds_by_webgpu(&["--representation", "vdi", "--resolution", "96", "--gamma", "0.02"], &VIEWS);
+    holds_by_webgpu(&["--representation", "volume"], &VIEWS);
+    for effects in EFFECTS {
+        let folder = tempfile::tempdir().unwrap();
+        holds_by_webgpu(&["--representation", "volume", "--scene", &scene(&folder, effects)], &VIEWS[1..3]);
+    }
+}
+
+#[test]
+fn a_step_that_has_arrived_is_turned_without_the_server() {
+    let (lamina, browser, _profile) = watched(&["--representation", "vdi"], &["--disable-gpu"], "");
+    look(&browser, VIEWS[1]);
+    browser.js("performance.clearResourceTimings()");
+    browser.drag_on("#picture", 2);
+    browser.mouse(&[json!({"type": "pointerUp", "button": 0})]);
+    let asked = "performance.getEntriesByType('resource').map(e => e.name).filter(n => /image|api.step/.test(n))";
+    assert_eq!(browser.js(asked), json!([]));
+    // Nor does it need one that answers.
+    end(&browser, lamina);
+    browser.wait_js("document.querySelector('#state').dataset.state === 'reconnecting'");
+    look(&browser, VIEWS[2]);
+    assert_eq!(browser.js("document.querySelector('#notice').hidden"), json!(false));
+}
+
+/// The file called `name` in `folder` or below.
+fn recorded(folder: &Path, name: &str) -> Option<PathBuf> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    entries
+        .into_iter()
+        .find_map(|path| if path.is_dir() { recorded(&path, name) } else { path.ends_with(name).then_some(path) })
+}
+
+#[test]
+fn a_damaged_step_is_said_to_be_and_the_others_are_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().display().to_string();
+    let (lamina, browser, _profile) = watched(&["--out", &out, "--representation", "vdi"], &["--disable-gpu"], "");
+    let path = recorded(folder.path(), "step_000000.vdi").unwrap();
+    let whole = std::fs::read(&path).unwrap();
+    let hostile = [("checksum", whole[..whole.len() / 2].to_vec()), ("begins neither", vec![0; 64])];
+    for (reason, bytes) in hostile {
+        std::fs::write(&path, bytes).unwrap();
+        browser.post("/refresh", &json!({}));
+        browser.wait_js("document.querySelector('#timeline').ariaValueMax === '2'");
+        browser.js("void (location.hash = '#step=0')");
+        browser.wait_js(&format!(
+            "document.querySelector('#notice').textContent.startsWith('No picture of step 0') && \
+             document.querySelector('#notice').textContent.includes('{reason}')"
+        ));
+        look(&browser, VIEWS[1]);
+        assert_eq!(browser.js("document.querySelector('#notice').hidden"), json!(true));
+    }
+    end(&browser, lamina);
+}
+
+#[test]
+fn the_page_moves_by_hand_and_key_and_says_so_in_its_address() {
+    let (lamina, browser, _profile) = watched(&["--representation", "volume"], &["--disable-gpu"], "");
+    look(&browser, VIEWS[0]);
+    // Shift pans, alt rolls, the address follows, and back goes to where it says.
+    let drag = |modifier: &str| {
+        browser.post(
+            "/actions",
+            &json!({"actions": [
+            {"type": "key", "id": "keys", "actions": [{"type": "keyDown", "value": modifier}]}]}),
+        );
+        browser.drag("#picture", 60, 30);
+        browser.post(
+            "/actions",
+            &json!({"actions": [
+            {"type": "key", "id": "keys", "actions": [{"type": "keyUp", "value": modifier}]}]}),
+        );
+    };
+    drag("\u{e008}");
+    browser.wait_js("/right=-0\\.\\d+&up=0\\.\\d+/.test(location.hash) && !/azimuth/.test(location.hash)");
+    drag("\u{e00a}");
+    browser.wait_js("/roll=\\d+/.test(location.hash)");
+    let shared = browser.js("location.href");
+    browser.js("document.querySelector('#reset').click()");
+    browser.wait_js("!/right|roll/.test(location.hash)");
+    browser.post("/url", &json!({"url": "about:blank"}));
+    browser.post("/url", &json!({"url": shared}));
+    browser.wait_js(
+        "document.querySelector('#picture').dataset.roll > 0 && document.querySelector('#picture').dataset.right < 0",
+    );
+    end(&browser, lamina);
+}

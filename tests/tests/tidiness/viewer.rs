@@ -1,0 +1,49 @@
+//! The built viewer, held to what it was built from.
+
+use crate::root;
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+const VIEWER: &str = "viz-node/viewer";
+
+fn files(path: PathBuf, into: &mut Vec<PathBuf>) {
+    if path.is_dir() {
+        std::fs::read_dir(path).unwrap().for_each(|entry| files(entry.unwrap().path(), into));
+    } else {
+        into.push(path);
+    }
+}
+
+/// SHA-256 of the files in or at `paths`, which count from the viewer's folder, by those paths.
+fn sums(paths: &[&str], is_source: impl Fn(&str) -> bool) -> BTreeMap<String, String> {
+    let folder = root().join(VIEWER);
+    let mut found = Vec::new();
+    paths.iter().for_each(|path| files(folder.join(path), &mut found));
+    let named = found.into_iter().map(|path| (path.strip_prefix(&folder).unwrap().display().to_string(), path));
+    let sum = |path: &Path| Sha256::digest(std::fs::read(path).unwrap()).iter().map(|b| format!("{b:02x}")).collect();
+    named.filter(|(name, _)| is_source(name)).map(|(name, path)| (name, sum(&path))).collect()
+}
+
+/// What `dist/FILE` states.
+fn stated(file: &str) -> BTreeMap<String, String> {
+    let text = std::fs::read_to_string(root().join(VIEWER).join("dist").join(file)).unwrap();
+    text.lines().map(|line| line.split_once("  ").unwrap()).map(|(sum, name)| (name.into(), sum.into())).collect()
+}
+
+#[test]
+fn the_built_page_is_of_these_sources() {
+    let now = sums(&["src", "public", "index.html", "package-lock.json", "tsconfig.json", "vite.config.ts"], |_| true);
+    assert_eq!(now, stated("viewer.sha256"), "run {VIEWER}/build");
+}
+
+#[test]
+fn the_built_engine_is_of_these_sources() {
+    let crates =
+        ["model", "message", "codec", "compute", "raycast", "vdi-render"].map(|name| format!("../../proto/{name}"));
+    let of = |folder: &str| [format!("{folder}/src"), format!("{folder}/Cargo.toml")];
+    let paths: Vec<String> = crates.iter().map(String::as_str).chain(["engine"]).flat_map(of).collect();
+    let paths: Vec<&str> = paths.iter().map(String::as_str).collect();
+    let is_source = |name: &str| !name.contains("/tests/") && !name.ends_with("/tests.rs");
+    assert_eq!(sums(&paths, is_source), stated("engine.sha256"), "run {VIEWER}/build engine");
+}

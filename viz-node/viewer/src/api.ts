@@ -1,0 +1,59 @@
+// What the server answers, as JSON.
+
+import type { ControlPoint } from "./engine/wasm";
+
+export type { ControlPoint } from "./engine/wasm";
+
+/** JSON has no infinity: identical pictures come as "inf". */
+export type Decibels = number | "inf" | null;
+
+export interface StepRow {
+  step: number;
+  time: number;
+  resolution: number;
+  gamma: number;
+  size_bytes: number;
+  generation_ms: number;
+  psnr_db: Decibels;
+  encode_ms: number;
+  supersegments: number;
+  dropped_steps: number;
+  limit_kept: boolean;
+  views: { angle_deg: number; psnr_db: Decibels }[];
+  representation: "vdi" | "volume";
+  half_width_db: number | null;
+  measured: "no" | "pending" | "skipped" | "yes";
+  tuning: "none" | "provisional" | "done";
+  overhead: number | null;
+  throttle: number;
+}
+
+export interface Run {
+  id: string;
+  name: string;
+  field: string;
+  dims: [number, number, number];
+}
+
+export interface Study {
+  step: number;
+  first: boolean;
+  trials: number;
+  best_psnr_db: Decibels;
+  best_size_bytes: number;
+}
+
+export interface PageState {
+  run: Run | null;
+  limit: { size_bytes: number | null; time_ms: number | null };
+  steps: StepRow[];
+  missed_steps: number;
+  study: Study | null;
+}
+
+/** A transfer function, and the positions whose values were not recorded. */
+export interface Transfer {
+  range: { lo: number; hi: number; scale: "linear" | "log10" };
+  points: ControlPoint[];
+  unrecorded: [number, number][];
+}

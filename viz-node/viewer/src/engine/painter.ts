@@ -1,0 +1,158 @@
+// Pictures drawn in the browser: steps are fetched once, decoded and drawn by the worker, and kept while there is room.
+
+import type { Device, Reply, Request } from "./protocol";
+import type { Pose } from "./wasm";
+
+/** Encoded bytes of steps that are kept decoded: decoded they take 20 to 40 times as much. */
+const KEPT_BYTES = 8 << 20;
+/** The most of them. */
+const KEPT_STEPS = 6;
+
+export interface Picture {
+  step: number;
+  bitmap: ImageBitmap;
+  drawMs: number;
+  /** What drew it. */
+  by: "gpu" | "cpu" | "server";
+}
+
+type Drawn = Omit<Picture, "step">;
+
+/** The server or the step refuses; asking again is in vain. */
+export class Refused extends Error {}
+
+interface Kept {
+  key: string;
+  bytes: number;
+  opened: Promise<void>;
+}
+
+export class BrowserPainter {
+  device: Device | null = null;
+  /** Milliseconds that the last step took to decode. */
+  decodeMs = NaN;
+  /** Bytes of steps fetched so far. */
+  fetchedBytes = 0;
+  private readonly ready: Promise<void>;
+  private readonly kept: Kept[] = [];
+  private readonly openings = new Map<string, { resolve(): void; reject(reason: Error): void }>();
+  private readonly drawings = new Map<number, { resolve(drawn: Drawn | null): void; reject(reason: Error): void }>();
+  private nextId = 1;
+
+  /** `changed` is called when it is known what draws, and when that changes; `absent` if nothing here can. */
+  constructor(
+    private readonly worker: Worker,
+    private readonly changed: () => void,
+    absent: () => void,
+  ) {
+    this.ready = new Promise((resolve, reject) => {
+      worker.onmessage = ({ data }: MessageEvent<Reply>) => {
+        if (data.kind === "ready") {
+          this.device = data.device;
+          this.changed();
+          resolve();
+        } else {
+          this.take(data);
+        }
+      };
+      worker.onerror = (event) => {
+        const error = new Error(event.message || "the worker that draws did not start");
+        reject(error);
+        [...this.openings.values(), ...this.drawings.values()].forEach((waiting) => waiting.reject(error));
+      };
+    });
+    this.ready.catch(absent);
+  }
+
+  private send(request: Request, transfer: Transferable[] = []): void {
+    this.worker.postMessage(request, transfer);
+  }
+
+  private take(message: Reply): void {
+    if (message.kind === "device") {
+      this.device = message.device;
+      this.changed();
+    } else if (message.kind === "opened") {
+      this.decodeMs = message.decodeMs;
+      this.openings.get(message.key)?.resolve();
+    } else if (message.kind === "refused") {
+      this.openings.get(message.key)?.reject(new Refused(message.reason));
+    } else if (message.kind !== "ready") {
+      const waiting = this.drawings.get(message.id);
+      this.drawings.delete(message.id);
+      if (message.kind === "drawn") {
+        if (waiting) waiting.resolve(message);
+        else message.bitmap.close();
+      } else if (message.kind === "dropped") waiting?.resolve(null);
+      else waiting?.reject(new Error(message.reason));
+    }
+  }
+
+  /** A picture of `step` of `run`, fetched if it is not held; null if `signal` was given up. */
+  async draw(
+    run: string,
+    step: number,
+    pose: Pose,
+    side: number,
+    still: boolean,
+    points: string | null,
+    signal: AbortSignal,
+  ): Promise<Picture | null> {
+    await this.ready;
+    const key = `${run}/${step}`;
+    await this.hold(run, step);
+    if (signal.aborted) return null;
+    const id = this.nextId++;
+    const drawn = new Promise<Drawn | null>((resolve, reject) => {
+      this.drawings.set(id, { resolve, reject });
+    });
+    signal.addEventListener("abort", () => this.send({ kind: "cancel", id }), { once: true });
+    this.send({ kind: "draw", id, key, pose, side, still, points });
+    const picture = await drawn;
+    return picture && { step, ...picture };
+  }
+
+  /** Fetches a step ahead of its picture. */
+  async hold(run: string, step: number): Promise<void> {
+    const key = `${run}/${step}`;
+    const known = this.kept.findIndex((kept) => kept.key === key);
+    if (known >= 0) {
+      const [kept] = this.kept.splice(known, 1);
+      this.kept.push(kept!);
+      return kept!.opened;
+    }
+    const kept: Kept = { key, bytes: 0, opened: this.open(key, run, step, (bytes) => (kept.bytes = bytes)) };
+    this.kept.push(kept);
+    kept.opened.catch(() => {
+      const at = this.kept.indexOf(kept);
+      if (at >= 0) this.kept.splice(at, 1);
+    });
+    return kept.opened;
+  }
+
+  private async open(key: string, run: string, step: number, sized: (bytes: number) => void): Promise<void> {
+    const answer = await fetch(`api/step/${step}?run=${encodeURIComponent(run)}`, { cache: "no-store" });
+    if (!answer.ok) {
+      const reason = (await answer.text()).trim() || `the server answered ${answer.status}`;
+      throw answer.status < 500 ? new Refused(reason) : new Error(reason);
+    }
+    const bytes = await answer.arrayBuffer();
+    this.fetchedBytes += bytes.byteLength;
+    sized(bytes.byteLength);
+    const opened = new Promise<void>((resolve, reject) => this.openings.set(key, { resolve, reject }));
+    this.send({ kind: "open", key, bytes }, [bytes]);
+    try {
+      await opened;
+    } finally {
+      this.openings.delete(key);
+    }
+    this.makeRoom();
+  }
+
+  private makeRoom(): void {
+    const held = () => this.kept.reduce((sum, { bytes }) => sum + bytes, 0);
+    while (this.kept.length > 1 && (this.kept.length > KEPT_STEPS || held() > KEPT_BYTES)) {
+      this.send({ kind: "close", key: this.kept.shift()!.key });
+    }
+  }
+}

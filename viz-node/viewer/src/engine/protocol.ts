@@ -1,0 +1,25 @@
+// What the page and its worker tell each other.
+
+import type { Pose } from "./wasm";
+
+/** What draws. */
+export type Device = { kind: "gpu"; name: string } | { kind: "cpu"; why: string };
+
+export type Request =
+  /** Decode `bytes` and hold them as `key`. */
+  | { kind: "open"; key: string; bytes: ArrayBuffer }
+  | { kind: "close"; key: string }
+  /** Takes the place of a picture asked for before. `points`: control points as JSON, for a volume in other colors. */
+  | { kind: "draw"; id: number; key: string; pose: Pose; side: number; still: boolean; points: string | null }
+  | { kind: "cancel"; id: number };
+
+export type Reply =
+  | { kind: "ready"; device: Device }
+  | { kind: "opened"; key: string; decodeMs: number; representation: "vdi" | "volume" }
+  | { kind: "refused"; key: string; reason: string }
+  | { kind: "drawn"; id: number; bitmap: ImageBitmap; drawMs: number; by: "gpu" | "cpu" }
+  /** Another picture took its place. */
+  | { kind: "dropped"; id: number }
+  | { kind: "failed"; id: number; reason: string }
+  /** The device changed: a GPU was lost, or is ready now. */
+  | { kind: "device"; device: Device };

@@ -1,0 +1,162 @@
+// The decoder, the data of the kernels and the processor's renderer: `engine/` compiled to WebAssembly, called by plain numbers.
+
+/** A camera relative to the recorded one: angles in degrees, the distance divided by `zoom`, shifts in heights of the picture. */
+export interface Pose {
+  azimuth: number;
+  elevation: number;
+  zoom: number;
+  right: number;
+  up: number;
+  roll: number;
+}
+
+export const FRONT: Pose = { azimuth: 0, elevation: 0, zoom: 1, right: 0, up: 0, roll: 0 };
+
+export interface ControlPoint {
+  at: number;
+  color: [number, number, number];
+  opacity: number;
+}
+
+export interface Description {
+  representation: "vdi" | "volume";
+  bounds: [[number, number, number], [number, number, number]];
+  elements: number;
+  constants: [string, number][];
+  background: [number, number, number];
+  /** False if no picture shows anything but the background. */
+  visible: boolean;
+}
+
+/** A resource of a kernel. */
+export interface Resource {
+  group: number;
+  binding: number;
+  kind: "uniform" | "storage" | "texture";
+  format: GPUTextureFormat | null;
+  dims: [number, number, number] | null;
+  bytes: Uint8Array<ArrayBuffer>;
+}
+
+/** How displaced pictures of a VDI make a still one. */
+export interface Blend {
+  around: [number, number][];
+  difference: [[number, number], number][];
+  sharpness: number;
+}
+
+interface Exports {
+  memory: WebAssembly.Memory;
+  lamina_room(length: number): number;
+  lamina_answer(): number;
+  lamina_answer_length(): number;
+  lamina_open(start: number, length: number, maxDecodedBytes: number): number;
+  lamina_recolor(handle: number, start: number, length: number): number;
+  lamina_close(handle: number): void;
+  lamina_bindings(handle: number): number;
+  lamina_view(handle: number, ...numbers: number[]): number;
+  lamina_blend(handle: number, ...numbers: number[]): number;
+  lamina_begin(handle: number, ...numbers: number[]): number;
+  lamina_advance(): number;
+  lamina_source(volume: number): number;
+}
+
+/** The most that a decoded step may take, bytes: what a tab can be asked for. */
+const MAX_DECODED_BYTES = 1 << 29;
+
+const numbers = (pose: Pose) => [pose.azimuth, pose.elevation, pose.zoom, pose.right, pose.up, pose.roll];
+
+export class Engine {
+  private constructor(private readonly wasm: Exports) {}
+
+  static async load(url: string | URL): Promise<Engine> {
+    const { instance } = await WebAssembly.instantiateStreaming(fetch(url), {});
+    return new Engine(instance.exports as unknown as Exports);
+  }
+
+  /** Decodes a recorded step. */
+  open(bytes: Uint8Array): { handle: number; description: Description } {
+    const handle = this.checked(this.wasm.lamina_open(this.fill(bytes), bytes.length, MAX_DECODED_BYTES));
+    return { handle, description: this.json() as Description };
+  }
+
+  /** The volume `handle` under other control points. */
+  recolor(handle: number, points: string): { handle: number; description: Description } {
+    const bytes = new TextEncoder().encode(points);
+    const recolored = this.checked(this.wasm.lamina_recolor(handle, this.fill(bytes), bytes.length));
+    return { handle: recolored, description: this.json() as Description };
+  }
+
+  close(handle: number): void {
+    this.wasm.lamina_close(handle);
+  }
+
+  /** WGSL with the entry point `color_rows`. */
+  source(representation: Description["representation"]): string {
+    this.checked(this.wasm.lamina_source(representation === "vdi" ? 0 : 1));
+    return this.json() as string;
+  }
+
+  /** What the kernel reads, whatever the camera. */
+  bindings(handle: number): Resource[] {
+    this.checked(this.wasm.lamina_bindings(handle));
+    return this.resources();
+  }
+
+  /** What the kernel reads for one picture. */
+  view(handle: number, pose: Pose, width: number, height: number, by: [number, number]): Resource[] {
+    this.checked(this.wasm.lamina_view(handle, ...numbers(pose), width, height, ...by));
+    return this.resources();
+  }
+
+  /** Null for a volume. */
+  blend(handle: number, pose: Pose, height: number): Blend | null {
+    this.checked(this.wasm.lamina_blend(handle, ...numbers(pose), height));
+    return this.json() as Blend | null;
+  }
+
+  /** Begins a picture that the processor draws. */
+  begin(handle: number, pose: Pose, width: number, height: number, still: boolean): void {
+    this.checked(this.wasm.lamina_begin(handle, ...numbers(pose), width, height, Number(still)));
+  }
+
+  /** Draws the next part of it; red, green, blue and 255 per pixel once it is whole. */
+  advance(): Uint8ClampedArray<ArrayBuffer> | null {
+    this.checked(this.wasm.lamina_advance());
+    if (this.wasm.lamina_answer_length() === 0) return null;
+    const { content } = this.answer();
+    return new Uint8ClampedArray(content);
+  }
+
+  private fill(bytes: Uint8Array): number {
+    const start = this.wasm.lamina_room(bytes.length);
+    new Uint8Array(this.wasm.memory.buffer, start, bytes.length).set(bytes);
+    return start;
+  }
+
+  private raw(): Uint8Array {
+    return new Uint8Array(this.wasm.memory.buffer, this.wasm.lamina_answer(), this.wasm.lamina_answer_length());
+  }
+
+  private checked(code: number): number {
+    if (code < 0) throw new Error(new TextDecoder().decode(this.raw()));
+    return code;
+  }
+
+  private answer(): { json: unknown; content: Uint8Array } {
+    const raw = this.raw();
+    const length = new DataView(raw.buffer, raw.byteOffset).getUint32(0, true);
+    const json: unknown = JSON.parse(new TextDecoder().decode(raw.subarray(4, 4 + length)));
+    return { json, content: raw.subarray(Math.ceil((4 + length) / 16) * 16) };
+  }
+
+  private json(): unknown {
+    return this.answer().json;
+  }
+
+  private resources(): Resource[] {
+    const { json, content } = this.answer();
+    const entries = json as (Omit<Resource, "bytes"> & { offset: number; length: number })[];
+    return entries.map(({ offset, length, ...entry }) => ({ ...entry, bytes: content.slice(offset, offset + length) }));
+  }
+}

@@ -1,0 +1,174 @@
+// The worker that decodes and draws, so that the page never waits.
+
+import { Gpu } from "./gpu";
+import type { Device, Reply, Request } from "./protocol";
+import { type Description, Engine } from "./wasm";
+
+type Draw = Extract<Request, { kind: "draw" }>;
+
+interface Held {
+  handle: number;
+  description: Description;
+  /** The same volume in other colors, the last asked for. */
+  recolored: { points: string; handle: number; description: Description } | null;
+}
+
+const reply = (message: Reply, transfer: Transferable[] = []) => postMessage(message, { transfer });
+
+const reason = (error: unknown) => (error instanceof Error ? error.message : String(error));
+
+/** Lets messages in between two parts of a picture. */
+const breath = () =>
+  new Promise<void>((resolve) => {
+    const { port1, port2 } = new MessageChannel();
+    port1.onmessage = () => {
+      port1.close();
+      resolve();
+    };
+    port2.postMessage(null);
+  });
+
+class Painter {
+  private readonly held = new Map<string, Held>();
+  private next: Draw | null = null;
+  private current: Draw | null = null;
+
+  constructor(
+    private readonly engine: Engine,
+    private gpu: Gpu | null,
+  ) {}
+
+  device(): Device {
+    if (this.gpu) return { kind: "gpu", name: this.gpu.name };
+    return { kind: "cpu", why: "gpu" in navigator ? "WebGPU has no device here" : "this browser has no WebGPU" };
+  }
+
+  open(key: string, bytes: Uint8Array): void {
+    const begun = performance.now();
+    try {
+      const { handle, description } = this.engine.open(bytes);
+      this.close(key);
+      this.held.set(key, { handle, description, recolored: null });
+      const { representation } = description;
+      reply({ kind: "opened", key, decodeMs: performance.now() - begun, representation });
+    } catch (error) {
+      reply({ kind: "refused", key, reason: reason(error) });
+    }
+  }
+
+  close(key: string): void {
+    const held = this.held.get(key);
+    if (!held) return;
+    this.held.delete(key);
+    this.forget(held.handle);
+    if (held.recolored) this.forget(held.recolored.handle);
+  }
+
+  private forget(handle: number): void {
+    this.gpu?.forget(handle);
+    this.engine.close(handle);
+  }
+
+  cancel(id: number): void {
+    if (this.next?.id === id) this.next = null;
+    else if (this.current?.id === id) this.current = null;
+    else return;
+    reply({ kind: "dropped", id });
+  }
+
+  /** Draws the newest request; older ones are dropped. */
+  async draw(request: Draw): Promise<void> {
+    if (this.next) reply({ kind: "dropped", id: this.next.id });
+    this.next = request;
+    if (this.busy) return;
+    this.busy = true;
+    while (this.next) {
+      const request: Draw = this.next;
+      [this.current, this.next] = [request, null];
+      try {
+        await this.paint(request);
+      } catch (error) {
+        if (this.gpu?.lost != null) this.withoutGpu(request);
+        else reply({ kind: "failed", id: request.id, reason: reason(error) });
+      }
+    }
+    this.busy = false;
+  }
+  private busy = false;
+
+  /** Goes on by the processor, with the picture that the device failed at. */
+  private withoutGpu(request: Draw): void {
+    reply({ kind: "device", device: { kind: "cpu", why: `the GPU failed: ${this.gpu?.lost}` } });
+    this.gpu = null;
+    this.next ??= request;
+  }
+
+  private shown(held: Held, points: string | null): { handle: number; description: Description } {
+    if (points === null || held.description.representation === "vdi") return held;
+    if (held.recolored?.points === points) return held.recolored;
+    const { handle, description } = this.engine.recolor(held.handle, points);
+    if (held.recolored) this.forget(held.recolored.handle);
+    held.recolored = { points, handle, description };
+    return held.recolored;
+  }
+
+  private async paint(request: Draw): Promise<void> {
+    const { id, key, pose, side, still, points } = request;
+    const held = this.held.get(key);
+    if (!held) return reply({ kind: "failed", id, reason: "the step is no longer held" });
+    const begun = performance.now();
+    const { handle, description } = this.shown(held, points);
+    const wanted = () => this.current === request && this.next === null && this.held.get(key) === held;
+    // The processor draws while the kernel is compiled; then the page may ask again.
+    const compiled = () => reply({ kind: "device", device: this.device() });
+    const byGpu = this.gpu !== null && description.visible && this.gpu.ready(handle, description, compiled);
+    const bitmap = !description.visible
+      ? background(description, side)
+      : this.gpu && byGpu
+        ? await this.gpu.draw(handle, pose, side, still, wanted)
+        : await this.onProcessor(handle, request, wanted);
+    if (this.current !== request) return bitmap?.close();
+    this.current = null;
+    const [drawMs, by] = [performance.now() - begun, byGpu ? ("gpu" as const) : ("cpu" as const)];
+    if (bitmap) reply({ kind: "drawn", id, bitmap, drawMs, by }, [bitmap]);
+    else reply({ kind: "dropped", id });
+  }
+
+  private async onProcessor(handle: number, { pose, side, still }: Draw, wanted: () => boolean): Promise<ImageBitmap | null> {
+    this.engine.begin(handle, pose, side, side, still);
+    for (;;) {
+      const pixels = this.engine.advance();
+      if (pixels) return createImageBitmap(new ImageData(pixels, side, side));
+      await breath();
+      if (!wanted()) return null;
+    }
+  }
+}
+
+function background({ background: [red, green, blue] }: Description, side: number): ImageBitmap {
+  const canvas = new OffscreenCanvas(side, side);
+  const context = canvas.getContext("2d")!;
+  context.fillStyle = `rgb(${[red, green, blue].map((c) => Math.round(255 * c)).join(" ")})`;
+  context.fillRect(0, 0, side, side);
+  return canvas.transferToImageBitmap();
+}
+
+const early: Request[] = [];
+let painter: Painter | null = null;
+
+function take(request: Request): void {
+  if (!painter) early.push(request);
+  else if (request.kind === "open") painter.open(request.key, new Uint8Array(request.bytes));
+  else if (request.kind === "close") painter.close(request.key);
+  else if (request.kind === "cancel") painter.cancel(request.id);
+  else void painter.draw(request);
+}
+
+onmessage = ({ data }: MessageEvent<Request>) => take(data);
+
+const engine = await Engine.load("engine.wasm");
+// The worker's name is what should draw, where somebody asked.
+const gpu = self.name === "cpu" ? null : await Gpu.open(engine, self.name === "gpu");
+painter = new Painter(engine, gpu);
+reply({ kind: "ready", device: painter.device() });
+early.splice(0).forEach(take);

@@ -1,0 +1,49 @@
+// The viewer: listens, connects, draws.
+
+import "./viewer.css";
+import { listenToAddress } from "./address";
+import { listenToPicture, onKey, resetCamera, zoomBy } from "./camera";
+import { listenToColors } from "./colors";
+import { refresh, refreshStatus } from "./frame";
+import { GUTTER, PLOTS, listenToSteps } from "./plots";
+import { connect } from "./server";
+import { byId, shownIndex } from "./state";
+import { drawRun } from "./status";
+import { choose, followNewest } from "./steps";
+
+function buildFigures(): void {
+  const build = (id: string, label: string) => {
+    byId(id).innerHTML = `<figcaption><span></span><span></span></figcaption>
+      <div class="plot"><svg role="img" aria-label="${label}"></svg></div>`;
+  };
+  build("accuracy", "PSNR over generation time, all steps and trials");
+  for (const { id, label } of PLOTS) {
+    build(id, `${label} over steps`);
+    listenToSteps(byId(id).querySelector<HTMLElement>(".plot")!, GUTTER, 8);
+  }
+}
+
+function onClick(id: string, action: () => void): void {
+  byId(id).addEventListener("click", action);
+}
+
+buildFigures();
+listenToPicture(byId<HTMLCanvasElement>("picture"));
+listenToSteps(byId("timeline"), 10, 10);
+listenToColors();
+document.addEventListener("keydown", onKey);
+onClick("previous", () => choose(shownIndex() - 1));
+onClick("next", () => choose(shownIndex() + 1));
+onClick("live", followNewest);
+onClick("zoom-in", () => zoomBy(1.25));
+onClick("zoom-out", () => zoomBy(1 / 1.25));
+onClick("reset", resetCamera);
+new ResizeObserver(refresh).observe(byId("stage"));
+new ResizeObserver(refresh).observe(document.querySelector("aside")!);
+setInterval(() => {
+  drawRun();
+  refreshStatus();
+}, 1000);
+listenToAddress();
+connect();
+refresh();
