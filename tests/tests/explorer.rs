@@ -196,3 +196,67 @@ fn the_page_moves_by_hand_and_key_and_says_so_in_its_address() {
     );
     end(&browser, lamina);
 }
+
+#[test]
+fn every_button_does_what_it_says() {
+    let (lamina, browser, _profile) = watched(&["--representation", "volume"], &["--disable-gpu"], "");
+    let click = |id: &str| browser.js(&format!("document.querySelector('#{id}').click()"));
+    look(&browser, VIEWS[0]);
+    // The box: twelve edges, three labels; seen from the front, at the recorded camera, it is upright and in the middle.
+    click("box");
+    browser.wait_js("document.querySelectorAll('#overlay .edge').length === 12 && document.querySelectorAll('#overlay text').length === 3");
+    let middle = "[...document.querySelectorAll('#overlay .edge')].flatMap(e => e.getAttribute('d').match(/-?[\\d.]+/g).map(Number)) \
+        .reduce((sum, c, n) => (sum[n % 2] += c / 24, sum), [0, 0])";
+    let before = browser.js(middle);
+    // Half a picture's height to the right is a whole half of its side, at the depth of the target.
+    browser.js("void (location.hash = '#step=2&right=0.25')");
+    browser.wait_js("document.querySelector('#picture').dataset.right === '0.25'");
+    let shift = browser.js(middle)[0].as_f64().unwrap() - before[0].as_f64().unwrap();
+    assert!((shift + 0.5).abs() < 0.05, "{shift}: near and far corners shift by more and less");
+    browser.js("document.activeElement.blur()");
+    browser.key("b");
+    browser.wait_js("document.querySelectorAll('#overlay .edge').length === 0");
+
+    // Colors: a map changes the picture, as recorded brings it back.
+    look(&browser, VIEWS[0]);
+    browser.js("document.querySelector('#colors summary').click()");
+    browser.wait_js("document.querySelectorAll('#curve .bar').length === 64");
+    let picture = "(() => { const c = document.querySelector('#picture'); const d = c.dataset; return d.draft === 'false' && \
+        !document.querySelector('#stage').ariaBusy && c.toDataURL() })()";
+    browser.wait_js(&format!("{picture} !== false"));
+    let recorded = browser.js(picture);
+    browser.js("(p => (p.value = 'gray', p.dispatchEvent(new Event('change'))))(document.querySelector('#preset'))");
+    browser.wait_js(&format!("{picture} !== false && {picture} !== {recorded}"));
+    let gray = "(() => { const c = document.querySelector('#picture'); const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; \
+        for (let i = 0; i < d.length; i += 4) if (Math.abs(d[i] - d[i + 1]) + Math.abs(d[i] - d[i + 2]) > 2) return false; return true })()";
+    browser.wait_js(gray);
+    click("recorded-colors");
+    browser.wait_js(&format!("{picture} === {recorded}"));
+
+    // Playing goes from the first step to the last and stops there; in a loop it goes on.
+    browser.js("void (location.hash = '#step=0')");
+    browser.wait_js("document.querySelector('#timeline').ariaValueNow === '0'");
+    click("speed");
+    assert_eq!(browser.js("document.querySelector('#speed').textContent"), json!("5/s"));
+    click("play");
+    browser.wait_js("document.querySelector('#timeline').ariaValueNow === '2'");
+    browser.wait_js("document.querySelector('#play').ariaPressed === 'false'");
+    click("loop");
+    click("play");
+    browser.wait_js("document.querySelector('#timeline').ariaValueNow === '0'");
+    browser.wait_js("document.querySelector('#timeline').ariaValueNow === '2'");
+    click("play");
+
+    // The sheet of keys opens and closes by key; the picture is a file.
+    browser.js("document.activeElement.blur()");
+    browser.key("?");
+    browser.wait_js("document.querySelector('#help-sheet').open");
+    browser.key("\u{e00c}");
+    browser.wait_js("!document.querySelector('#help-sheet').open");
+    browser.js("(window.saved = null, document.addEventListener('click', e => { \
+        if (e.target.download) { saved = e.target.download; e.preventDefault() } }), \
+        HTMLAnchorElement.prototype.click = function () { saved = this.download })");
+    click("save");
+    browser.wait_js("saved === 'blast_step_2.png'");
+    end(&browser, lamina);
+}

@@ -1,6 +1,6 @@
 // What the server answers, as JSON.
 
-import type { ControlPoint } from "./engine/wasm";
+import type { TransferFunction } from "./engine/wasm";
 
 export type { ControlPoint } from "./engine/wasm";
 
@@ -52,8 +52,8 @@ export interface PageState {
 }
 
 /** A transfer function, and the positions whose values were not recorded. */
-export interface Transfer {
-  range: { lo: number; hi: number; scale: "linear" | "log10" };
-  points: ControlPoint[];
+export interface Transfer extends TransferFunction {
   unrecorded: [number, number][];
+  /** Empty where it is not known. */
+  histogram?: number[];
 }

@@ -4,6 +4,10 @@ import { refresh, refreshStatus } from "./frame";
 import { pumpSoon } from "./picture";
 import { FRONT, IDLE_MS, ZOOM_RANGE, byId, clamp, motion, shownIndex, store, view } from "./state";
 import type { Pose } from "./engine/wasm";
+import { openHelp } from "./help";
+import { toggleOverlay } from "./overlay";
+import { togglePlay } from "./play";
+import { savePicture } from "./save";
 import { choose, followNewest } from "./steps";
 
 /** Farther to the side nothing is left of the volume. */
@@ -133,6 +137,10 @@ const PAGE_KEYS: Keys = {
   "[": () => rollBy(-5),
   "]": () => rollBy(5),
   "0": resetCamera,
+  b: toggleOverlay,
+  s: savePicture,
+  "?": openHelp,
+  " ": togglePlay,
   l: followNewest,
   L: followNewest,
 };
@@ -151,6 +159,9 @@ const TIMELINE_KEYS: Keys = {
 export function onKey(event: KeyboardEvent): void {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const focus = document.activeElement;
+  // Space presses a button that has the focus; a sheet has its own keys.
+  if ((event.key === " " && focus instanceof HTMLButtonElement) || focus instanceof HTMLSelectElement) return;
+  if (byId<HTMLDialogElement>("help-sheet").open) return;
   const onPicture = focus === byId("picture") || focus === document.body;
   const arrows = focus === byId("timeline") ? TIMELINE_KEYS : !onPicture ? {} : event.shiftKey ? PAN_KEYS : CAMERA_KEYS;
   const action = arrows[event.key] ?? PAGE_KEYS[event.key];

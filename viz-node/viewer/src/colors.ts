@@ -4,8 +4,10 @@
 import type { ControlPoint, StepRow, Transfer } from "./api";
 import { moving } from "./camera";
 import { refresh } from "./frame";
+import { painter } from "./picture";
 import { type Point, GUTTER, gridLine, pathOf, significant } from "./plots";
-import { RETRY_MS, byId, clamp, link, motion, shownRow, store } from "./state";
+import { RETRY_MS, byId, clamp, link, motion, picture, shownRow, store } from "./state";
+import { PRESETS } from "./presets";
 import { setText } from "./status";
 
 /** `recorded`: what the server said of run `run`; `points: null` draws as recorded; `selected` is a position in `points`. */
@@ -33,8 +35,16 @@ const editedPoints = (): ControlPoint[] => colors.points ?? colors.recorded?.poi
 async function loadColors(row: StepRow): Promise<void> {
   const wait = colors.loading || performance.now() < colors.retryAt;
   if (wait || link.phase !== "live" || !store.run || colors.run === store.run.id) return;
-  colors.loading = true;
   const run = store.run.id;
+  // The worker knows a step that it holds; the server is asked where it draws.
+  const held = painter?.description(run, row.step);
+  if (held?.transfer) {
+    const { transfer, unrecorded, histogram } = held;
+    Object.assign(colors, { run, recorded: { ...transfer, unrecorded, histogram }, points: null, selected: 0 });
+    return refresh();
+  }
+  if (painter && picture.shown?.by !== "server") return;
+  colors.loading = true;
   try {
     const answer = await fetch(`api/transfer?step=${row.step}`, { cache: "no-store" });
     if (answer.ok) Object.assign(colors, { run, recorded: (await answer.json()) as Transfer, points: null, selected: 0 });
@@ -100,6 +110,7 @@ function drawCurve() {
      <pattern id="hatch" width="6" height="6" patternUnits="userSpaceOnUse" patternTransform="rotate(45)"><path class="hatch" d="M0 0V6"/></pattern></defs>`,
     ...[0.001, 0.01, 0.1, 1].map((o) => gridLine(y(o), width, String(o))),
     `<path fill="url(#along)" fill-opacity="0.85" d="${line}V${CURVE_BOTTOM}H${x(0)}Z"/><path class="curve" d="${line}"/>`,
+    ...bars(x),
     ...hatched,
     ...points.map((p, i) => `<circle class="corner" data-selected="${i === colors.selected}" cx="${x(p.at)}" cy="${y(p.opacity)}" r="5" fill="${hex(p.color)}"/>`),
     scalar(0, x(0), "start"),
@@ -112,6 +123,39 @@ function drawCurve() {
   if (chosen.value !== hex(color)) chosen.value = hex(color);
   byId<HTMLButtonElement>("remove-corner").disabled = points.length < 2;
   byId<HTMLButtonElement>("recorded-colors").disabled = colors.points === null;
+}
+
+/** The histogram by its logarithm: one point is seen beside a million. */
+function bars(x: (at: number) => number): string[] {
+  const counts = colors.recorded?.histogram ?? [];
+  const most = Math.log1p(Math.max(...counts, 1));
+  return counts.map((count, n) => {
+    const height = (Math.log1p(count) / most) * (CURVE_BOTTOM - CURVE_TOP);
+    const [left, right] = [x(n / counts.length), x((n + 1) / counts.length)];
+    return `<rect class="bar" x="${left.toFixed(1)}" y="${(CURVE_BOTTOM - height).toFixed(1)}" width="${(right - left).toFixed(1)}" height="${height.toFixed(1)}"/>`;
+  });
+}
+
+/** The points in the colors of a map, with one more at each of its own places. */
+function applyPreset(name: string): void {
+  const map = PRESETS[name];
+  if (!map || !colors.recorded) return;
+  const last = map.length - 1;
+  const colorAt = (at: number): ControlPoint["color"] => {
+    const low = Math.min(Math.floor(at * last), last - 1);
+    const [a, b] = [fromHex(map[low]!), fromHex(map[low + 1]!)];
+    return a.map((c, i) => c + (at * last - low) * (b[i]! - c)) as ControlPoint["color"];
+  };
+  const points = editedPoints();
+  const opacityAt = (at: number): number => {
+    const next = points.findIndex((p) => p.at >= at);
+    const [a, b] = [points[Math.max(next < 0 ? points.length - 1 : next - 1, 0)]!, points[next < 0 ? points.length - 1 : next]!];
+    return b.at > a.at ? a.opacity + ((at - a.at) / (b.at - a.at)) * (b.opacity - a.opacity) : b.opacity;
+  };
+  const places = map.map((_, n) => n / last).filter((at) => points.every((p) => Math.abs(p.at - at) > 1e-3));
+  const added = places.map((at) => ({ at, opacity: opacityAt(at) }));
+  const all = [...points, ...added].sort((a, b) => a.at - b.at);
+  setPoints(all.map(({ at, opacity }) => ({ at, opacity, color: colorAt(at) })), 0);
 }
 
 // ---- Editing ---------------------------------------------------------------------------------------------------------
@@ -229,5 +273,10 @@ export function listenToColors() {
   byId("next-corner").addEventListener("click", () => select(colors.selected + 1));
   byId("add-corner").addEventListener("click", addBesideSelected);
   byId("remove-corner").addEventListener("click", removeSelected);
+  const preset = byId<HTMLSelectElement>("preset");
+  preset.addEventListener("change", () => {
+    applyPreset(preset.value);
+    preset.value = "";
+  });
   byId("recorded-colors").addEventListener("click", () => setPoints(null));
 }

@@ -158,7 +158,8 @@ function showPicture({ bitmap, by }: Picture, shown: Shown): void {
   if (canvas.height !== bitmap.height) canvas.height = bitmap.height;
   const context = canvas.getContext("2d", { willReadFrequently: true })!;
   context.drawImage(bitmap, 0, 0);
-  if (picture.shown === null || !shown.draft) continueBackground(context, bitmap.width, bitmap.height);
+  const first = picture.shown === null;
+  if (first || !shown.draft) continueBackground(context, bitmap.width, bitmap.height);
   const { step, size, draft, renderMs, pose } = shown;
   const facts = { step, size, draft, renderMs, drawnBy: by };
   for (const [name, value] of Object.entries(facts)) canvas.dataset[name] = String(value);
@@ -167,6 +168,8 @@ function showPicture({ bitmap, by }: Picture, shown: Shown): void {
   const restUntil = draft ? picture.restUntil : performance.now() + (renderMs || 0);
   Object.assign(picture, { shown, refused: null, retryAt: 0, restUntil, notice: "" });
   refreshStatus();
+  // What is known of the step came with it.
+  if (first || !shown.draft) refresh();
 }
 
 /** Says while pictures are on their way, without a break between the drafts of one motion. */

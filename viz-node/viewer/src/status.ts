@@ -2,6 +2,7 @@
 
 import type { Study } from "./api";
 import type { Pose } from "./engine/wasm";
+import { drawOverlay } from "./overlay";
 import { deviceText } from "./picture";
 import { refreshStatus } from "./frame";
 import { decibelText, decibels, fixed, kilobytes } from "./plots";
@@ -117,6 +118,7 @@ export function drawState() {
   const notice = state === "reconnecting" && !empty ? `${title}. ${advice}` : picture.notice;
   byId("notice").hidden = notice === "";
   setText(byId("notice"), notice);
+  drawOverlay();
   setText(byId("rendered"), picture.shown && !empty ? renderedText(picture.shown) : "");
   const { azimuth, elevation, zoom } = view.pose;
   const turned = Object.entries(view.pose).some(([name, value]) => value !== FRONT[name as keyof Pose]);

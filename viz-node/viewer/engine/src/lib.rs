@@ -10,4 +10,4 @@ mod session;
 
 pub use camera::Pose;
 pub use message::{Entry, Kind, Message};
-pub use session::{Description, Session};
+pub use session::{BINS, Description, Session};

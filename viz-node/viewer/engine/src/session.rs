@@ -4,7 +4,7 @@ use crate::camera::Pose;
 use crate::message::Message;
 use lamina_codec::{CodecError, DecodeLimits, decode_any};
 use lamina_compute::kernel::Binding;
-use lamina_model::{Camera, ControlPoint, Image, Invalid, TransferFunction};
+use lamina_model::{Camera, ControlPoint, Image, Intermediate, Invalid, TransferFunction};
 use lamina_raycast::kernel::VolumeKernel;
 use lamina_vdi_render::kernel::VdiKernel;
 use lamina_vdi_render::{Detail, Drawable, Reconstruction};
@@ -27,17 +27,24 @@ pub struct Description {
     pub transfer: Option<TransferFunction>,
     /// Positions in the range whose values were not recorded, since nothing shows there.
     pub unrecorded: Vec<[f32; 2]>,
+    /// Of a volume: how many of its points lie in each of [`BINS`] equal parts of the range.
+    pub histogram: Vec<u32>,
     /// Color behind everything.
     pub background: [f32; 3],
     /// False if no picture shows anything: then there is nothing to bind.
     pub visible: bool,
 }
 
+/// Parts of the range that the histogram counts.
+pub const BINS: usize = 64;
+
 /// A step, and its kernel if it is a volume.
 #[derive(Debug)]
 struct Shown {
     drawable: Drawable,
     volume: Option<VolumeKernel>,
+    elements: usize,
+    histogram: Vec<u32>,
 }
 
 /// A picture that is drawn in parts.
@@ -58,7 +65,22 @@ enum Progress {
 }
 
 /// Pixels of a volume's picture that are cast at a time.
-const BAND_PIXELS: u32 = 1 << 15;
+const BAND_PIXELS: u32 = 1 << 16;
+
+/// Columns and rows of the tiles whose pixels are cast one after the other: neighboring rays meet the same voxels.
+const TILE: [u32; 2] = [4, 2];
+
+/// The pixels of rows `first` to before `end`, tile by tile.
+fn tiled(width: u32, first: u32, end: u32) -> Vec<(u32, u32)> {
+    let mut pixels = Vec::with_capacity(((end - first) * width) as usize);
+    for top in (first..end).step_by(TILE[1] as usize) {
+        for left in (0..width).step_by(TILE[0] as usize) {
+            let rows = top..end.min(top + TILE[1]);
+            pixels.extend(rows.flat_map(|j| (left..width.min(left + TILE[0])).map(move |i| (i, j))));
+        }
+    }
+    pixels
+}
 
 /// All decoded steps, by handle, and the picture that is being drawn.
 #[derive(Debug, Default)]
@@ -74,8 +96,8 @@ impl Session {
     /// If the bytes are no step, damaged or too large.
     pub fn open(&mut self, bytes: &[u8], max_decoded_bytes: u64) -> Result<(usize, Message), CodecError> {
         let decoded = decode_any(bytes, &DecodeLimits { max_decoded_bytes })?;
-        let elements = decoded.elements() as usize;
-        Ok(self.keep(Drawable::new(decoded), elements))
+        let (elements, histogram) = (decoded.elements() as usize, histogram(&decoded));
+        Ok(self.keep(Shown { drawable: Drawable::new(decoded), volume: None, elements, histogram }))
     }
 
     /// Keeps the volume `handle` under other control points; the new handle, and its [`Description`].
@@ -83,20 +105,16 @@ impl Session {
     /// # Errors
     /// If there is no such volume, or the points are invalid.
     pub fn recolor(&mut self, handle: usize, points: Vec<ControlPoint>) -> Result<(usize, Message), Invalid> {
-        let shown = self.get(handle)?;
-        let recolored = shown.drawable.with_points(points)?;
-        let elements = match &recolored {
-            Drawable::Volume(field) => field.grid().voxels(),
-            Drawable::Vdi(vdi) => vdi.vdi().segments().len(),
-        };
-        Ok(self.keep(recolored, elements))
+        let Shown { drawable, elements, histogram, .. } = self.get(handle)?;
+        let (elements, histogram) = (*elements, histogram.clone());
+        Ok(self.keep(Shown { drawable: drawable.with_points(points)?, volume: None, elements, histogram }))
     }
 
-    fn keep(&mut self, drawable: Drawable, elements: usize) -> (usize, Message) {
-        let description = describe(&drawable, elements);
+    fn keep(&mut self, shown: Shown) -> (usize, Message) {
+        let description = describe(&shown);
         let free = self.shown.iter().position(Option::is_none).unwrap_or(self.shown.len());
         self.shown.resize_with(self.shown.len().max(free + 1), || None);
-        self.shown[free] = Some(Shown { drawable, volume: None });
+        self.shown[free] = Some(shown);
         (free, Message::json(&description))
     }
 
@@ -118,7 +136,7 @@ impl Session {
     /// If there is no such step.
     pub fn bindings(&mut self, handle: usize) -> Result<Message, Invalid> {
         self.get(handle)?;
-        let Some(Shown { drawable, volume }) = &mut self.shown[handle] else { unreachable!("it is held") };
+        let Some(Shown { drawable, volume, .. }) = &mut self.shown[handle] else { unreachable!("it is held") };
         let bindings = match drawable {
             Drawable::Vdi(vdi) => VdiKernel::arrays(vdi),
             Drawable::Volume(field) => {
@@ -204,11 +222,17 @@ impl Session {
                 }
             }
             (Progress::Volume(colors), Drawable::Volume(field)) => {
-                let first = colors.len() as u32 / width;
-                let rows = first..height.min(first + (BAND_PIXELS / width).max(8));
-                let pixels: Vec<_> = rows.flat_map(|j| (0..width).map(move |i| (i, j))).collect();
                 let caster = lamina_raycast::Backend::cpu();
-                colors.extend(caster.raycast_pixels(field, &camera, width, height, &pixels)?);
+                if width * height <= BAND_PIXELS {
+                    *colors = caster.raycast(field, &camera, width, height)?.pixels().to_vec();
+                }
+                let first = colors.len() as u32 / width;
+                let pixels = tiled(width, first, height.min(first + (BAND_PIXELS / width).next_multiple_of(TILE[1])));
+                let cast = caster.raycast_pixels(field, &camera, width, height, &pixels)?;
+                colors.resize(colors.len() + pixels.len(), [0.0; 3]);
+                for ((i, j), color) in pixels.into_iter().zip(cast) {
+                    colors[(j * width + i) as usize] = color;
+                }
             }
             _ => return Err(Invalid::new("picture", "its step is no longer held")),
         }
@@ -226,7 +250,17 @@ impl Session {
     }
 }
 
-fn describe(drawable: &Drawable, elements: usize) -> Description {
+/// Of the values of a volume; empty for a VDI.
+fn histogram(decoded: &Intermediate) -> Vec<u32> {
+    let Intermediate::Volume(volume) = decoded else { return Vec::new() };
+    let mut counts = vec![0; BINS];
+    for unit in volume.units() {
+        counts[((unit.clamp(0.0, 1.0) * BINS as f32) as usize).min(BINS - 1)] += 1;
+    }
+    counts
+}
+
+fn describe(Shown { drawable, elements, histogram, .. }: &Shown) -> Description {
     let (representation, bounds, background, constants, visible) = match drawable {
         Drawable::Vdi(vdi) => {
             let header = vdi.vdi().header();
@@ -239,121 +273,19 @@ fn describe(drawable: &Drawable, elements: usize) -> Description {
     };
     let transfer = drawable.transfer().cloned();
     let parts = transfer.iter().flat_map(TransferFunction::transparent_parts);
-    let unrecorded = parts.map(|part| part.map(|end| end.clamp(0.0, 1.0))).collect();
-    let camera = *drawable.camera();
-    let bounds = [bounds.min.to_array(), bounds.max.to_array()];
-    Description { representation, camera, bounds, elements, constants, transfer, unrecorded, background, visible }
+    Description {
+        representation,
+        camera: *drawable.camera(),
+        bounds: [bounds.min.to_array(), bounds.max.to_array()],
+        elements: *elements,
+        constants,
+        unrecorded: parts.map(|part| part.map(|end| end.clamp(0.0, 1.0))).collect(),
+        transfer,
+        histogram: histogram.clone(),
+        background,
+        visible,
+    }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use lamina_codec::{EncodeOptions, encode_any};
-    use lamina_model::{GenerationParams, Grid, Segmentation, Volume, Voxels, suggest::suggest};
-    use lamina_raycast::Field;
-    use lamina_vdi_render::Backend;
-
-    fn encoded(params: &GenerationParams) -> Vec<u8> {
-        let grid = Grid::new([12, 10, 8], glam::DVec3::ONE, glam::DVec3::ZERO).expect("a grid");
-        let voxels = (0..960_u32).map(|n| (n * n % 251) as u8).collect();
-        let volume = Volume::new(grid, Voxels::U8(voxels)).expect("a volume");
-        let field = Field::new(volume.clone(), &suggest(&[&volume]).expect("a scene"));
-        let caster = lamina_raycast::Backend::cpu();
-        let (made, _) = caster.represent(&field, params, Segmentation::Fitted).expect("it is made");
-        encode_any(&made, &EncodeOptions::default()).expect("it is encoded")
-    }
-
-    fn both() -> [Vec<u8>; 2] {
-        let vdi = GenerationParams::vdi(24, 0.01).expect("parameters");
-        let volume = GenerationParams::volume(12, 0.001).expect("parameters");
-        [encoded(&vdi), encoded(&volume)]
-    }
-
-    fn content(Message(bytes): &Message) -> (serde_json::Value, &[u8]) {
-        let length = u32::from_le_bytes(bytes[..4].try_into().expect("four bytes")) as usize;
-        let json = serde_json::from_slice(&bytes[4..4 + length]).expect("JSON");
-        (json, bytes.get((4 + length).next_multiple_of(16)..).unwrap_or_default())
-    }
-
-    #[test]
-    fn a_picture_in_parts_is_the_renderers() {
-        for bytes in both() {
-            let mut session = Session::default();
-            let (handle, _) = session.open(&bytes, 1 << 30).expect("a step");
-            let shown = Drawable::new(decode_any(&bytes, &DecodeLimits::default()).expect("a step"));
-            let pose = Pose { azimuth: 25.0, elevation: -10.0, zoom: 1.5, ..Pose::default() };
-            for detail in [Detail::Nearest, Detail::Cubic] {
-                session.begin(handle, &pose, [50, 40], detail).expect("begun");
-                let drawn = loop {
-                    let message = session.advance().expect("drawn");
-                    if !message.0.is_empty() {
-                        break message;
-                    }
-                };
-                let camera = shown.camera().orbit(25.0, -10.0, 1.5).expect("a camera");
-                let image = Backend::default().render(&shown, &camera, 50, 40, detail).expect("a picture");
-                let (size, pixels) = content(&drawn);
-                assert_eq!(size, serde_json::json!([50, 40]));
-                let rgb: Vec<u8> = pixels.chunks_exact(4).flat_map(|p| &p[..3]).copied().collect();
-                assert_eq!(rgb, image.to_rgb8());
-                assert!(rgb.iter().any(|&c| c > 0), "something is seen");
-            }
-            assert!(session.advance().is_err(), "none is begun");
-        }
-    }
-
-    #[test]
-    fn every_binding_of_the_kernels_is_there_once() {
-        // Of the WGSL: group and binding of each resource but those that the device writes or that list pixels.
-        let declared = |source: &str| {
-            let places = source.split("@group(").skip(1).map(|rest| {
-                let (group, rest) = rest.split_once(") @binding(").expect("a binding");
-                let binding = rest.split_once(')').expect("a binding").0;
-                (group.parse::<u32>().expect("a number"), binding.parse::<u32>().expect("a number"))
-            });
-            let mut places: Vec<_> = places.filter(|place| !matches!(place, (1, 1 | 2))).collect();
-            places.sort_unstable();
-            places
-        };
-        for (bytes, source) in both().iter().zip([VdiKernel::SOURCE, VolumeKernel::SOURCE]) {
-            let mut session = Session::default();
-            let (handle, _) = session.open(bytes, 1 << 30).expect("a step");
-            let (step, view) =
-                (session.bindings(handle).expect("bindings"), session.view(handle, &Pose::default(), [9, 9], [0.0; 2]));
-            let mut given = Vec::new();
-            for message in [step, view.expect("a view")] {
-                let (entries, bytes) = content(&message);
-                for entry in entries.as_array().expect("a list") {
-                    let number = |name: &str| entry[name].as_u64().expect("a number");
-                    given.push((number("group") as u32, number("binding") as u32));
-                    let end = number("offset") + number("length");
-                    assert!(number("offset") % 16 == 0 && number("length") > 0 && end <= bytes.len() as u64, "{entry}");
-                }
-            }
-            given.sort_unstable();
-            assert_eq!(given, declared(source));
-        }
-    }
-
-    #[test]
-    fn damaged_steps_and_absurd_requests_are_refused_and_the_rest_goes_on() {
-        let mut session = Session::default();
-        let [vdi, volume] = both();
-        for length in 0..vdi.len() {
-            assert!(session.open(&vdi[..length], 1 << 30).is_err(), "{length} bytes");
-        }
-        assert!(session.open(&vdi, 1000).is_err(), "more than allowed");
-        let (first, _) = session.open(&vdi, 1 << 30).expect("a step");
-        let (second, _) = session.open(&volume, 1 << 30).expect("a step");
-        assert!(session.view(second, &Pose::default(), [9, 9], [0.0; 2]).is_err(), "its bindings come first");
-        assert!(session.recolor(first, Vec::new()).is_err() && session.recolor(second, Vec::new()).is_err());
-        let far = Pose { zoom: f64::NAN, ..Pose::default() };
-        assert!(session.begin(first, &far, [9, 9], Detail::Nearest).is_err());
-        assert!(session.begin(first, &Pose::default(), [0, 9], Detail::Nearest).is_err());
-        session.begin(first, &Pose::default(), [9, 9], Detail::Nearest).expect("begun");
-        session.close(first);
-        assert!(session.advance().is_err() && session.bindings(first).is_err() && session.bindings(77).is_err());
-        let (again, _) = session.open(&vdi, 1 << 30).expect("a step");
-        assert_eq!(again, first, "the place is used again");
-    }
-}
+mod tests;

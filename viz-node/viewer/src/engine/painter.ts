@@ -1,7 +1,7 @@
 // Pictures drawn in the browser: steps are fetched once, decoded and drawn by the worker, and kept while there is room.
 
 import type { Device, Reply, Request } from "./protocol";
-import type { Pose } from "./wasm";
+import type { Description, Pose } from "./wasm";
 
 /** Encoded bytes of steps that are kept decoded: decoded they take 20 to 40 times as much. */
 const KEPT_BYTES = 8 << 20;
@@ -24,7 +24,8 @@ export class Refused extends Error {}
 interface Kept {
   key: string;
   bytes: number;
-  opened: Promise<void>;
+  opened: Promise<Description>;
+  description: Description | null;
 }
 
 export class BrowserPainter {
@@ -35,7 +36,7 @@ export class BrowserPainter {
   fetchedBytes = 0;
   private readonly ready: Promise<void>;
   private readonly kept: Kept[] = [];
-  private readonly openings = new Map<string, { resolve(): void; reject(reason: Error): void }>();
+  private readonly openings = new Map<string, { resolve(opened: Description): void; reject(reason: Error): void }>();
   private readonly drawings = new Map<number, { resolve(drawn: Drawn | null): void; reject(reason: Error): void }>();
   private nextId = 1;
 
@@ -74,7 +75,7 @@ export class BrowserPainter {
       this.changed();
     } else if (message.kind === "opened") {
       this.decodeMs = message.decodeMs;
-      this.openings.get(message.key)?.resolve();
+      this.openings.get(message.key)?.resolve(message.description);
     } else if (message.kind === "refused") {
       this.openings.get(message.key)?.reject(new Refused(message.reason));
     } else if (message.kind !== "ready") {
@@ -112,8 +113,13 @@ export class BrowserPainter {
     return picture && { step, ...picture };
   }
 
+  /** What is known of a step that is held. */
+  description(run: string, step: number): Description | null {
+    return this.kept.find((kept) => kept.key === `${run}/${step}`)?.description ?? null;
+  }
+
   /** Fetches a step ahead of its picture. */
-  async hold(run: string, step: number): Promise<void> {
+  async hold(run: string, step: number): Promise<Description> {
     const key = `${run}/${step}`;
     const known = this.kept.findIndex((kept) => kept.key === key);
     if (known >= 0) {
@@ -121,16 +127,20 @@ export class BrowserPainter {
       this.kept.push(kept!);
       return kept!.opened;
     }
-    const kept: Kept = { key, bytes: 0, opened: this.open(key, run, step, (bytes) => (kept.bytes = bytes)) };
+    const opened = this.open(key, run, step, (bytes) => (kept.bytes = bytes));
+    const kept: Kept = { key, bytes: 0, opened, description: null };
     this.kept.push(kept);
-    kept.opened.catch(() => {
-      const at = this.kept.indexOf(kept);
-      if (at >= 0) this.kept.splice(at, 1);
-    });
+    opened.then(
+      (description) => (kept.description = description),
+      () => {
+        const at = this.kept.indexOf(kept);
+        if (at >= 0) this.kept.splice(at, 1);
+      },
+    );
     return kept.opened;
   }
 
-  private async open(key: string, run: string, step: number, sized: (bytes: number) => void): Promise<void> {
+  private async open(key: string, run: string, step: number, sized: (bytes: number) => void): Promise<Description> {
     const answer = await fetch(`api/step/${step}?run=${encodeURIComponent(run)}`, { cache: "no-store" });
     if (!answer.ok) {
       const reason = (await answer.text()).trim() || `the server answered ${answer.status}`;
@@ -139,14 +149,11 @@ export class BrowserPainter {
     const bytes = await answer.arrayBuffer();
     this.fetchedBytes += bytes.byteLength;
     sized(bytes.byteLength);
-    const opened = new Promise<void>((resolve, reject) => this.openings.set(key, { resolve, reject }));
+    const opened = new Promise<Description>((resolve, reject) => this.openings.set(key, { resolve, reject }));
     this.send({ kind: "open", key, bytes }, [bytes]);
-    try {
-      await opened;
-    } finally {
-      this.openings.delete(key);
-    }
+    const description = await opened.finally(() => this.openings.delete(key));
     this.makeRoom();
+    return description;
   }
 
   private makeRoom(): void {

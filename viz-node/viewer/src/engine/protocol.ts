@@ -1,6 +1,6 @@
 // What the page and its worker tell each other.
 
-import type { Pose } from "./wasm";
+import type { Description, Pose } from "./wasm";
 
 /** What draws. */
 export type Device = { kind: "gpu"; name: string } | { kind: "cpu"; why: string };
@@ -15,7 +15,7 @@ export type Request =
 
 export type Reply =
   | { kind: "ready"; device: Device }
-  | { kind: "opened"; key: string; decodeMs: number; representation: "vdi" | "volume" }
+  | { kind: "opened"; key: string; decodeMs: number; description: Description }
   | { kind: "refused"; key: string; reason: string }
   | { kind: "drawn"; id: number; bitmap: ImageBitmap; drawMs: number; by: "gpu" | "cpu" }
   /** Another picture took its place. */

@@ -18,8 +18,29 @@ export interface ControlPoint {
   opacity: number;
 }
 
+/** The camera of the scene. */
+export interface RecordedCamera {
+  position: [number, number, number];
+  target: [number, number, number];
+  up: [number, number, number];
+  fov_y_deg: number;
+}
+
+/** The scalars shown, and what they look like. */
+export interface TransferFunction {
+  range: { lo: number; hi: number; scale: "linear" | "log10" };
+  points: ControlPoint[];
+}
+
 export interface Description {
   representation: "vdi" | "volume";
+  camera: RecordedCamera;
+  /** Of a volume. */
+  transfer: TransferFunction | null;
+  /** Parts of the range whose values were not recorded. */
+  unrecorded: [number, number][];
+  /** How many points of a volume lie in each of 64 equal parts of the range. */
+  histogram: number[];
   bounds: [[number, number, number], [number, number, number]];
   elements: number;
   constants: [string, number][];

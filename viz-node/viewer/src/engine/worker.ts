@@ -49,8 +49,7 @@ class Painter {
       const { handle, description } = this.engine.open(bytes);
       this.close(key);
       this.held.set(key, { handle, description, recolored: null });
-      const { representation } = description;
-      reply({ kind: "opened", key, decodeMs: performance.now() - begun, representation });
+      reply({ kind: "opened", key, decodeMs: performance.now() - begun, description });
     } catch (error) {
       reply({ kind: "refused", key, reason: reason(error) });
     }

@@ -1,0 +1,111 @@
+//! The session against the renderers and against what is not a step.
+
+use super::*;
+use lamina_codec::{EncodeOptions, encode_any};
+use lamina_model::{GenerationParams, Grid, Segmentation, Volume, Voxels, suggest::suggest};
+use lamina_raycast::Field;
+use lamina_vdi_render::Backend;
+
+fn encoded(params: &GenerationParams) -> Vec<u8> {
+    let grid = Grid::new([12, 10, 8], glam::DVec3::ONE, glam::DVec3::ZERO).expect("a grid");
+    let voxels = (0..960_u32).map(|n| (n * n % 251) as u8).collect();
+    let volume = Volume::new(grid, Voxels::U8(voxels)).expect("a volume");
+    let field = Field::new(volume.clone(), &suggest(&[&volume]).expect("a scene"));
+    let caster = lamina_raycast::Backend::cpu();
+    let (made, _) = caster.represent(&field, params, Segmentation::Fitted).expect("it is made");
+    encode_any(&made, &EncodeOptions::default()).expect("it is encoded")
+}
+
+fn both() -> [Vec<u8>; 2] {
+    let vdi = GenerationParams::vdi(24, 0.01).expect("parameters");
+    let volume = GenerationParams::volume(12, 0.001).expect("parameters");
+    [encoded(&vdi), encoded(&volume)]
+}
+
+fn content(Message(bytes): &Message) -> (serde_json::Value, &[u8]) {
+    let length = u32::from_le_bytes(bytes[..4].try_into().expect("four bytes")) as usize;
+    let json = serde_json::from_slice(&bytes[4..4 + length]).expect("JSON");
+    (json, bytes.get((4 + length).next_multiple_of(16)..).unwrap_or_default())
+}
+
+#[test]
+fn a_picture_in_parts_is_the_renderers() {
+    for bytes in both() {
+        let mut session = Session::default();
+        let (handle, _) = session.open(&bytes, 1 << 30).expect("a step");
+        let shown = Drawable::new(decode_any(&bytes, &DecodeLimits::default()).expect("a step"));
+        let pose = Pose { azimuth: 25.0, elevation: -10.0, zoom: 1.5, ..Pose::default() };
+        for detail in [Detail::Nearest, Detail::Cubic] {
+            session.begin(handle, &pose, [50, 40], detail).expect("begun");
+            let drawn = loop {
+                let message = session.advance().expect("drawn");
+                if !message.0.is_empty() {
+                    break message;
+                }
+            };
+            let camera = shown.camera().orbit(25.0, -10.0, 1.5).expect("a camera");
+            let image = Backend::default().render(&shown, &camera, 50, 40, detail).expect("a picture");
+            let (size, pixels) = content(&drawn);
+            assert_eq!(size, serde_json::json!([50, 40]));
+            let rgb: Vec<u8> = pixels.chunks_exact(4).flat_map(|p| &p[..3]).copied().collect();
+            assert_eq!(rgb, image.to_rgb8());
+            assert!(rgb.iter().any(|&c| c > 0), "something is seen");
+        }
+        assert!(session.advance().is_err(), "none is begun");
+    }
+}
+
+#[test]
+fn every_binding_of_the_kernels_is_there_once() {
+    // Of the WGSL: group and binding of each resource but those that the device writes or that list pixels.
+    let declared = |source: &str| {
+        let places = source.split("@group(").skip(1).map(|rest| {
+            let (group, rest) = rest.split_once(") @binding(").expect("a binding");
+            let binding = rest.split_once(')').expect("a binding").0;
+            (group.parse::<u32>().expect("a number"), binding.parse::<u32>().expect("a number"))
+        });
+        let mut places: Vec<_> = places.filter(|place| !matches!(place, (1, 1 | 2))).collect();
+        places.sort_unstable();
+        places
+    };
+    for (bytes, source) in both().iter().zip([VdiKernel::SOURCE, VolumeKernel::SOURCE]) {
+        let mut session = Session::default();
+        let (handle, _) = session.open(bytes, 1 << 30).expect("a step");
+        let (step, view) =
+            (session.bindings(handle).expect("bindings"), session.view(handle, &Pose::default(), [9, 9], [0.0; 2]));
+        let mut given = Vec::new();
+        for message in [step, view.expect("a view")] {
+            let (entries, bytes) = content(&message);
+            for entry in entries.as_array().expect("a list") {
+                let number = |name: &str| entry[name].as_u64().expect("a number");
+                given.push((number("group") as u32, number("binding") as u32));
+                let end = number("offset") + number("length");
+                assert!(number("offset") % 16 == 0 && number("length") > 0 && end <= bytes.len() as u64, "{entry}");
+            }
+        }
+        given.sort_unstable();
+        assert_eq!(given, declared(source));
+    }
+}
+
+#[test]
+fn damaged_steps_and_absurd_requests_are_refused_and_the_rest_goes_on() {
+    let mut session = Session::default();
+    let [vdi, volume] = both();
+    for length in 0..vdi.len() {
+        assert!(session.open(&vdi[..length], 1 << 30).is_err(), "{length} bytes");
+    }
+    assert!(session.open(&vdi, 1000).is_err(), "more than allowed");
+    let (first, _) = session.open(&vdi, 1 << 30).expect("a step");
+    let (second, _) = session.open(&volume, 1 << 30).expect("a step");
+    assert!(session.view(second, &Pose::default(), [9, 9], [0.0; 2]).is_err(), "its bindings come first");
+    assert!(session.recolor(first, Vec::new()).is_err() && session.recolor(second, Vec::new()).is_err());
+    let far = Pose { zoom: f64::NAN, ..Pose::default() };
+    assert!(session.begin(first, &far, [9, 9], Detail::Nearest).is_err());
+    assert!(session.begin(first, &Pose::default(), [0, 9], Detail::Nearest).is_err());
+    session.begin(first, &Pose::default(), [9, 9], Detail::Nearest).expect("begun");
+    session.close(first);
+    assert!(session.advance().is_err() && session.bindings(first).is_err() && session.bindings(77).is_err());
+    let (again, _) = session.open(&vdi, 1 << 30).expect("a step");
+    assert_eq!(again, first, "the place is used again");
+}
