@@ -3,9 +3,10 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use lamina_tests::browser::{Browser, end};
-use lamina_tests::processes::{Daemon, free_port, wait_for};
+use lamina_tests::processes::{Daemon, binary, free_port, wait_for};
 use serde_json::json;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::time::Duration;
 
 /// WebGPU in software.
@@ -159,7 +160,7 @@ fn a_damaged_step_is_said_to_be_and_the_others_are_drawn() {
              document.querySelector('#notice').textContent.includes('{reason}')"
         ));
         look(&browser, VIEWS[1]);
-        assert_eq!(browser.js("document.querySelector('#notice').hidden"), json!(true));
+        browser.wait_js("document.querySelector('#notice').hidden");
     }
     end(&browser, lamina);
 }
@@ -259,4 +260,30 @@ fn every_button_does_what_it_says() {
     click("save");
     browser.wait_js("saved === 'blast_step_2.png'");
     end(&browser, lamina);
+}
+
+#[test]
+fn the_last_step_is_turned_in_the_report_without_a_server() {
+    for representation in ["vdi", "volume"] {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().display().to_string();
+        let live =
+            ["live", "--headless", "--cells", "32", "--steps", "2", "--representation", representation, "--out", &out];
+        let done = Command::new(binary("lamina")).args(live).env("RUST_LOG", "error").output().unwrap();
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        let profile = tempfile::tempdir().unwrap();
+        let browser = Browser::open(&profile.path().display().to_string(), &["--disable-gpu"]);
+        browser.post("/url", &json!({"url": format!("file://{out}/report.html")}));
+        browser.wait_js("document.querySelector('#turntable').dataset.still === 'true'");
+        let lit = "(() => { const c = document.querySelector('#turntable'); const d = c.getContext('2d').getImageData(0, 0, c.width, \
+            c.height).data; return d.some((v, i) => i % 4 < 3 && v > 60) && [c.width, c.toDataURL()] })()";
+        let front = browser.js(lit);
+        assert!(front[0].as_u64() > Some(256), "something is seen, and large");
+        browser.drag("#turntable", 120, 40);
+        browser.wait_js("document.querySelector('#turntable').dataset.still === 'true' && document.querySelector('#turntable').dataset.azimuth < -10");
+        assert_ne!(browser.js(lit)[1], front[1], "it has turned");
+        let log = browser.post("/se/log", &json!({"type": "browser"}));
+        let errors: Vec<_> = log.as_array().unwrap().iter().filter(|e| e["level"] == "SEVERE").collect();
+        assert!(errors.is_empty(), "{errors:?}");
+    }
 }

@@ -14,6 +14,7 @@ mod web;
 
 pub use config::Config;
 pub use store::Store;
+pub use web::assets::{EMBED, ENGINE};
 
 use axum::serve::ListenerExt as _;
 use lamina_codec::DecodeLimits;

@@ -5,7 +5,7 @@ use crate::source::Source;
 use anyhow::{Context, ensure};
 use lamina_model::{GenerationParams, Scene, Volume, psnr};
 use lamina_raycast::{Backend, Field};
-use lamina_report::{Limit, PicturePair, Report, ReportTrial};
+use lamina_report::{Limit, PicturePair, Report, ReportTrial, Turntable};
 use lamina_rpc::v1;
 use lamina_tuner::units::show_bytes;
 use lamina_vdi_render::Detail;
@@ -83,7 +83,7 @@ impl RunFolder {
             self.studies = studies;
         }
         if self.reported.elapsed() > REPORT_AGE {
-            self.write_report(&nodes.store.rows(), nodes)?;
+            self.write_report(&nodes.store.rows(), nodes, None)?;
             self.reported = Instant::now();
         }
         Ok(())
@@ -127,13 +127,17 @@ impl RunFolder {
     /// Writes `trials.csv` and `report.html`, and says what there is.
     pub(crate) fn finish(self, nodes: &Nodes) -> anyhow::Result<()> {
         let rows = nodes.store.rows();
-        self.write_report(&rows, nodes)?;
+        let turntable = |step| {
+            let encoded = nodes.store.encoded(step).ok()?.to_vec();
+            Some(Turntable { step, encoded, engine: lamina_viz_node::ENGINE, script: lamina_viz_node::EMBED })
+        };
+        self.write_report(&rows, nodes, rows.last().and_then(|row| turntable(row.step)))?;
         let broken = rows.iter().filter(|r| !r.limit_kept).count();
         say!("{} steps, {broken} broke the contract; see {}", rows.len(), self.dir.join("report.html").display());
         Ok(())
     }
 
-    fn write_report(&self, rows: &[StepRow], nodes: &Nodes) -> anyhow::Result<()> {
+    fn write_report(&self, rows: &[StepRow], nodes: &Nodes, turntable: Option<Turntable>) -> anyhow::Result<()> {
         let trials = self.write_trials(nodes)?;
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let last = rows.last();
@@ -149,6 +153,7 @@ impl RunFolder {
             steps: rows.iter().map(report_row).collect(),
             trials,
             pictures: self.pictures.clone(),
+            turntable,
         };
         self.write("report.html", lamina_report::render(&report).as_bytes())
     }

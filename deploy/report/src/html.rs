@@ -1,7 +1,7 @@
 //! HTML fragments: heading, headline figures, pictures and tables, and the escaping of text.
 
 use super::numbers::{bytes, counted, decibels, fixed, grouped, kilobytes, median, significant};
-use super::{Limit, PicturePair, Report, ReportStep};
+use super::{Limit, PicturePair, Report, ReportStep, Turntable};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
@@ -144,6 +144,22 @@ fn pair(pair: &PicturePair) -> String {
     let caption = format!("<b>Step {}, {angle}°</b> {}{same}", pair.step, decibels(pair.psnr_db));
     let images = image(&pair.shown_png, "as shown") + &image(&pair.reference_png, "ray cast");
     format!("<figure class=\"pair\">{images}<figcaption>{caption}</figcaption></figure>")
+}
+
+/// A step that can be turned.
+pub(crate) fn turntable(Turntable { step, encoded, engine, script }: &Turntable) -> String {
+    let data = |id: &str, bytes: &[u8]| {
+        format!("<script type=\"application/octet-stream\" id=\"{id}\">{}</script>\n", STANDARD.encode(bytes))
+    };
+    let canvas = "<canvas id=\"turntable\" width=\"512\" height=\"512\" tabindex=\"0\" role=\"img\" \
+        aria-label=\"The step, which can be turned\"></canvas>";
+    let caption = "drag or arrow keys turn it, the wheel zooms, a double click goes back";
+    let drawing = format!(
+        "<figure class=\"turntable\">{canvas}<figcaption><b>Step {step}</b> {caption}</figcaption></figure>\n{}{}<script>{script}</script>\n",
+        data("lamina-engine", engine),
+        data("lamina-step", encoded),
+    );
+    section("The last step", &drawing)
 }
 
 /// A table of all steps with all their figures.

@@ -4,7 +4,8 @@
 //! pictures and a table of all steps. The modules [`html`], [`svg`], [`panel`] and [`numbers`] are its parts; other programs
 //! put pages of their own together from them.
 //!
-//! A page can be opened offline, printed or mailed: style sheet, drawings and pictures are embedded, and it holds no script.
+//! A page can be opened offline, printed or mailed: style sheet, drawings and pictures are embedded. It holds no script but that of a
+//! step that can be turned.
 //! The input is plain numbers and finished PNG files: this crate knows no node, VDI, clock or file system.
 
 pub mod html;
@@ -38,6 +39,21 @@ pub struct Report {
     pub pictures: Vec<PicturePair>,
     /// The limits on the cost of a step.
     pub limit: Limit,
+    /// A step that can be turned.
+    pub turntable: Option<Turntable>,
+}
+
+/// A step that can be turned on the page.
+#[derive(Debug, Clone)]
+pub struct Turntable {
+    /// The simulation's step number.
+    pub step: u64,
+    /// The encoded step.
+    pub encoded: Vec<u8>,
+    /// What decodes and draws it: WebAssembly, compressed by gzip.
+    pub engine: &'static [u8],
+    /// The script that calls it.
+    pub script: &'static str,
 }
 
 /// One published time step.
@@ -130,6 +146,7 @@ pub fn render(report: &Report) -> String {
         &[
             html::heading(report),
             html::facts(report),
+            report.turntable.as_ref().map_or_else(String::new, html::turntable),
             plots::section(&report.steps, &report.limit),
             trials::section(&report.trials, &report.limit),
             html::pictures(&report.pictures),
@@ -209,6 +226,18 @@ mod tests {
         assert!(!page.contains("<b onload"));
         // The title stands twice: in the head and as the heading.
         assert_eq!(page.matches("&lt;b onload=&quot;x&quot;&gt;&amp;&#39;").count(), 5);
+    }
+
+    #[test]
+    fn a_step_that_can_be_turned_is_inside_the_page() {
+        let turntable = Turntable { step: 7, encoded: vec![1, 2, 3], engine: &[4, 5], script: "void 0;" };
+        let page = render(&Report { turntable: Some(turntable), ..Report::default() });
+        for part in
+            [">AQID</script>", ">BAU=</script>", "<script>void 0;</script>", "<canvas id=\"turntable\"", "Step 7"]
+        {
+            assert!(page.contains(part), "{part}");
+        }
+        assert!(!page.contains("src="), "nothing is fetched");
     }
 
     #[test]

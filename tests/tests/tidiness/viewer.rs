@@ -33,7 +33,8 @@ fn stated(file: &str) -> BTreeMap<String, String> {
 
 #[test]
 fn the_built_page_is_of_these_sources() {
-    let now = sums(&["src", "public", "index.html", "package-lock.json", "tsconfig.json", "vite.config.ts"], |_| true);
+    let configuration = ["package-lock.json", "tsconfig.json", "vite.config.ts", "vite.embed.config.ts"];
+    let now = sums(&[&["src", "public", "index.html"], &configuration[..]].concat(), |_| true);
     assert_eq!(now, stated("viewer.sha256"), "run {VIEWER}/build");
 }
 

@@ -8,6 +8,12 @@ use axum::{Router, routing::get};
 const POLICY: &str = "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src 'self' data: blob:; \
     worker-src 'self'; connect-src 'self'; object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
+/// The script that turns a step inside a document: classic, for elements `turntable` (a canvas), `lamina-engine` ([`ENGINE`]) and
+/// `lamina-step` (the encoded step), both in base64.
+pub const EMBED: &str = include_str!("../../viewer/dist/embed.js");
+/// The engine that it calls: WebAssembly, compressed by gzip.
+pub const ENGINE: &[u8] = include_bytes!("../../viewer/dist/engine.wasm.gz");
+
 /// A file of the viewer.
 struct Asset {
     path: &'static str,

@@ -1,6 +1,6 @@
 //! The page and what it asks for: state, events, pictures; and metrics for Prometheus.
 
-mod assets;
+pub(crate) mod assets;
 mod metrics;
 
 use crate::intake::Intake;

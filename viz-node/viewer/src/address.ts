@@ -7,8 +7,8 @@ import { FRONT, view } from "./state";
 
 const NAMES = Object.keys(FRONT) as (keyof Pose)[];
 
-/** What was written last, so that it is not read back. */
-let written = "";
+/** What was written or read last: another one in the address has not been read yet. */
+let written = location.hash;
 
 /** Takes the view from the address; what it does not name is as recorded. */
 function read(): void {
@@ -25,6 +25,7 @@ function read(): void {
 
 /** Writes the view, once it is still. */
 export function writeAddress(): void {
+  if (location.hash !== written) return;
   const stated = new URLSearchParams();
   if (view.step !== null) stated.set("step", String(view.step));
   for (const name of NAMES) {

@@ -10,6 +10,7 @@ import { toggleOverlay } from "./overlay";
 import { listenToPlay } from "./play";
 import { savePicture } from "./save";
 import { GUTTER, PLOTS, listenToSteps } from "./plots";
+import { pumpSoon } from "./picture";
 import { connect } from "./server";
 import { byId, shownIndex } from "./state";
 import { drawRun } from "./status";
@@ -51,6 +52,8 @@ new ResizeObserver(refresh).observe(document.querySelector("aside")!);
 setInterval(() => {
   drawRun();
   refreshStatus();
+  // A run that has come to rest is drawn whole.
+  pumpSoon();
 }, 1000);
 listenToAddress();
 connect();

@@ -35,6 +35,24 @@ function fullSize(): number {
   return clamp(Math.round(side), 64, LARGEST_SIZE);
 }
 
+/** A still of a step that the next one is about to follow should take no longer. */
+const BRIEF_STILL_MS = 300;
+/** Steps that come no more often than this leave time for a whole still. */
+const STEADY_MS = 2000;
+const LEAST_STILL = 256;
+
+/** Milliseconds a pixel that the last still took; 0: not known. */
+let stillCost = 0;
+
+/** Whether the newest step is followed, and steps keep coming. */
+const follows = () => view.step === null && performance.now() - link.lastStepAt < STEADY_MS;
+
+function stillSize(): number {
+  const full = fullSize();
+  if (!follows() || stillCost === 0) return full;
+  return clamp(Math.round(Math.sqrt(BRIEF_STILL_MS / stillCost)), Math.min(LEAST_STILL, full), full);
+}
+
 const inMotion = () => Boolean(motion.held || motion.timer);
 
 /** Six digits are enough, and shorter. */
@@ -51,7 +69,7 @@ function wantedPicture(): Wanted | null {
     step: row.step,
     live: view.step === null,
     pose: view.pose,
-    size: draft ? Math.min(draftSize.side, fullSize()) : fullSize(),
+    size: draft ? Math.min(draftSize.side, fullSize()) : stillSize(),
     points: points && JSON.stringify(points, rounded),
     draft,
   };
@@ -65,7 +83,9 @@ function satisfies(have: Wanted | null, want: Wanted): boolean {
   if (have === null) return false;
   const sameStep = have.step === want.step || (want.live && have.step > want.step);
   const sameView = have.run === want.run && have.points === want.points && have.pose === want.pose;
-  return sameStep && sameView && (!have.draft || want.draft) && (want.draft || have.size >= want.size);
+  // The cost of a still is never quite the last one's: the same step is not drawn again for a few more pixels.
+  const large = have.size >= (follows() ? 0.7 : 1) * want.size;
+  return sameStep && sameView && (!have.draft || want.draft) && (want.draft || large);
 }
 
 let pumpQueued = false;
@@ -123,6 +143,7 @@ async function bringPicture(want: Wanted): Promise<void> {
       // A new run may have begun meanwhile, and this picture would pass for its step.
       if (want.run === store.run?.id) showPicture(drawn, { ...want, step: drawn.step, askedAt, renderMs: drawn.drawMs, by: drawn.by });
       drawn.bitmap.close();
+      if (!want.draft) stillCost = drawn.drawMs / want.size ** 2;
       if (want.draft && inMotion()) draftSize.record(want.size, performance.now() - askedAt);
     }
   } catch (error) {
@@ -161,7 +182,7 @@ function showPicture({ bitmap, by }: Picture, shown: Shown): void {
   const first = picture.shown === null;
   if (first || !shown.draft) continueBackground(context, bitmap.width, bitmap.height);
   const { step, size, draft, renderMs, pose } = shown;
-  const facts = { step, size, draft, renderMs, drawnBy: by };
+  const facts = { step, size, draft, renderMs, drawnBy: by, decodeMs: painter?.decodeMs ?? "" };
   for (const [name, value] of Object.entries(facts)) canvas.dataset[name] = String(value);
   for (const [name, value] of Object.entries(pose)) canvas.dataset[name] = String(Number(value.toFixed(4)));
   // A still takes half of the time at most: a simulation may need the same processor.

@@ -95,6 +95,12 @@ export class Engine {
     return new Engine(instance.exports as unknown as Exports);
   }
 
+  /** The same from its bytes. */
+  static async of(bytes: BufferSource): Promise<Engine> {
+    const { instance } = await WebAssembly.instantiate(bytes, {});
+    return new Engine(instance.exports as unknown as Exports);
+  }
+
   /** Decodes a recorded step. */
   open(bytes: Uint8Array): { handle: number; description: Description } {
     const handle = this.checked(this.wasm.lamina_open(this.fill(bytes), bytes.length, MAX_DECODED_BYTES));
