@@ -30,6 +30,9 @@ const DRAWN_BY = { gpu: "by this machine's GPU", cpu: "by this machine's process
 /** What drew the picture on the stage, in words. */
 export const deviceText = ({ by }: Shown): string => DRAWN_BY[by];
 
+/** Why it is not the GPU, where it is not. */
+export const deviceReason = ({ by }: Shown): string => (by === "cpu" && painter?.device?.kind === "cpu" ? painter.device.why : "");
+
 function fullSize(): number {
   const side = byId("picture").clientWidth * (window.devicePixelRatio || 1);
   return clamp(Math.round(side), 64, LARGEST_SIZE);

@@ -3,7 +3,7 @@
 import type { Study } from "./api";
 import type { Pose } from "./engine/wasm";
 import { drawOverlay } from "./overlay";
-import { deviceText } from "./picture";
+import { deviceReason, deviceText } from "./picture";
 import { refreshStatus } from "./frame";
 import { decibelText, decibels, fixed, kilobytes } from "./plots";
 import { FRONT, type Shown, QUIET_MS, byId, link, lowerBound, newest, picture, store, view } from "./state";
@@ -119,6 +119,7 @@ export function drawState() {
   byId("notice").hidden = notice === "";
   setText(byId("notice"), notice);
   drawOverlay();
+  byId("rendered").title = picture.shown ? deviceReason(picture.shown) : "";
   setText(byId("rendered"), picture.shown && !empty ? renderedText(picture.shown) : "");
   const { azimuth, elevation, zoom } = view.pose;
   const turned = Object.entries(view.pose).some(([name, value]) => value !== FRONT[name as keyof Pose]);

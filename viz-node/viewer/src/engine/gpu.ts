@@ -110,8 +110,23 @@ export class Gpu {
     return this.load(handle, description, compiled) !== null;
   }
 
-  /** A picture of step `handle`, which is ready; null if it is no longer `wanted`. */
+  /** A picture of step `handle`, which is ready; null if it is no longer `wanted`. A device that fails once is lost. */
   async draw(handle: number, pose: Pose, side: number, still: boolean, wanted: () => boolean): Promise<ImageBitmap | null> {
+    try {
+      return await this.picture(handle, pose, side, still, wanted);
+    } catch (error) {
+      this.lost ??= error instanceof Error ? error.message : String(error);
+      throw error;
+    }
+  }
+
+  private async picture(
+    handle: number,
+    pose: Pose,
+    side: number,
+    still: boolean,
+    wanted: () => boolean,
+  ): Promise<ImageBitmap | null> {
     const resident = this.residents.get(handle)!;
     const target = this.sized(side);
     const blend = still ? this.engine.blend(handle, pose, side) : null;
@@ -277,7 +292,7 @@ export class Gpu {
     const buffers = [...around, sum].map((buffer, n): [number, GPUBuffer] => [n + 1, buffer]);
     this.blend(this.present, width * height, [blend !== null, blend?.sharpness ?? 0, 0], [...buffers, [8, pixels]]);
     const encoder = this.device.createCommandEncoder();
-    encoder.copyBufferToBuffer(pixels, copy);
+    encoder.copyBufferToBuffer(pixels, 0, copy, 0, 4 * width * height);
     this.device.queue.submit([encoder.finish()]);
     await copy.mapAsync(GPUMapMode.READ);
     if (this.lost !== null) throw new Error(this.lost);

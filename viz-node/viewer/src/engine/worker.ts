@@ -40,6 +40,7 @@ class Painter {
 
   device(): Device {
     if (this.gpu) return { kind: "gpu", name: this.gpu.name };
+    if (!isSecureContext) return { kind: "cpu", why: "browsers give WebGPU to https and to localhost only: tunnel the port" };
     return { kind: "cpu", why: "gpu" in navigator ? "WebGPU has no device here" : "this browser has no WebGPU" };
   }
 
@@ -87,19 +88,22 @@ class Painter {
       try {
         await this.paint(request);
       } catch (error) {
-        if (this.gpu?.lost != null) this.withoutGpu(request);
-        else reply({ kind: "failed", id: request.id, reason: reason(error) });
+        if (this.gpu && this.gpu.lost !== null) {
+          // The processor draws the picture that the device failed at, unless a newer one is asked for.
+          this.withoutGpu();
+          if (this.next) reply({ kind: "dropped", id: request.id });
+          else this.next = request;
+        } else reply({ kind: "failed", id: request.id, reason: reason(error) });
       }
     }
     this.busy = false;
   }
   private busy = false;
 
-  /** Goes on by the processor, with the picture that the device failed at. */
-  private withoutGpu(request: Draw): void {
+  /** Goes on by the processor. */
+  private withoutGpu(): void {
     reply({ kind: "device", device: { kind: "cpu", why: `the GPU failed: ${this.gpu?.lost}` } });
     this.gpu = null;
-    this.next ??= request;
   }
 
   private shown(held: Held, points: string | null): { handle: number; description: Description } {
@@ -120,6 +124,7 @@ class Painter {
     const wanted = () => this.current === request && this.next === null && this.held.get(key) === held;
     // The processor draws while the kernel is compiled; then the page may ask again.
     const compiled = () => reply({ kind: "device", device: this.device() });
+    if (this.gpu && this.gpu.lost !== null) this.withoutGpu();
     const byGpu = this.gpu !== null && description.visible && this.gpu.ready(handle, description, compiled);
     const bitmap = !description.visible
       ? background(description, side)
