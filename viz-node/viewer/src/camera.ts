@@ -138,7 +138,9 @@ const PAGE_KEYS: Keys = {
   "]": () => rollBy(5),
   "0": resetCamera,
   b: toggleOverlay,
+  B: toggleOverlay,
   s: savePicture,
+  S: savePicture,
   "?": openHelp,
   " ": togglePlay,
   l: followNewest,
@@ -159,8 +161,8 @@ const TIMELINE_KEYS: Keys = {
 export function onKey(event: KeyboardEvent): void {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const focus = document.activeElement;
-  // Space presses a button that has the focus; a sheet has its own keys.
-  if ((event.key === " " && focus instanceof HTMLButtonElement) || focus instanceof HTMLSelectElement) return;
+  // Space works the control that has the focus; a sheet has its own keys.
+  if ((event.key === " " && focus?.matches("button, summary, input")) || focus instanceof HTMLSelectElement) return;
   if (byId<HTMLDialogElement>("help-sheet").open) return;
   const onPicture = focus === byId("picture") || focus === document.body;
   const arrows = focus === byId("timeline") ? TIMELINE_KEYS : !onPicture ? {} : event.shiftKey ? PAN_KEYS : CAMERA_KEYS;
