@@ -86,8 +86,8 @@ impl Member {
         // What other members sent for commands before this one, which then failed.
         self.early.retain(|(_, m)| m.sequence >= sequence || !is_between_members(m));
         let outcome = match message.kind {
-            Some(Kind::Prepare(command)) => self.prepare(sequence, command),
-            Some(Kind::Generate(command)) => self.generate(sequence, command),
+            Some(Kind::Prepare(command)) => self.prepare(sequence, command).map_err(|e| self.give_up(sequence, e)),
+            Some(Kind::Generate(command)) => self.generate(sequence, command).map_err(|e| self.give_up(sequence, e)),
             Some(Kind::Cast(command)) => self.cast(command),
             Some(Kind::Sample(command)) => self.sample(&command),
             Some(Kind::Release(v1::GroupRelease { step })) => {
@@ -104,6 +104,14 @@ impl Member {
         };
         let reply = v1::GroupReply { payload, elapsed_ns, failed };
         send(&self.outbox, from, sequence, Kind::Reply(reply));
+    }
+
+    /// Tells the other members, which may wait for what comes of command `sequence`, why nothing does.
+    fn give_up(&self, sequence: u64, error: Invalid) -> Invalid {
+        for other in (0..self.outbox.size()).filter(|&other| other != self.outbox.rank()) {
+            send(&self.outbox, other, sequence, Kind::Failed(error.to_string()));
+        }
+        error
     }
 
     /// What `take` takes of the messages of command `sequence` from all `members`.
@@ -126,8 +134,12 @@ impl Member {
                 }
             };
             let (from, message) = &arrived;
-            let bytes = message.kind.as_ref().and_then(take).filter(|_| message.sequence == sequence);
-            match (bytes, members.iter().position(|m| m == from)) {
+            let kind = message.kind.as_ref().filter(|_| message.sequence == sequence);
+            if let Some(Kind::Failed(why)) = kind {
+                self.early.extend(early);
+                return Err(Invalid::new("group", format!("member {from}: {why}")));
+            }
+            match (kind.and_then(take), members.iter().position(|m| m == from)) {
                 (Some(bytes), Some(n)) => {
                     gathered.push((*from, bytes.to_vec()));
                     members.swap_remove(n);
@@ -308,7 +320,7 @@ fn lists_of_tile(kind: &Kind) -> Option<&[u8]> {
 }
 
 fn is_between_members(message: &v1::GroupMessage) -> bool {
-    matches!(message.kind, Some(Kind::Ghost(_) | Kind::Lists(_)))
+    matches!(message.kind, Some(Kind::Ghost(_) | Kind::Lists(_) | Kind::Failed(_)))
 }
 
 /// Points of a box whose index is a multiple of `stride` on all axes, x fastest.

@@ -65,11 +65,16 @@ fn layouts() -> Vec<Vec<Vec<GridBox>>> {
 
 /// A group whose members hold `steps` steps, all alike.
 fn group(layout: &[Vec<GridBox>], steps: u64) -> Arc<Root> {
+    group_of(layout, |_| steps)
+}
+
+/// The same of members that hold `steps(member)` steps.
+fn group_of(layout: &[Vec<GridBox>], steps: impl Fn(u32) -> u64) -> Arc<Root> {
     let mut root = None;
     for ((outbox, inbox), boxes) in lamina_mpi::in_process(layout.len() as u32).into_iter().zip(layout) {
         let channels = receive(inbox);
         let held = HeldSteps::default();
-        for step in 0..steps {
+        for step in 0..steps(outbox.rank()) {
             let bricks = boxes.iter().map(|b| (*b, bytes_of(b).into())).collect();
             held.lock().insert(step, HeldStep { spec: spec(), bricks });
         }
@@ -167,4 +172,18 @@ fn what_a_member_lacks_or_cannot_make_is_said_with_its_number_and_the_group_goes
     // The step was taken: it cannot be prepared again.
     assert!(prepare(0).is_err());
     assert!(field.generate(&params, Segmentation::Fitted).is_ok());
+}
+
+#[test]
+fn nobody_waits_for_what_a_member_that_lacks_the_step_cannot_send() {
+    // As when a fast simulation has overtaken one member and not the other.
+    let layout = &layouts()[1];
+    let lacking = (layout.len() - 1) as u32;
+    let root = group_of(layout, |member| u64::from(member != lacking) + 1);
+    let prepare = |step| GroupField::prepare(&root, step, &spec(), scene(), layout.clone());
+    let begun = std::time::Instant::now();
+    let missing = prepare(1).err().unwrap();
+    assert!(missing.reason.contains("nothing of step 1"), "{missing}");
+    assert!(begun.elapsed() < Duration::from_secs(30), "members wait a minute for one that is silent");
+    assert!(prepare(0).is_ok(), "the group goes on");
 }

@@ -2831,7 +2831,10 @@ pub struct GroupMessage {
     /// Of the command that this belongs to.
     #[prost(uint64, tag = "1")]
     pub sequence: u64,
-    #[prost(oneof = "group_message::Kind", tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12")]
+    #[prost(
+        oneof = "group_message::Kind",
+        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13"
+    )]
     pub kind: ::core::option::Option<group_message::Kind>,
 }
 /// Nested message and enum types in `GroupMessage`.
@@ -2861,5 +2864,8 @@ pub mod group_message {
         Ghost(::prost::alloc::vec::Vec<u8>),
         #[prost(bytes, tag = "12")]
         Lists(::prost::alloc::vec::Vec<u8>),
+        /// Instead of either: why there is none.
+        #[prost(string, tag = "13")]
+        Failed(::prost::alloc::string::String),
     }
 }
