@@ -37,11 +37,11 @@ for name, w in workloads.items():
     assert selected(w["spec"]["selector"]["matchLabels"]) == [name], f"{name} selects its own pods"
     if w["kind"] == "StatefulSet":
         assert w["spec"]["serviceName"] in services, f"{name} has its service"
-        claims = {c["metadata"]["name"] for c in w["spec"].get("volumeClaimTemplates", [])}
-        assert {m["name"] for m in container.get("volumeMounts", [])} == claims, f"{name} mounts what it claims"
+    claims = {c["metadata"]["name"] for c in w["spec"].get("volumeClaimTemplates", [])} | {v["name"] for v in spec["volumes"]}
+    assert {m["name"] for m in container["volumeMounts"]} == claims, f"{name} mounts what it claims"
     (port,) = [p["containerPort"] for p in container["ports"]]
     for probe in ("readinessProbe", "livenessProbe"):
-        assert container[probe]["grpc"]["port"] == port, f"{name} is asked where it listens"
+        assert container[probe]["tcpSocket"]["port"] == port, f"{name} is asked where it listens"
     assert spec["securityContext"]["runAsNonRoot"] and container["securityContext"]["readOnlyRootFilesystem"]
     # What the binary understands, and where it listens and looks.
     (command,), arguments = container["command"], container["args"]
@@ -50,7 +50,7 @@ for name, w in workloads.items():
     assert all(option in usage for option in options), f"{name}: {list(options)}"
     assert options["--listen"] == f"0.0.0.0:{port}", f"{name} listens at its port"
     if "--generator" in options:
-        host, _, asked = options["--generator"].removeprefix("http://").partition(":")
+        host, _, asked = options["--generator"].removeprefix("https://").partition(":")
         assert int(asked) in [p["port"] for p in services[host]["spec"]["ports"]], f"{name} asks {host}"
     # A policy admits somebody at this port.
     (policy,) = [

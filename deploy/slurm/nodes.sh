@@ -1,4 +1,4 @@
-# Sourced by the batch scripts. Needs generator-node, viz-node and tuner on the PATH.
+# Sourced by the batch scripts. Needs lamina, generator-node, viz-node and tuner on the PATH.
 # Where the nodes listen follows from the job alone: its first host, and three ports from its number. Nothing is written that could be
 # read when it is old.
 lamina_host() { scontrol show hostnames "${1:-$SLURM_JOB_NODELIST}" | head -1; }
@@ -12,18 +12,19 @@ lamina_start() {
     mkdir -p "$folder"
     local host
     host=$(lamina_host)
-    export LAMINA_GENERATOR="http://$host:$(lamina_port 0)"
+    # Keys of this job alone: other users of its hosts reach the ports, too.
+    lamina keys "$folder/keys" --days 30 --host "$host"
+    export LAMINA_GENERATOR="https://$host:$(lamina_port 0)" LAMINA_CREDENTIALS="$folder/keys/simulation"
     printf 'store = "%s/runs"\n' "$folder" >"$folder/viz-node.toml"
     printf 'contract = "%s"\n' "${LAMINA_CONTRACT:-size <= 200kB}" >"$folder/tuner.toml"
     local group=()
     [ "${LAMINA_MEMBERS:-1}" -gt 1 ] && group=(--group)
     srun --overlap "$@" --ntasks="${LAMINA_MEMBERS:-1}" --job-name=generator-node \
-        generator-node "${group[@]}" --listen "0.0.0.0:$(lamina_port 0)" &
+        generator-node "${group[@]}" --listen "0.0.0.0:$(lamina_port 0)" --credentials "$folder/keys/generator" &
     srun --overlap "$@" --nodelist="$host" --nodes=1 --ntasks=1 --job-name=viz-node \
-        viz-node --listen "0.0.0.0:$(lamina_port 1)" --generator "$LAMINA_GENERATOR" --config "$folder/viz-node.toml" &
+        viz-node --listen "0.0.0.0:$(lamina_port 1)" --credentials "$folder/keys/viewer" --generator "$LAMINA_GENERATOR" --config "$folder/viz-node.toml" &
     srun --overlap "$@" --nodelist="$host" --nodes=1 --ntasks=1 --job-name=tuner \
-        tuner --listen "0.0.0.0:$(lamina_port 2)" --generator "$LAMINA_GENERATOR" --config "$folder/tuner.toml" &
-    echo "watch it at http://$host:$(lamina_port 1)"
+        tuner --listen "0.0.0.0:$(lamina_port 2)" --credentials "$folder/keys/tuner" --generator "$LAMINA_GENERATOR" --config "$folder/tuner.toml" &
 }
 
 # lamina_stop: ends the nodes' steps once what they have is recorded.

@@ -5,7 +5,7 @@ use lamina_compute::CpuLimit;
 use lamina_compute::gpu::Choice;
 use lamina_model::{GenerationParams, Invalid, SamplePlan, Scene, Segmentation};
 use serde::{Deserialize, Serialize};
-use std::net::SocketAddr;
+use std::{net::SocketAddr, path::PathBuf};
 
 /// All keys of the configuration; every one has a default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -13,6 +13,10 @@ use std::net::SocketAddr;
 pub struct Config {
     /// Where simulations, viz-nodes and the tuner connect.
     pub listen: SocketAddr,
+    /// Folder of keys that `lamina keys` made, with which others than the own user on this host may connect.
+    pub credentials: Option<PathBuf>,
+    /// Everybody who reaches the address may use the node.
+    pub insecure: bool,
     /// Bytes for time steps: those that arrive, wait, and are worked on. Decides admission.
     pub memory_bytes: u64,
     /// Whether simulations on this host hand their bricks over in memory that both map.
@@ -71,6 +75,8 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 7101)),
+            credentials: None,
+            insecure: false,
             memory_bytes: 2 << 30,
             shared_memory: true,
             waiting_steps: 32,

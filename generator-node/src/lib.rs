@@ -24,7 +24,8 @@ use ingest::{Ingest, IngestService};
 use lamina_compute::CpuShare;
 use lamina_mpi::{Inbox, Outbox};
 use lamina_raycast::Backend;
-use lamina_rpc::daemon::{NodeError, Shutdown, serve};
+use lamina_rpc::credentials::{Credentials, Role};
+use lamina_rpc::daemon::{Access, AllowRoles, NodeError, Shutdown, serve};
 use lamina_rpc::v1::group_message::Kind;
 use lamina_rpc::{MAX_MESSAGE_BYTES, v1};
 use lamina_shared_memory::{Receiver, Rings};
@@ -32,6 +33,7 @@ use overhead::Overhead;
 use pipeline::Steps;
 use std::{sync::Arc, time::Duration};
 use tokio::net::TcpListener;
+use tonic::service::interceptor::InterceptedService;
 use tonic::transport::server::Router;
 use tonic_health::server::HealthReporter;
 
@@ -46,10 +48,11 @@ pub async fn run(
     listener: TcpListener,
     shutdown: Shutdown,
 ) -> Result<(), NodeError> {
+    let access = access(&config, &listener)?;
     let overhead = Overhead::new(share.clone());
     let ingest = Arc::new(ingest(&config, overhead.clone()));
     let steps = Steps::Own(ingest.clone());
-    run_pipeline(config, backend, (share, overhead), (ingest, steps), listener, shutdown).await
+    run_pipeline(config, backend, (share, overhead), (ingest, steps), (listener, access), shutdown).await
 }
 
 /// The same as a member of a group of nodes, which `mesh` connects: its root, member 0, does what [`run`] does, of the steps that all
@@ -65,6 +68,7 @@ pub async fn run_member(
     shutdown: Shutdown,
     (outbox, inbox): (Outbox, Inbox),
 ) -> Result<(), NodeError> {
+    let access = access(&config, &listener)?;
     let (rank, members) = (outbox.rank(), outbox.size());
     let overhead = Overhead::new(share.clone());
     let door = Arc::new(group::Door::new(outbox.clone()));
@@ -75,18 +79,24 @@ pub async fn run_member(
     std::thread::Builder::new().name("member".to_owned()).spawn(|| member.run()).map_err(NodeError::Thread)?;
     let listens = tokio::spawn(door.clone().listen(ingest.clone(), channels.events));
     let announces = tokio::spawn(group::announce(ingest.clone(), held, outbox.clone()));
-    group::send(&outbox, 0, 0, Kind::Ready(group::ready(&config, &listener)));
+    group::send(&outbox, 0, 0, Kind::Ready(group::ready(&config, &listener, &access)));
     let served = if rank == 0 {
         let root = Arc::new(group::Root::new(outbox, channels.replies));
         let steps = Steps::Group(root, door);
-        run_pipeline(config, backend, (share, overhead), (ingest, steps), listener, shutdown).await
+        run_pipeline(config, backend, (share, overhead), (ingest, steps), (listener, access), shutdown).await
     } else {
         let (router, _) = router(ingest).await;
-        serve(router, listener, shutdown).await
+        serve(router, listener, access, shutdown).await
     };
     listens.abort();
     announces.abort();
     served
+}
+
+fn access(config: &Config, listener: &TcpListener) -> Result<Access, NodeError> {
+    let address = listener.local_addr().unwrap_or(config.listen);
+    let credentials = config.credentials.as_deref().map(Credentials::open).transpose()?;
+    Access::of(address, credentials.as_ref(), config.insecure)
 }
 
 fn ingest(config: &Config, overhead: Arc<Overhead>) -> Ingest {
@@ -110,7 +120,10 @@ async fn router(ingest: Arc<Ingest>) -> (Router, HealthReporter) {
         .http2_keepalive_interval(Some(Duration::from_secs(10)))
         .http2_keepalive_timeout(Some(Duration::from_secs(10)))
         .add_service(health_service)
-        .add_service(Service::new(IngestService(ingest)).max_decoding_message_size(MAX_MESSAGE_BYTES));
+        .add_service(InterceptedService::new(
+            Service::new(IngestService(ingest)).max_decoding_message_size(MAX_MESSAGE_BYTES),
+            AllowRoles(&[Role::Simulation]),
+        ));
     (router, health)
 }
 
@@ -120,7 +133,7 @@ async fn run_pipeline(
     backend: Backend,
     (share, overhead): (CpuShare, Arc<Overhead>),
     (ingest, steps): (Arc<Ingest>, Steps),
-    listener: TcpListener,
+    (listener, access): (TcpListener, Access),
     shutdown: Shutdown,
 ) -> Result<(), NodeError> {
     let publisher = Arc::new(publish::Publisher::new(config.history_bytes));
@@ -142,10 +155,10 @@ async fn run_pipeline(
     health.set_serving::<Frames>().await;
     health.set_serving::<Control>().await;
     let router = router
-        .add_service(Frames::new(publish::FramesService(publisher)))
-        .add_service(Control::new(control::ControlService(node)));
+        .add_service(Frames::with_interceptor(publish::FramesService(publisher), AllowRoles(&[Role::Viewer])))
+        .add_service(Control::with_interceptor(control::ControlService(node), AllowRoles(&[Role::Tuner])));
     tracing::info!(address = %listener.local_addr().map_or_else(|_| config.listen.to_string(), |a| a.to_string()), "generator-node listens");
-    let served = serve(router, listener, shutdown).await;
+    let served = serve(router, listener, access, shutdown).await;
     pipeline.abort();
     served
 }

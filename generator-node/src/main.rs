@@ -19,6 +19,12 @@ struct Arguments {
     /// Address to listen on, instead of the configuration's.
     #[arg(long, value_name = "IP:PORT")]
     listen: Option<SocketAddr>,
+    /// Folder of keys that `lamina keys` made, instead of the configuration's.
+    #[arg(long, value_name = "DIR", env = "LAMINA_CREDENTIALS")]
+    credentials: Option<PathBuf>,
+    /// Let everybody use the node who reaches its address.
+    #[arg(long)]
+    insecure: bool,
     /// What casts the rays, instead of the configuration's: auto, cpu or gpu.
     #[arg(long)]
     backend: Option<Choice>,
@@ -37,7 +43,13 @@ async fn start() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
     log_to_stderr("info");
     let config: Config = load_config(arguments.config.as_deref())?;
-    let config = Config { listen: arguments.listen.unwrap_or(config.listen), ..config }.check()?;
+    let config = Config {
+        listen: arguments.listen.unwrap_or(config.listen),
+        credentials: arguments.credentials.or(config.credentials),
+        insecure: arguments.insecure || config.insecure,
+        ..config
+    }
+    .check()?;
     let mesh = arguments.group.then(|| lamina_mpi::join(launched_rank().map(|(_, ranks)| ranks))).transpose()?;
     let config = match &mesh {
         Some((outbox, _)) if outbox.rank() > 0 => Config { listen: SocketAddr::new(config.listen.ip(), 0), ..config },

@@ -7,6 +7,7 @@ use crate::subscribers::{Subscribers, reachable, trim};
 use futures::{Stream, StreamExt, stream};
 use lamina_model::RunInfo;
 use lamina_rpc::chunks::deliver;
+use lamina_rpc::daemon::peer_of;
 use lamina_rpc::invalid;
 use lamina_rpc::v1::{self, delivery::Part, frames_server};
 use parking_lot::{Mutex, MutexGuard};
@@ -176,7 +177,7 @@ impl frames_server::Frames for FramesService {
         &self,
         request: Request<v1::SubscribeTrialsRequest>,
     ) -> Result<Response<Self::SubscribeTrialsStream>, Status> {
-        let peer = request.remote_addr().map(|a| a.ip());
+        let peer = peer_of(&request).map(|peer| peer.address.ip());
         let address = reachable(&request.into_inner().quality_address, peer).map_err(|e| invalid(&e))?;
         let guard = self.0.join(address.clone());
         tracing::info!(viewer = guard.viewer, address, "viz-node measures trials");

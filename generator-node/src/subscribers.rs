@@ -2,7 +2,7 @@
 
 use crate::delivery::Delivery;
 use lamina_model::Invalid;
-use lamina_rpc::connect::host_and_port;
+use lamina_rpc::connect::NodeAddress;
 use lamina_rpc::v1;
 use std::collections::VecDeque;
 use std::net::IpAddr;
@@ -71,21 +71,22 @@ pub(crate) fn trim(waiting: &mut VecDeque<Delivery>) {
 /// Where a subscriber's Quality service is, as others reach it: a host that means "any" becomes `peer`'s.
 ///
 /// # Errors
-/// If `address` is not http://HOST:PORT.
+/// If `address` is none.
 pub(crate) fn reachable(address: &str, peer: Option<IpAddr>) -> Result<String, Invalid> {
-    let (host, port) = host_and_port("quality_address", address)?;
-    let ip: Result<IpAddr, _> = host.trim_start_matches('[').trim_end_matches(']').parse();
+    let given = NodeAddress::read("quality_address", address)?;
+    let ip: Result<IpAddr, _> = given.host.trim_start_matches('[').trim_end_matches(']').parse();
     if !ip.is_ok_and(|ip| ip.is_unspecified()) {
-        return Ok(format!("http://{host}:{port}"));
+        return Ok(given.to_string());
     }
     let unknown = || {
         let why = "stands for an address that is not known here; write http://HOST:PORT, such as http://10.0.0.7:7102";
         Invalid::new("quality_address", format!("\"{address}\" {why}"))
     };
-    match peer.ok_or_else(unknown)?.to_canonical() {
-        IpAddr::V4(ip) => Ok(format!("http://{ip}:{port}")),
-        IpAddr::V6(ip) => Ok(format!("http://[{ip}]:{port}")),
-    }
+    let host = match peer.ok_or_else(unknown)?.to_canonical() {
+        IpAddr::V4(ip) => ip.to_string(),
+        IpAddr::V6(ip) => format!("[{ip}]"),
+    };
+    Ok(NodeAddress { host, ..given }.to_string())
 }
 
 #[cfg(test)]
@@ -100,7 +101,7 @@ mod tests {
         for (given, peer, expected) in [
             ("http://viz:7102", None, "http://viz:7102"),
             ("http://[::1]:7102", Some(v4), "http://[::1]:7102"),
-            ("http://0.0.0.0:7102", Some(v4), "http://10.0.0.7:7102"),
+            ("https://0.0.0.0:7102", Some(v4), "https://10.0.0.7:7102"),
             ("http://0.0.0.0:7102", Some(mapped), "http://10.0.0.7:7102"),
             ("http://[::]:7102", Some(v6), "http://[fe80::7]:7102"),
         ] {
@@ -108,7 +109,6 @@ mod tests {
         }
         for (bad, peer) in [
             ("viz:7102", Some(v4)),
-            ("https://viz:7102", Some(v4)),
             ("http://viz", Some(v4)),
             ("http://:7102", Some(v4)),
             ("http://viz:0", Some(v4)),

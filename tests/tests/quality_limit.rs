@@ -8,6 +8,7 @@ use lamina_codec::{EncodeOptions, decode_any, encode_any};
 use lamina_model::{GenerationParams, Intermediate, SamplePlan, Scene, Segmentation, VdiParams, Volume};
 use lamina_raycast::{Backend, Field};
 use lamina_rpc::connect::connect;
+use lamina_rpc::credentials::Role;
 use lamina_rpc::v1::{self, quality_client::QualityClient, tuning_client::TuningClient};
 use lamina_tests::processes::{Daemon, free_port, wait_for};
 use lamina_tests::{front_scene, sampled_cube, transfer};
@@ -101,7 +102,7 @@ fn falls_short(every: u64) {
     let mut client = Client::connect(options).unwrap();
     let runtime = tokio::runtime::Runtime::new().unwrap();
     let mut steps = runtime.block_on(async {
-        let channel = connect(&viz.url()).await.unwrap();
+        let channel = connect(&viz.url(), Role::Viewer, None).await.unwrap();
         QualityClient::new(channel).steps(v1::StepsRequest {}).await.unwrap().into_inner()
     });
     let rows = || -> Vec<StepRow> {
@@ -112,7 +113,7 @@ fn falls_short(every: u64) {
     // The gamma that the tuner has chosen, once it rests after a step.
     let chosen = |step: u64| {
         runtime.block_on(async {
-            let status = TuningClient::new(connect(&tuner.url()).await.unwrap());
+            let status = TuningClient::new(connect(&tuner.url(), Role::Tuner, None).await.unwrap());
             let status =
                 status.clone().status(v1::TunerStatusRequest { with_trials: false }).await.unwrap().into_inner();
             (!status.busy && status.steps_seen > step)
@@ -132,7 +133,7 @@ fn falls_short(every: u64) {
     // Both volumes are as large: what the first was tuned for does not come back.
     assert!(wait_for(PATIENCE, || chosen(3) == Some(FINE)), "{:?}", chosen(3));
     let trials = runtime.block_on(async {
-        let mut tuner = TuningClient::new(connect(&tuner.url()).await.unwrap());
+        let mut tuner = TuningClient::new(connect(&tuner.url(), Role::Tuner, None).await.unwrap());
         tuner.status(v1::TunerStatusRequest { with_trials: true }).await.unwrap().into_inner().trials
     });
     let mut studied: Vec<u64> = trials.iter().map(|t| t.step).collect();

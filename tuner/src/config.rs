@@ -3,9 +3,9 @@
 use crate::Contract;
 use crate::search::SearchGrid;
 use lamina_model::{GenerationParams, Invalid, Representation, VdiParams};
-use lamina_rpc::connect::host_and_port;
+use lamina_rpc::connect::NodeAddress;
 use serde::{Deserialize, Serialize};
-use std::net::SocketAddr;
+use std::{net::SocketAddr, path::PathBuf};
 
 /// All keys of the configuration; every one has a default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -13,6 +13,10 @@ use std::net::SocketAddr;
 pub struct Config {
     /// Where the tuner's status can be asked for.
     pub listen: SocketAddr,
+    /// Folder of keys that `lamina keys` made, with which others than the own user on this host may connect.
+    pub credentials: Option<PathBuf>,
+    /// Everybody who reaches the address may use the node.
+    pub insecure: bool,
     /// The generator-node; the viz-nodes that measure quality are those that subscribe to it.
     pub generator: String,
     /// What the user wants.
@@ -37,6 +41,8 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 7103)),
+            credentials: None,
+            insecure: false,
             generator: "http://127.0.0.1:7101".to_owned(),
             contract: Contract::default(),
             representations: Representation::ALL.to_vec(),
@@ -55,7 +61,7 @@ impl Config {
     /// # Errors
     /// Names the first key whose value cannot be used.
     pub fn base(&self) -> Result<GenerationParams, Invalid> {
-        host_and_port("generator", &self.generator)?;
+        NodeAddress::read("generator", &self.generator)?;
         if !(0.0..=1.0).contains(&self.budget) {
             return Err(Invalid::new(
                 "budget",

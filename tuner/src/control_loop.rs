@@ -12,6 +12,7 @@ use crate::tune::Trial;
 use crate::{Config, status::Status};
 use futures::StreamExt;
 use lamina_model::{Cost, GenerationParams, Setting, StepReport, TuningState};
+use lamina_rpc::credentials::{Credentials, Role};
 use lamina_rpc::v1::{self, control_client::ControlClient};
 use std::sync::Arc;
 use std::time::Duration;
@@ -27,6 +28,7 @@ const MEANWHILE: usize = 1024;
 /// What the loop remembers between steps.
 struct Daemon {
     config: Config,
+    credentials: Option<Credentials>,
     base: GenerationParams,
     status: Arc<Status>,
     run: RunState,
@@ -47,9 +49,9 @@ enum Call {
 }
 
 /// Tunes for ever.
-pub(crate) async fn run(config: Config, base: GenerationParams, status: Arc<Status>) {
+pub(crate) async fn run(config: Config, credentials: Option<Credentials>, base: GenerationParams, status: Arc<Status>) {
     let run = RunState::new(String::new());
-    let mut daemon = Daemon { config, base, status, run, setting: None, holds_from: 0 };
+    let mut daemon = Daemon { config, credentials, base, status, run, setting: None, holds_from: 0 };
     let mut reported = String::new();
     loop {
         if let Err(error) = daemon.follow().await {
@@ -70,12 +72,12 @@ impl Daemon {
     /// One connection to the generator-node, until it ends.
     async fn follow(&mut self) -> Result<(), TrialError> {
         let generator = self.config.generator.clone();
-        let control = ControlClient::new(connect(&generator).await?);
+        let control = ControlClient::new(connect(&generator, Role::Generator, self.credentials.as_ref()).await?);
         let failed = |s: tonic::Status| TrialError::Node { node: generator.clone(), reason: s.message().to_owned() };
         let reports = control.clone().watch(v1::WatchRequest {}).await.map_err(failed)?.into_inner();
         // What came in meanwhile comes at once: only the newest matters.
         let mut reports = reports.ready_chunks(MEANWHILE);
-        let mut quality = self.config.contract.limits.psnr_db.map(|_| LiveQuality::follow(&control));
+        let mut quality = self.config.contract.limits.psnr_db.map(|_| LiveQuality::follow(&control, &self.credentials));
         tracing::info!(generator, "watching");
         // A restarted generator-node has forgotten its parameters; a new one knows no limits yet.
         let begin = self.setting.clone();
@@ -213,7 +215,7 @@ impl Daemon {
         let contract = limits.paced(pace);
         let given = until.map_or(Duration::ZERO, |until| until - Instant::now());
         let first = self.run.studied_step.is_none();
-        let mut remote = Remote::open(control, &self.config.generator, first).await?;
+        let mut remote = Remote::open(control, &self.config.generator, &self.credentials, first).await?;
         let Config { representations, grid, .. } = &self.config;
         let all = CandidateSet::new(remote.longest_side(), representations, grid, &self.base)?;
         let mut all = all.with_range_of(&self.run.candidates);

@@ -24,7 +24,8 @@ pub use config::Config;
 pub use contract::Contract;
 pub use utility::Utility;
 
-use lamina_rpc::daemon::{NodeError, Shutdown, serve};
+use lamina_rpc::credentials::{Credentials, Role};
+use lamina_rpc::daemon::{Access, AllowRoles, NodeError, Shutdown, serve};
 use lamina_rpc::v1::tuning_server::TuningServer;
 use std::sync::Arc;
 use tokio::net::TcpListener;
@@ -36,18 +37,21 @@ use tokio::net::TcpListener;
 pub async fn run(config: Config, listener: TcpListener, shutdown: Shutdown) -> Result<(), NodeError> {
     let bad = |e: lamina_model::Invalid| NodeError::Config { path: "tuner".to_owned(), reason: e.to_string() };
     let base = config.base().map_err(bad)?;
+    let credentials = config.credentials.as_deref().map(Credentials::open).transpose()?;
+    let address = listener.local_addr().unwrap_or(config.listen);
+    let access = Access::of(address, credentials.as_ref(), config.insecure)?;
     let status = Arc::new(status::Status::default());
     let (health, health_service) = tonic_health::server::health_reporter();
     health.set_serving::<TuningServer<status::StatusService>>().await;
-    let router = tonic::transport::Server::builder()
-        .add_service(health_service)
-        .add_service(TuningServer::new(status::StatusService(status.clone())));
-    tracing::info!(address = %listener.local_addr().map_or_else(|_| config.listen.to_string(), |a| a.to_string()), "tuner listens");
-    let tuning = tokio::spawn(control_loop::run(config, base, status));
+    let router = tonic::transport::Server::builder().add_service(health_service).add_service(
+        TuningServer::with_interceptor(status::StatusService(status.clone()), AllowRoles(&[Role::Viewer])),
+    );
+    tracing::info!(%address, "tuner listens");
+    let tuning = tokio::spawn(control_loop::run(config, credentials, base, status));
     // At once: a study would take the other nodes' going for a fault.
     let stopping = async move {
         shutdown.await;
         tuning.abort();
     };
-    serve(router, listener, Box::pin(stopping)).await
+    serve(router, listener, access, Box::pin(stopping)).await
 }

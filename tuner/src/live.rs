@@ -3,6 +3,7 @@
 use crate::evaluator::TrialError;
 use crate::remote::{connect, words};
 use lamina_model::StepReport;
+use lamina_rpc::credentials::{Credentials, Role};
 use lamina_rpc::v1::{self, control_client::ControlClient, quality_client::QualityClient};
 use std::collections::HashMap;
 use std::convert::Infallible;
@@ -33,11 +34,11 @@ pub(crate) struct LiveQuality {
 
 impl LiveQuality {
     /// Of the steps of the generator-node behind `control`.
-    pub(crate) fn follow(control: &ControlClient<Channel>) -> Self {
+    pub(crate) fn follow(control: &ControlClient<Channel>, credentials: &Option<Credentials>) -> Self {
         let (sender, told) = watch::channel(Told::default());
-        let (control, mut following) = (control.clone(), JoinSet::new());
+        let (control, credentials, mut following) = (control.clone(), credentials.clone(), JoinSet::new());
         following.spawn(async move {
-            if let Err(status) = follow_all(control, sender).await {
+            if let Err(status) = follow_all(control, credentials, sender).await {
                 tracing::warn!("no list of viz-nodes: {}; the limit on quality is not watched", words(&status));
             }
         });
@@ -58,7 +59,11 @@ impl LiveQuality {
     }
 }
 
-async fn follow_all(mut control: ControlClient<Channel>, told: watch::Sender<Told>) -> Result<(), Status> {
+async fn follow_all(
+    mut control: ControlClient<Channel>,
+    credentials: Option<Credentials>,
+    told: watch::Sender<Told>,
+) -> Result<(), Status> {
     let mut lists = control.viewers(v1::ViewersRequest {}).await?.into_inner();
     let mut tasks = JoinSet::new();
     let mut followed: HashMap<String, AbortHandle> = HashMap::new();
@@ -67,17 +72,19 @@ async fn follow_all(mut control: ControlClient<Channel>, told: watch::Sender<Tol
         followed.extract_if(|name, _| !listed(name)).for_each(|(_, task)| task.abort());
         while tasks.try_join_next().is_some() {}
         for v1::Viewer { viewer, address } in list.viewers {
-            followed.entry(viewer).or_insert_with(|| tasks.spawn(follow_one(address, told.clone())));
+            followed
+                .entry(viewer)
+                .or_insert_with(|| tasks.spawn(follow_one(address, credentials.clone(), told.clone())));
         }
     }
     Ok(())
 }
 
 /// As long as it is listed.
-async fn follow_one(address: String, told: watch::Sender<Told>) {
+async fn follow_one(address: String, credentials: Option<Credentials>, told: watch::Sender<Told>) {
     let mut reported = String::new();
     loop {
-        let Err(error) = until_lost(&address, &told).await;
+        let Err(error) = until_lost(&address, credentials.as_ref(), &told).await;
         // The same trouble twice is one line in the log.
         if error.to_string() != reported {
             reported = error.to_string();
@@ -87,9 +94,13 @@ async fn follow_one(address: String, told: watch::Sender<Told>) {
     }
 }
 
-async fn until_lost(address: &str, told: &watch::Sender<Told>) -> Result<Infallible, TrialError> {
+async fn until_lost(
+    address: &str,
+    credentials: Option<&Credentials>,
+    told: &watch::Sender<Told>,
+) -> Result<Infallible, TrialError> {
     let failed = |reason: String| TrialError::Node { node: format!("viz-node {address}"), reason };
-    let mut client = QualityClient::new(connect(address).await?);
+    let mut client = QualityClient::new(connect(address, Role::Viewer, credentials).await?);
     let steps = client.steps(v1::StepsRequest {}).await.map_err(|s| failed(words(&s)))?;
     let mut steps = steps.into_inner();
     let _open = OpenStream::new(told);

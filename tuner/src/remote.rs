@@ -17,6 +17,7 @@ use futures::stream::FuturesUnordered;
 use generator::Generator;
 use known::Known;
 use lamina_model::{Cost, GenerationParams, Invalid, ParamsKey};
+use lamina_rpc::credentials::{Credentials, Role};
 use lamina_rpc::v1::{self, control_client::ControlClient};
 use round::{Generating, Round};
 use std::collections::{HashMap, HashSet, VecDeque};
@@ -35,13 +36,13 @@ pub struct Remote {
     progress: Progress,
 }
 
-/// A connection to the node at `address`.
+/// A connection to the `server` at `address`.
 ///
 /// # Errors
 /// If nobody answers there.
-pub async fn connect(address: &str) -> Result<Channel, TrialError> {
+pub async fn connect(address: &str, server: Role, credentials: Option<&Credentials>) -> Result<Channel, TrialError> {
     let failed = |reason| TrialError::Node { node: address.to_owned(), reason };
-    lamina_rpc::connect::connect(address).await.map_err(failed)
+    lamina_rpc::connect::connect(address, server, credentials).await.map_err(failed)
 }
 
 impl Remote {
@@ -65,12 +66,17 @@ impl Remote {
     }
 
     /// Opens a stream of trials on the newest step of the generator-node, whose address `generator` is for messages; of a run's
-    /// `first` study they go before live steps.
+    /// `first` study they go before live steps. Viz-nodes are connected to with `credentials`.
     ///
     /// # Errors
     /// If it does not answer or has no step yet, or no viz-node that measures quality subscribes to it within some seconds.
-    pub async fn open(control: &ControlClient<Channel>, generator: &str, first: bool) -> Result<Self, TrialError> {
-        let viewers = Viewers::open(control, generator).await?;
+    pub async fn open(
+        control: &ControlClient<Channel>,
+        generator: &str,
+        credentials: &Option<Credentials>,
+        first: bool,
+    ) -> Result<Self, TrialError> {
+        let viewers = Viewers::open(control, generator, credentials.clone()).await?;
         let generator = Generator::open(control, generator).await?;
         Ok(Self { generator, viewers, known: HashMap::new(), generating: None, progress: Progress::new(first) })
     }

@@ -3,7 +3,7 @@
 use lamina_compute::CpuLimit;
 use lamina_compute::gpu::Choice;
 use lamina_model::Invalid;
-use lamina_rpc::connect::host_and_port;
+use lamina_rpc::connect::NodeAddress;
 use serde::{Deserialize, Serialize};
 use std::{net::SocketAddr, path::PathBuf};
 
@@ -13,6 +13,12 @@ use std::{net::SocketAddr, path::PathBuf};
 pub struct Config {
     /// Where the page, the metrics and the gRPC services are.
     pub listen: SocketAddr,
+    /// Folder of keys that `lamina keys` made, with which others than the own user on this host may connect.
+    pub credentials: Option<PathBuf>,
+    /// Everybody who reaches the address may use the node.
+    pub insecure: bool,
+    /// Names by which browsers may reach the page, besides `localhost`, this host's name and IP addresses.
+    pub hosts: Vec<String>,
     /// The generator-node to subscribe to.
     pub generator: String,
     /// Where the tuner reaches this node, `http://HOST:PORT`; a host of `0.0.0.0` or `[::]` is replaced by the address that the
@@ -36,6 +42,9 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 7102)),
+            credentials: None,
+            insecure: false,
+            hosts: Vec::new(),
             generator: "http://127.0.0.1:7101".to_owned(),
             quality_address: None,
             store: None,
@@ -54,9 +63,9 @@ impl Config {
     /// # Errors
     /// Names the first key whose value cannot be used.
     pub fn check(self) -> Result<Self, Invalid> {
-        host_and_port("generator", &self.generator)?;
+        NodeAddress::read("generator", &self.generator)?;
         if let Some(address) = self.quality_address.as_deref().filter(|a| !a.is_empty()) {
-            host_and_port("quality_address", address)?;
+            NodeAddress::read("quality_address", address)?;
         }
         Ok(self)
     }

@@ -16,12 +16,13 @@ pub use config::Config;
 pub use store::Store;
 pub use web::assets::{EMBED, ENGINE};
 
-use axum::serve::ListenerExt as _;
 use lamina_codec::DecodeLimits;
 use lamina_compute::CpuShare;
-use lamina_rpc::daemon::Shutdown;
+use lamina_rpc::credentials::{Credentials, Role};
+use lamina_rpc::daemon::{Access, AllowRoles, Connections, NodeError, Shutdown};
 use lamina_rpc::v1::quality_server::QualityServer;
 use lamina_vdi_render::Backend;
+use std::net::SocketAddr;
 use std::sync::{Arc, atomic::AtomicBool};
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -41,6 +42,21 @@ fn limits(config: &Config) -> DecodeLimits {
     DecodeLimits { max_decoded_bytes: config.max_decoded_bytes }
 }
 
+/// Who may connect, and with what this node connects to others.
+fn access(config: &Config, address: SocketAddr) -> Result<(Option<Credentials>, Access), NodeError> {
+    let credentials = config.credentials.as_deref().map(Credentials::open).transpose()?;
+    let access = Access::of(address, credentials.as_ref(), config.insecure)?;
+    Ok((credentials, access))
+}
+
+/// The page's address as a browser elsewhere writes it.
+fn page_address(access: &Access, address: SocketAddr) -> String {
+    let any = address.ip().is_unspecified();
+    let host = if any { lamina_rpc::connect::host_name() } else { address.ip().to_string() };
+    let host = if host.contains(':') { format!("[{host}]") } else { host };
+    format!("{}://{host}:{}", access.scheme(), address.port())
+}
+
 /// Runs the node on `listener` until `shutdown` completes, within `share` of the processor. The page, the metrics and gRPC share
 /// the port.
 ///
@@ -53,6 +69,8 @@ pub async fn run(
     listener: TcpListener,
     shutdown: Shutdown,
 ) -> std::io::Result<()> {
+    let address = listener.local_addr()?;
+    let (credentials, access) = access(&config, address).map_err(std::io::Error::other)?;
     let choice = config.backend;
     // A driver may take a second to wake.
     let opened = tokio::task::spawn_blocking(move || Backend::open(choice)).await?;
@@ -62,22 +80,32 @@ pub async fn run(
     let (health, health_service) = tonic_health::server::health_reporter();
     health.set_serving::<QualityServer<quality_service::QualityService>>().await;
     let grpc = tonic::service::Routes::new(health_service)
-        .add_service(QualityServer::new(quality_service::QualityService(intake.clone())))
+        .add_service(QualityServer::with_interceptor(
+            quality_service::QualityService(intake.clone()),
+            AllowRoles(&[Role::Tuner]),
+        ))
         .into_axum_router();
     let web = web::Web::new(store, backend, intake.clone(), connected.clone()).router();
-    let address = listener.local_addr()?;
     tracing::info!(%address, "viz-node listens");
-    let config =
-        Config { quality_address: Some(config.quality_address.unwrap_or(format!("http://{address}"))), ..config };
+    let own = format!("{}://{address}", access.scheme());
+    let guard =
+        Arc::new(web::guard::Guard::new(page_address(&access, address), &config.hosts).map_err(std::io::Error::other)?);
+    if matches!(access, Access::Certificates(_)) {
+        // Browsers have no certificate.
+        println!("watch it at {}", guard.entrance());
+    }
+    let config = Config { quality_address: Some(config.quality_address.unwrap_or(own)), ..config };
     let tasks = [
-        tokio::spawn(subscribe::live(config.clone(), intake.clone(), connected)),
-        tokio::spawn(subscribe::trials(config, intake.clone())),
+        tokio::spawn(subscribe::live(config.clone(), credentials.clone(), intake.clone(), connected)),
+        tokio::spawn(subscribe::trials(config, credentials, intake.clone())),
         tokio::spawn(intake.follow_newest()),
     ];
     let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
-    // A page waits for the last packet of each picture.
-    let listener = listener.tap_io(|connection| drop(connection.set_nodelay(true)));
-    let serve = axum::serve(listener, web.merge(grpc).fallback(web::nowhere)).with_graceful_shutdown(async {
+    let routes = web.merge(grpc).fallback(web::nowhere);
+    let routes = routes.layer(axum::middleware::from_fn_with_state(guard, web::guard::guard));
+    let service = routes.into_make_service_with_connect_info::<web::guard::PagePeer>();
+    let listener = web::guard::PageListener(Connections::accept(listener, access)?);
+    let serve = axum::serve(listener, service).with_graceful_shutdown(async {
         let _ = stopped.await;
     });
     let mut server = tokio::spawn(serve.into_future());

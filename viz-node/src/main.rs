@@ -17,6 +17,12 @@ struct Arguments {
     /// Address to listen on, instead of the configuration's.
     #[arg(long, value_name = "IP:PORT")]
     listen: Option<SocketAddr>,
+    /// Folder of keys that `lamina keys` made, instead of the configuration's.
+    #[arg(long, value_name = "DIR", env = "LAMINA_CREDENTIALS")]
+    credentials: Option<PathBuf>,
+    /// Let everybody use the node who reaches its address.
+    #[arg(long)]
+    insecure: bool,
     /// The generator-node, instead of the configuration's.
     #[arg(long, value_name = "http://HOST:PORT")]
     generator: Option<String>,
@@ -39,6 +45,8 @@ async fn start() -> anyhow::Result<()> {
     let config: Config = load_config(arguments.config.as_deref())?;
     let config = Config {
         listen: arguments.listen.unwrap_or(config.listen),
+        credentials: arguments.credentials.or(config.credentials),
+        insecure: arguments.insecure || config.insecure,
         generator: arguments.generator.unwrap_or(config.generator),
         store: arguments.store.or(config.store),
         backend: arguments.backend.unwrap_or(config.backend),

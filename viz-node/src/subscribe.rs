@@ -6,6 +6,7 @@ use crate::intake::Intake;
 use lamina_rpc::MAX_MESSAGE_BYTES;
 use lamina_rpc::chunks::Assembler;
 use lamina_rpc::connect::connect;
+use lamina_rpc::credentials::{Credentials, Role};
 use lamina_rpc::v1::{self, delivery::Part, frames_client::FramesClient};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,9 +18,14 @@ use tonic::{Status, Streaming};
 const RETRY: Duration = Duration::from_millis(500);
 
 /// Follows live steps for ever; `connected` says whether the subscription stands.
-pub(crate) async fn live(config: Config, intake: Arc<Intake>, connected: Arc<AtomicBool>) {
+pub(crate) async fn live(
+    config: Config,
+    credentials: Option<Credentials>,
+    intake: Arc<Intake>,
+    connected: Arc<AtomicBool>,
+) {
     let follow = || async {
-        let ended = follow_live(&config, &intake, &connected).await;
+        let ended = follow_live(&config, credentials.as_ref(), &intake, &connected).await;
         connected.store(false, Ordering::Relaxed);
         ended
     };
@@ -27,12 +33,12 @@ pub(crate) async fn live(config: Config, intake: Arc<Intake>, connected: Arc<Ato
 }
 
 /// Follows trials for ever, where quality is measured.
-pub(crate) async fn trials(config: Config, intake: Arc<Intake>) {
+pub(crate) async fn trials(config: Config, credentials: Option<Credentials>, intake: Arc<Intake>) {
     if config.quality_address.as_deref().is_none_or(str::is_empty) {
         return;
     }
     let follow = || async {
-        let ended = follow_trials(&config, &intake).await;
+        let ended = follow_trials(&config, credentials.as_ref(), &intake).await;
         intake.trials.subscribed(false);
         ended
     };
@@ -56,26 +62,31 @@ async fn forever<F: Future<Output = Result<(), Status>>>(generator: &str, attemp
     }
 }
 
-async fn frames(config: &Config) -> Result<FramesClient<Channel>, Status> {
+async fn frames(config: &Config, credentials: Option<&Credentials>) -> Result<FramesClient<Channel>, Status> {
     let unreachable = |reason: String| Status::unavailable(format!("generator-node {reason}"));
-    let channel = connect(&config.generator).await.map_err(unreachable)?;
+    let channel = connect(&config.generator, Role::Generator, credentials).await.map_err(unreachable)?;
     Ok(FramesClient::new(channel).max_decoding_message_size(MAX_MESSAGE_BYTES))
 }
 
-async fn follow_live(config: &Config, intake: &Arc<Intake>, connected: &AtomicBool) -> Result<(), Status> {
+async fn follow_live(
+    config: &Config,
+    credentials: Option<&Credentials>,
+    intake: &Arc<Intake>,
+    connected: &AtomicBool,
+) -> Result<(), Status> {
     let run_id = intake.store.run().map(|r| r.id).unwrap_or_default();
     let request = v1::SubscribeRequest { run_id, after_step: intake.store.newest_step() };
-    let deliveries = frames(config).await?.subscribe(request).await?.into_inner();
+    let deliveries = frames(config, credentials).await?.subscribe(request).await?.into_inner();
     connected.store(true, Ordering::Relaxed);
     intake.counters.connections.fetch_add(1, Ordering::Relaxed);
     tracing::info!(generator = config.generator, "subscribed");
     assemble(config, intake, deliveries, Intake::take_live).await
 }
 
-async fn follow_trials(config: &Config, intake: &Arc<Intake>) -> Result<(), Status> {
+async fn follow_trials(config: &Config, credentials: Option<&Credentials>, intake: &Arc<Intake>) -> Result<(), Status> {
     let quality_address = config.quality_address.clone().unwrap_or_default();
     let request = v1::SubscribeTrialsRequest { quality_address };
-    let deliveries = frames(config).await?.subscribe_trials(request).await?.into_inner();
+    let deliveries = frames(config, credentials).await?.subscribe_trials(request).await?.into_inner();
     intake.trials.subscribed(true);
     assemble(config, intake, deliveries, Intake::take_trial).await
 }

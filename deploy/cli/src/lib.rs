@@ -13,6 +13,7 @@ pub mod cli;
 pub mod dims;
 pub mod doctor;
 pub mod in_process;
+pub mod keys;
 pub mod nodes;
 pub mod offline;
 pub mod pacer;

@@ -4,7 +4,7 @@
 
 use clap::Parser;
 use lamina::cli::{Cli, Command};
-use lamina::{doctor, offline, tune, watch};
+use lamina::{doctor, keys, offline, tune, watch};
 
 fn main() -> std::process::ExitCode {
     let cli = Cli::parse();
@@ -17,6 +17,7 @@ fn main() -> std::process::ExitCode {
         Command::Render(arguments) => offline::render(&arguments),
         Command::Compare(arguments) => offline::compare(&arguments),
         Command::Tune(arguments) => tune::tune(&arguments),
+        Command::Keys(arguments) => keys::keys(&arguments),
         Command::Doctor => doctor::doctor(),
     };
     lamina_rpc::daemon::exit_code(outcome)

@@ -5,6 +5,7 @@ use lamina_compute::CpuShare;
 use lamina_compute::gpu::Choice;
 use lamina_model::{GenerationParams, Representation, SamplePlan, Scene};
 use lamina_raycast::Backend;
+use lamina_rpc::credentials::Role;
 use lamina_rpc::daemon::{Shutdown, listen};
 use lamina_rpc::v1::{self, control_client::ControlClient, tuning_client::TuningClient};
 use lamina_tuner::Contract;
@@ -26,6 +27,8 @@ use tonic::transport::{Channel, Endpoint};
 pub struct Setup {
     /// Where the page is.
     pub viewer: SocketAddr,
+    /// Everybody who reaches the page may see it.
+    pub insecure: bool,
     /// Folder for VDIs; memory without one.
     pub store: Option<PathBuf>,
     /// Bytes for time steps in the generator-node.
@@ -81,6 +84,12 @@ const PATIENCE: Duration = Duration::from_secs(300);
 impl Nodes {
     /// Starts them; `scene` is what the run will be shown with.
     pub fn start(setup: Setup, scene: &Scene) -> anyhow::Result<Self> {
+        if !setup.insecure && !setup.viewer.ip().is_loopback() {
+            bail!(
+                "{} can be reached from other hosts: give --insecure to let everybody in, or start viz-node with --credentials",
+                setup.viewer
+            );
+        }
         let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
         let (stop, _) = watch::channel(false);
         let stopped = || -> Shutdown {
@@ -104,6 +113,7 @@ impl Nodes {
 
         let config = lamina_viz_node::Config {
             generator: generator.clone(),
+            insecure: setup.insecure,
             store: setup.store,
             backend: setup.backend,
             ..Default::default()
@@ -194,7 +204,7 @@ impl Nodes {
 
 /// Tells the generator-node the limits.
 async fn announce(generator: &str, tuning: &Tuning) -> anyhow::Result<()> {
-    let control = ControlClient::new(connect(generator).await?);
+    let control = ControlClient::new(connect(generator, Role::Generator, None).await?);
     push(&control, &limits_alone(&tuning.contract, &tuning.representations)).await?;
     Ok(())
 }

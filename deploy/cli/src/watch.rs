@@ -167,6 +167,7 @@ fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume) -> anyhow::Result
     // In work, each field and its colors take four bytes a voxel.
     let voxels = volume.grid().voxels() as u64 * (1 + u64::from(volume.color_field().is_some()));
     Ok(Setup {
+        insecure: options.insecure,
         viewer: if options.headless { SocketAddr::from((Ipv4Addr::LOCALHOST, 0)) } else { options.viewer },
         store: options.out.as_ref().map(|dir| dir.join("vdi")),
         backend: options.backend,

@@ -242,6 +242,7 @@ fn setup(arguments: &cli::BenchLive, share: CpuShare, first: &Volume, step_voxel
         budget: lamina_tuner::Config::default().budget,
     };
     Setup {
+        insecure: false,
         viewer: SocketAddr::from((Ipv4Addr::LOCALHOST, 0)),
         store: None,
         backend: lamina_compute::gpu::Choice::Auto,

@@ -19,6 +19,7 @@ pub(crate) use root::{GroupField, Root};
 use crate::Config;
 use crate::ingest::Ingest;
 use lamina_mpi::{Inbox, MpiError, Outbox};
+use lamina_rpc::daemon::Access;
 use lamina_rpc::v1;
 use lamina_rpc::v1::group_message::Kind;
 use prost::Message as _;
@@ -50,11 +51,11 @@ pub(crate) async fn announce(ingest: Arc<Ingest>, held: HeldSteps, outbox: Outbo
 }
 
 /// Where this member can be reached.
-pub(crate) fn ready(config: &Config, listener: &tokio::net::TcpListener) -> v1::GroupReady {
+pub(crate) fn ready(config: &Config, listener: &tokio::net::TcpListener, access: &Access) -> v1::GroupReady {
     let host = lamina_rpc::connect::host_name();
     let address = listener.local_addr().unwrap_or(config.listen);
     let reached = if address.ip().is_unspecified() { host.clone() } else { address.ip().to_string() };
-    v1::GroupReady { address: format!("http://{reached}:{}", address.port()), host }
+    v1::GroupReady { address: format!("{}://{reached}:{}", access.scheme(), address.port()), host }
 }
 
 /// Pause before a full member looks again.

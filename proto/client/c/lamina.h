@@ -36,7 +36,8 @@ enum {
 
 /* A run. What is 0 or NULL has its default: lamina_options run = { .name = "blast", ... }. */
 typedef struct {
-    const char *generator;   /* the generator-node; default http://127.0.0.1:7101 */
+    const char *generator;   /* the generator-node; default http://127.0.0.1:7101. One at https:// asks for the credentials in the
+                                folder that the environment variable LAMINA_CREDENTIALS names */
     const char *name;        /* of the run; needed */
     const char *field;       /* what the scalar is, such as "density"; needed */
     uint64_t dims[3];        /* sample points of the whole grid of all ranks along x, y, z; needed */

@@ -1,5 +1,5 @@
-//! What handing over a step of 128 MiB takes: handover SHARED_URL SENT_URL, two generator-nodes on this host, of which the second
-//! shares no memory. `tests/bench/handover` starts them.
+//! What handing over a step of 128 MiB takes: handover SHARED_URL SENT_URL SECURE_URL, generator-nodes on this host; the last
+//! two share no memory, and the last has credentials. `tests/bench/handover` starts them.
 //!
 //! This is rank 0 of two, and rank 1 never comes: no step is ever complete, and the nodes compute nothing meanwhile. All ways
 //! are taken in turn, round after round; printed are medians.
@@ -27,18 +27,28 @@ fn timed<T>(work: impl FnOnce() -> T) -> (f64, T) {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let urls: Vec<String> = std::env::args().skip(1).collect();
-    let [shared, sent] = urls.as_slice() else { return Err("usage: handover SHARED_URL SENT_URL".into()) };
-    let (mut shared, mut sent) = (connect(shared)?, connect(sent)?);
-    if !shared.shares_memory() || sent.shares_memory() {
-        return Err("the first node is to share memory, the second is not (shared_memory = false)".into());
+    let [shared, sent, secure] = urls.as_slice() else {
+        return Err("usage: handover SHARED_URL SENT_URL SECURE_URL".into());
+    };
+    let (mut shared, mut sent, mut secure) = (connect(shared)?, connect(sent)?, connect(secure)?);
+    if !shared.shares_memory() || sent.shares_memory() || secure.shares_memory() {
+        return Err("the first node is to share memory, the others are not (shared_memory = false)".into());
     }
     let field: Vec<f32> = (0..VOXELS).map(|n| n as f32).collect();
     let brick = Brick::new([0; 3], DIMS, &field);
     let mut copy = field.clone();
-    let names = ["sent over gRPC", "copied to shared memory", "computed in shared memory", "copy within the process"];
-    let mut times = [const { Vec::new() }; 4];
+    let names = [
+        "sent over gRPC",
+        "sent over gRPC with TLS",
+        "copied to shared memory",
+        "computed in shared memory",
+        "copy within the process",
+    ];
+    let mut times = [const { Vec::new() }; 5];
     for round in 0..=ROUNDS {
         let (by_grpc, pushed) = timed(|| sent.push(round, 0.0, &brick));
+        pushed?;
+        let (by_tls, pushed) = timed(|| secure.push(round, 0.0, &brick));
         pushed?;
         let (by_copy, pushed) = timed(|| shared.push(2 * round, 0.0, &brick));
         pushed?;
@@ -48,7 +58,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let (copying, ()) = timed(|| std::hint::black_box(&mut copy).copy_from_slice(std::hint::black_box(&field)));
         // The first one maps memory and opens windows.
         if round > 0 {
-            times.iter_mut().zip([by_grpc, by_copy, in_place, copying]).for_each(|(all, ms)| all.push(ms));
+            times.iter_mut().zip([by_grpc, by_tls, by_copy, in_place, copying]).for_each(|(all, ms)| all.push(ms));
         }
     }
     let medians = times.map(|mut all: Vec<f64>| {
@@ -56,7 +66,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         all[all.len() / 2]
     });
     for (name, ms) in names.iter().zip(medians) {
-        println!("{name:28} {ms:8.2} ms  {:6.3} of gRPC  {:6.2} of a copy", ms / medians[0], ms / medians[3]);
+        println!("{name:28} {ms:8.2} ms  {:6.3} of gRPC  {:6.2} of a copy", ms / medians[0], ms / medians[4]);
     }
     Ok(())
 }

@@ -33,12 +33,13 @@ pub use options::{Receipt, RunOptions};
 
 use driver::Driver;
 use lamina_model::Invalid;
-use lamina_rpc::connect::host_and_port;
+use lamina_rpc::connect::{NodeAddress, endpoint};
+use lamina_rpc::credentials::{Credentials, CredentialsError, Role};
 use lamina_shared_memory::Lease;
 use pace::Pace;
-use session::{CONNECT_WITHIN, Session, StepPart};
+use session::{Session, StepPart};
 use std::time::{Duration, Instant};
-use tonic::{Code, Status, transport::Endpoint};
+use tonic::{Code, Status};
 
 /// Why a step was not handed over.
 #[derive(Debug, thiserror::Error)]
@@ -83,7 +84,7 @@ pub struct Summary {
 #[derive(Debug)]
 pub struct Client {
     options: RunOptions,
-    endpoint: Endpoint,
+    credentials: Option<Credentials>,
     driver: Driver,
     session: Option<Session>,
     run_id: String,
@@ -104,14 +105,18 @@ impl Client {
     /// # Errors
     /// If the options cannot be right, or the node refuses them.
     pub fn connect(options: RunOptions) -> Result<Self, ClientError> {
-        host_and_port("generator", &options.generator)?;
-        let bad_address = |e: tonic::transport::Error| Invalid::new("generator", e.to_string());
-        let endpoint = Endpoint::from_shared(options.generator.clone()).map_err(bad_address)?;
+        let address = NodeAddress::read("generator", &options.generator)?;
+        let unusable = |e: CredentialsError| Invalid::new("credentials", e.to_string());
+        let folder = options.credentials.clone().or_else(Credentials::folder_of_environment);
+        // Without TLS nobody asks for them.
+        let folder = folder.filter(|_| address.secure);
+        let credentials = folder.map(Credentials::open).transpose().map_err(unusable)?;
+        // What is wrong with them is found now, not at the first step.
+        endpoint(&options.generator, Role::Generator, credentials.as_ref())?;
         let driver = Driver::start().map_err(ClientError::Runtime)?;
-        let endpoint = endpoint.connect_timeout(options.deadline.min(CONNECT_WITHIN)).tcp_nodelay(true);
         let mut client = Self {
             options,
-            endpoint,
+            credentials,
             driver,
             session: None,
             run_id: String::new(),
@@ -281,7 +286,7 @@ impl Client {
         if Instant::now() < self.retry_at {
             return Err(self.unreachable());
         }
-        let open = Session::open(self.endpoint.clone(), self.options.clone(), self.run_id.clone());
+        let open = Session::open(self.options.clone(), self.credentials.clone(), self.run_id.clone());
         match self.driver.away(self.remaining(started), open) {
             Ok((session, run_id)) => {
                 (self.session, self.run_id, self.backoff) = (Some(session), run_id, FIRST_BACKOFF);
@@ -298,6 +303,7 @@ impl Client {
             | Code::AlreadyExists
             | Code::FailedPrecondition
             | Code::NotFound
+            | Code::PermissionDenied
             | Code::ResourceExhausted => ClientError::Refused(status.message().to_owned()),
             code => {
                 self.session = None;

@@ -1,6 +1,7 @@
 //! A run as the simulation describes it, and what became of a brick.
 
 use lamina_model::{FullPolicy, Grid, Scene, VoxelType};
+use std::path::PathBuf;
 use std::time::Duration;
 
 /// A run as the simulation describes it.
@@ -27,6 +28,9 @@ pub struct RunOptions {
     pub full_policy: FullPolicy,
     /// How to show the run; if absent the node decides.
     pub scene: Option<Scene>,
+    /// Folder of keys that `lamina keys` made, for a generator-node at `https://`. Default: where the environment variable
+    /// LAMINA_CREDENTIALS says.
+    pub credentials: Option<PathBuf>,
     /// The longest any call may take. Default 5 s.
     pub deadline: Duration,
 }
@@ -45,6 +49,7 @@ impl RunOptions {
             ranks: 1,
             full_policy: FullPolicy::DropOldest,
             scene: None,
+            credentials: None,
             deadline: Duration::from_secs(5),
         }
     }

@@ -2,7 +2,9 @@
 
 use crate::pace::Timing;
 use crate::{Brick, Receipt, RunOptions};
-use lamina_rpc::connect::innermost;
+use lamina_model::Invalid;
+use lamina_rpc::connect::{endpoint, innermost};
+use lamina_rpc::credentials::{Credentials, Role};
 use lamina_rpc::v1::{self, ingest_client::IngestClient, push_part::Part};
 use lamina_shared_memory::{Lease, Ring};
 use std::time::Duration;
@@ -25,7 +27,7 @@ pub(crate) struct StepPart {
 }
 
 /// The longest that connecting may take, where the deadline of a call is longer.
-pub(crate) const CONNECT_WITHIN: Duration = Duration::from_secs(2);
+const CONNECT_WITHIN: Duration = Duration::from_secs(2);
 
 /// An attached rank.
 #[derive(Debug)]
@@ -40,18 +42,21 @@ impl Session {
     /// Connects and attaches; `run_id` is the one had before, or empty. Gives the run's id. Of a group of nodes it is the root that is
     /// asked first, and the member it names that takes the bricks.
     pub(crate) async fn open(
-        endpoint: Endpoint,
         options: RunOptions,
+        credentials: Option<Credentials>,
         run_id: String,
     ) -> Result<(Self, String), Status> {
-        let (session, run_id, member) = Self::attach(endpoint.clone(), options.clone(), run_id).await?;
+        // With the credentials' files as they are now.
+        let to = |address: &str| {
+            let unusable = |e: Invalid| Status::unavailable(e.to_string());
+            let endpoint = endpoint(address, Role::Generator, credentials.as_ref()).map_err(unusable)?;
+            Ok::<_, Status>(endpoint.connect_timeout(options.deadline.min(CONNECT_WITHIN)))
+        };
+        let (session, run_id, member) = Self::attach(to(&options.generator)?, options.clone(), run_id).await?;
         if member.is_empty() {
             return Ok((session, run_id));
         }
-        let bad_address = |e: tonic::transport::Error| Status::unavailable(format!("member {member}: {e}"));
-        let near = Endpoint::from_shared(member.clone()).map_err(bad_address)?;
-        let near = near.connect_timeout(options.deadline.min(CONNECT_WITHIN)).tcp_nodelay(true);
-        let (session, run_id, _) = Self::attach(near, options, run_id).await?;
+        let (session, run_id, _) = Self::attach(to(&member)?, options, run_id).await?;
         Ok((session, run_id))
     }
 

@@ -1,38 +1,81 @@
-//! Connections to nodes: addresses, keep-alive, and the cause of a failure.
+//! Connections to nodes: addresses, credentials, keep-alive, and the cause of a failure.
 
+use crate::credentials::{CREDENTIALS_VARIABLE, Credentials, Role};
 use lamina_model::Invalid;
+use std::fmt;
 use std::time::Duration;
 use tonic::codegen::http::uri::Authority;
 use tonic::transport::{Channel, Endpoint};
 
-/// Host and port of a node's address, `http://HOST:PORT`, that `field` gives.
-///
-/// # Errors
-/// If it is none.
-pub fn host_and_port(field: &'static str, address: &str) -> Result<(String, u16), Invalid> {
-    let refuse = |why| {
-        let example = "write http://HOST:PORT, such as http://10.0.0.7:7102";
-        Invalid::new(field, format!("\"{address}\" {why}; {example}"))
-    };
-    let authority = address.strip_prefix("http://").ok_or_else(|| refuse("does not begin with http://"))?;
-    let named: Authority =
-        authority.strip_suffix('/').unwrap_or(authority).parse().map_err(|_| refuse("names no host and port"))?;
-    let port = named.port_u16().filter(|&port| port != 0).ok_or_else(|| refuse("has no port"))?;
-    if named.host().is_empty() || named.as_str().contains('@') {
-        return Err(refuse("names no host"));
-    }
-    Ok((named.host().to_owned(), port))
+/// Where a node is: `http://HOST:PORT`, or `https://HOST:PORT` of one that has credentials.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NodeAddress {
+    /// Whether connections are secured by TLS.
+    pub secure: bool,
+    /// A name or an IP address; those of version 6 in brackets.
+    pub host: String,
+    /// The port, not 0.
+    pub port: u16,
 }
 
-/// A connection to the node at `address`, tried for at most two seconds. A peer that vanishes without a word is noticed
-/// within twenty.
+impl NodeAddress {
+    /// Reads the address that `field` gives.
+    ///
+    /// # Errors
+    /// If it is none.
+    pub fn read(field: &'static str, address: &str) -> Result<Self, Invalid> {
+        let refuse = |why| {
+            let example =
+                "write http://HOST:PORT, such as http://10.0.0.7:7102, or https:// where the node has credentials";
+            Invalid::new(field, format!("\"{address}\" {why}; {example}"))
+        };
+        let (secure, authority) = match address.split_once("://") {
+            Some(("http", authority)) => (false, authority),
+            Some(("https", authority)) => (true, authority),
+            _ => return Err(refuse("does not begin with http:// or https://")),
+        };
+        let named: Authority =
+            authority.strip_suffix('/').unwrap_or(authority).parse().map_err(|_| refuse("names no host and port"))?;
+        let port = named.port_u16().filter(|&port| port != 0).ok_or_else(|| refuse("has no port"))?;
+        if named.host().is_empty() || named.as_str().contains('@') {
+            return Err(refuse("names no host"));
+        }
+        Ok(Self { secure, host: named.host().to_owned(), port })
+    }
+}
+
+impl fmt::Display for NodeAddress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "http{}://{}:{}", if self.secure { "s" } else { "" }, self.host, self.port)
+    }
+}
+
+/// What connections to the node at `address`, which is to be a `server`, are made with.
 ///
 /// # Errors
-/// If the address is none, or nobody answers there; the message is the cause at the bottom.
-pub async fn connect(address: &str) -> Result<Channel, String> {
-    let cause = |e: tonic::transport::Error| format!("not reachable ({})", innermost(&e));
-    let endpoint = Endpoint::from_shared(address.to_owned()).map_err(cause)?;
-    with_keep_alive(endpoint).connect_timeout(Duration::from_secs(2)).connect().await.map_err(cause)
+/// If the address is none, or asks for credentials that are not given or cannot be read.
+pub fn endpoint(address: &str, server: Role, credentials: Option<&Credentials>) -> Result<Endpoint, Invalid> {
+    let invalid = |reason: String| Invalid::new("address", reason);
+    let secure = NodeAddress::read("address", address)?.secure;
+    let endpoint = Endpoint::from_shared(address.to_owned()).map_err(|e| invalid(e.to_string()))?;
+    let endpoint = endpoint.tcp_nodelay(true);
+    if !secure {
+        return Ok(endpoint);
+    }
+    let missing = || invalid(format!("{address} asks for credentials; name their folder in {CREDENTIALS_VARIABLE}"));
+    let tls = credentials.ok_or_else(missing)?.client_tls(server).map_err(|e| invalid(e.to_string()))?;
+    endpoint.tls_config(tls).map_err(|e| invalid(format!("credentials: {}", innermost(&e))))
+}
+
+/// A connection to the node at `address`, which is to be a `server`, tried for at most two seconds. A peer that vanishes without a
+/// word is noticed within twenty.
+///
+/// # Errors
+/// As [`endpoint`], or if nobody answers there; the message is the cause at the bottom.
+pub async fn connect(address: &str, server: Role, credentials: Option<&Credentials>) -> Result<Channel, String> {
+    let endpoint = endpoint(address, server, credentials).map_err(|e| e.to_string())?;
+    let endpoint = with_keep_alive(endpoint).connect_timeout(Duration::from_secs(2));
+    endpoint.connect().await.map_err(|e| format!("not reachable ({})", innermost(&e)))
 }
 
 /// The cause at the bottom: "connection refused" rather than "transport error".
@@ -47,7 +90,6 @@ pub fn innermost(error: &dyn std::error::Error) -> String {
 /// Windows for large payloads, and pings that tell a dead peer from a silent one.
 fn with_keep_alive(endpoint: Endpoint) -> Endpoint {
     endpoint
-        .tcp_nodelay(true)
         .initial_stream_window_size(4 << 20)
         .initial_connection_window_size(8 << 20)
         .http2_keep_alive_interval(Duration::from_secs(10))
@@ -64,7 +106,7 @@ pub fn host_name() -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::host_and_port;
+    use super::NodeAddress;
 
     #[test]
     fn addresses_have_a_host_and_a_port() {
@@ -72,9 +114,11 @@ mod tests {
             ("http://127.0.0.1:7101", "127.0.0.1", 7101),
             ("http://node-17.cluster:80", "node-17.cluster", 80),
             ("http://[::1]:7101", "[::1]", 7101),
-            ("http://host:7101/", "host", 7101),
+            ("https://host:7101/", "host", 7101),
         ] {
-            assert_eq!(host_and_port("generator", good), Ok((host.to_owned(), port)));
+            let address = NodeAddress::read("generator", good).unwrap();
+            assert_eq!((address.host.as_str(), address.port), (host, port));
+            assert_eq!(address.to_string(), good.trim_end_matches('/'));
         }
         for bad in [
             "",
@@ -88,10 +132,10 @@ mod tests {
             "http://host:7101/x?y",
             "http://me@host:7101",
             "http://a b:1",
-            "https://host:7101",
+            "ftp://host:7101",
             "host:7101",
         ] {
-            let refused = host_and_port("generator", bad).unwrap_err().to_string();
+            let refused = NodeAddress::read("generator", bad).unwrap_err().to_string();
             assert!(refused.contains("generator") && refused.contains("http://HOST:PORT"), "{bad}: {refused}");
         }
     }

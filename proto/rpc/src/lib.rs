@@ -3,6 +3,7 @@
 pub mod chunks;
 pub mod connect;
 pub mod convert;
+pub mod credentials;
 #[cfg(feature = "daemon")]
 pub mod daemon;
 pub mod launcher;

@@ -40,7 +40,7 @@ fn a_refused_brick_names_ranks_and_the_run_goes_on() {
 
 #[test]
 fn addresses_that_cannot_be_are_refused_by_name() {
-    for bad in ["", "127.0.0.1:7101", "https://127.0.0.1:7101", "http://127.0.0.1", "http://two words:1", "somewhere"] {
+    for bad in ["", "127.0.0.1:7101", "ftp://127.0.0.1:7101", "http://127.0.0.1", "http://two words:1", "somewhere"] {
         match Client::connect(options(bad)).map(drop) {
             Err(ClientError::Invalid(e)) => {
                 assert_eq!(e.thing, "generator", "{bad}");

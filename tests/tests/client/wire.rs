@@ -2,6 +2,7 @@
 
 use crate::{LONG, Node, SIDE, STEP_BYTES, VOXELS, admitted, any_port, options, push_whole};
 use lamina_client::{Brick, Client, ClientError, Receipt, RunOptions, Summary};
+use lamina_rpc::daemon::Access;
 use lamina_rpc::v1::{self, push_part::Part};
 use std::future::pending;
 use std::sync::mpsc;
@@ -28,7 +29,7 @@ impl Recorder {
         let service = v1::ingest_server::IngestServer::new(Self { verdict, seen });
         let router = tonic::transport::Server::builder().add_service(service);
         let node = Node::serve(any_port(), |listener| async {
-            lamina_rpc::daemon::serve(router, listener, Box::pin(pending())).await.unwrap();
+            lamina_rpc::daemon::serve(router, listener, Access::SameUser, Box::pin(pending())).await.unwrap();
         });
         (node, records)
     }

@@ -5,6 +5,7 @@
 use futures::{Stream, stream};
 use lamina_model::{GenerationParams, Invalid};
 use lamina_rpc::connect::connect;
+use lamina_rpc::credentials::Role;
 use lamina_rpc::v1::generation_params::{Kind, Vdi};
 use lamina_rpc::v1::{self, control_client::ControlClient, frames_client::FramesClient, quality_server};
 use lamina_tests::processes::{Daemon, free_port, recorded_series, wait_for};
@@ -52,7 +53,7 @@ impl Cluster {
     }
 
     async fn control(&self) -> ControlClient<Channel> {
-        let control = ControlClient::new(connect(&self.generator.url()).await.unwrap());
+        let control = ControlClient::new(connect(&self.generator.url(), Role::Generator, None).await.unwrap());
         // The step's report says that trials have something to hold.
         control.clone().watch(v1::WatchRequest {}).await.unwrap().into_inner().message().await.unwrap().unwrap();
         control
@@ -62,7 +63,7 @@ impl Cluster {
     async fn remote(&self, viewers: usize) -> Result<Remote, TrialError> {
         let control = self.control().await;
         self.viewers(&control, viewers).await;
-        Remote::open(&control, &self.generator.url(), false).await
+        Remote::open(&control, &self.generator.url(), &None, false).await
     }
 
     async fn viewers(&self, control: &ControlClient<Channel>, n: usize) -> Vec<v1::Viewer> {
@@ -230,7 +231,7 @@ fn a_viewer_that_hangs_in_a_study_is_named_and_its_trials_are_measured_by_the_ot
 
 async fn subscribe(cluster: &Cluster, quality_address: &str) -> Result<tonic::Streaming<v1::Delivery>, Status> {
     let request = v1::SubscribeTrialsRequest { quality_address: quality_address.to_owned() };
-    let channel = connect(&cluster.generator.url()).await.unwrap();
+    let channel = connect(&cluster.generator.url(), Role::Generator, None).await.unwrap();
     Ok(FramesClient::new(channel).subscribe_trials(request).await?.into_inner())
 }
 
@@ -281,7 +282,7 @@ fn a_trial_is_answered_as_it_was_asked() {
         assert!(timed.generation_ns > 0 && got[7].viewer.is_empty());
         assert_eq!((timed.size_bytes, timed.encode_ns), (0, 0), "neither encoded nor sent");
 
-        let channel = connect(&viz.url()).await.unwrap();
+        let channel = connect(&viz.url(), Role::Viewer, None).await.unwrap();
         let mut quality = v1::quality_client::QualityClient::new(channel);
         let mut measure = async |trial_id, first_batch, batches| {
             let request = v1::QualityRequest { trial_id, first_batch, batches, study: None };
@@ -307,7 +308,7 @@ fn without_viewers_or_with_an_address_that_is_none_the_remedy_is_named() {
     let cluster = Cluster::start();
     run(async {
         // One that shows, but measures nothing.
-        let channel = connect(&cluster.generator.url()).await.unwrap();
+        let channel = connect(&cluster.generator.url(), Role::Generator, None).await.unwrap();
         let _silent = FramesClient::new(channel).subscribe(v1::SubscribeRequest::default()).await.unwrap();
         let error = cluster.remote(0).await.err().unwrap().to_string();
         assert!(

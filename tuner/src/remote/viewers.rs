@@ -6,6 +6,7 @@ use futures::FutureExt;
 use futures::future::BoxFuture;
 use lamina_model::Quality;
 use lamina_rpc::connect::connect;
+use lamina_rpc::credentials::{Credentials, Role};
 use lamina_rpc::v1::{self, control_client::ControlClient, quality_client::QualityClient};
 use std::ops::Range;
 use std::sync::Arc;
@@ -34,6 +35,7 @@ pub(super) struct Viewer {
     /// It made no progress with the last one: others come first.
     pub stalled: bool,
     client: Arc<OnceCell<QualityClient<Channel>>>,
+    credentials: Option<Credentials>,
 }
 
 /// Why there is no measurement.
@@ -54,6 +56,7 @@ pub(super) enum Fault {
 #[derive(Debug)]
 pub(super) struct Viewers {
     generator: String,
+    credentials: Option<Credentials>,
     list: Streaming<v1::ViewerList>,
     present: Vec<Viewer>,
     /// Addresses of those that failed.
@@ -70,12 +73,17 @@ impl Viewers {
     ///
     /// # Errors
     /// If it does not answer, or lists nobody for some seconds.
-    pub(super) async fn open(control: &ControlClient<Channel>, generator: &str) -> Result<Self, TrialError> {
+    pub(super) async fn open(
+        control: &ControlClient<Channel>,
+        generator: &str,
+        credentials: Option<Credentials>,
+    ) -> Result<Self, TrialError> {
         let failed = |status: Status| node_error("generator-node", generator, &words(&status));
         let list = control.clone().viewers(v1::ViewersRequest {}).await.map_err(failed)?.into_inner();
         let generator = generator.to_owned();
         let (present, left_out, lost) = (Vec::new(), Vec::new(), Vec::new());
-        let mut viewers = Self { generator, list, present, left_out, lost, last_failure: None, hope: None };
+        let mut viewers =
+            Self { generator, credentials, list, present, left_out, lost, last_failure: None, hope: None };
         let deadline = Instant::now() + PATIENCE;
         while viewers.present.is_empty() {
             match timeout_at(deadline, viewers.changed()).await {
@@ -124,7 +132,14 @@ impl Viewers {
         }
         for v1::Viewer { viewer: name, address } in list.viewers {
             if !self.left_out.contains(&address) && !self.lost.contains(&name) && self.get(&name).is_none() {
-                self.present.push(Viewer { name, address, given: 0, stalled: false, client: Arc::default() });
+                self.present.push(Viewer {
+                    name,
+                    address,
+                    given: 0,
+                    stalled: false,
+                    client: Arc::default(),
+                    credentials: self.credentials.clone(),
+                });
             }
         }
     }
@@ -208,10 +223,12 @@ impl Viewer {
         batches: Range<u32>,
         study: v1::StudyProgress,
     ) -> BoxFuture<'static, Result<Quality, Fault>> {
-        let (client, address) = (self.client.clone(), self.address.clone());
+        let (client, address, credentials) = (self.client.clone(), self.address.clone(), self.credentials.clone());
         let silent = |_| Fault::Stalled(format!("said nothing of a trial for {SILENCE:?}"));
         async move {
-            let connected = client.get_or_try_init(|| async { connect(&address).await.map(QualityClient::new) }).await;
+            let connect =
+                || async { connect(&address, Role::Viewer, credentials.as_ref()).await.map(QualityClient::new) };
+            let connected = client.get_or_try_init(connect).await;
             let unreachable = |reason| {
                 Fault::Failed(format!("{reason}; set quality_address in its configuration to where others reach it"))
             };

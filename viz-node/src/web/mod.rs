@@ -1,6 +1,7 @@
 //! The page and what it asks for: state, events, pictures; and metrics for Prometheus.
 
 pub(crate) mod assets;
+pub(crate) mod guard;
 mod metrics;
 
 use crate::intake::Intake;

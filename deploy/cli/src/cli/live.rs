@@ -110,6 +110,9 @@ pub struct Watch {
     /// the cores, at least one
     #[arg(long, value_name = "CORES", conflicts_with_all = ["headless", "generator"], allow_negative_numbers = true)]
     pub cpu_share: Option<CpuLimit>,
+    /// Let everybody see the page who reaches its address, where that is another than this host's own
+    #[arg(long)]
+    pub insecure: bool,
     /// Address of the viewer
     #[arg(long, default_value = "127.0.0.1:7102", value_name = "IP:PORT")]
     pub viewer: SocketAddr,

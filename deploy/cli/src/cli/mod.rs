@@ -12,6 +12,7 @@ use crate::dims::Dims;
 use clap::{Args, Parser, Subcommand};
 use lamina_compute::gpu::Choice;
 use lamina_model::VoxelType;
+use lamina_rpc::credentials::Role;
 use std::path::PathBuf;
 
 /// Watch a running simulation at a price you name.
@@ -42,6 +43,8 @@ pub enum Command {
     Compare(Compare),
     /// Find the best parameters of a volume under a contract
     Tune(Tune),
+    /// Make the keys with which nodes and simulations know each other
+    Keys(Keys),
     /// Say what this machine offers
     Doctor,
 }
@@ -55,6 +58,24 @@ impl Default for Command {
         }
         Self::Live(Defaults::parse_from(["lamina"]).live)
     }
+}
+
+/// Credentials: a folder for each role, signed by a private authority that the first call makes. A later call makes new
+/// certificates, which running nodes take up.
+#[derive(Debug, Args)]
+pub struct Keys {
+    /// Folder for all of them
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+    /// Only this role's: simulation, generator, viewer, tuner or admin
+    #[arg(long, value_name = "ROLE")]
+    pub role: Option<Role>,
+    /// Days until the certificates expire
+    #[arg(long, default_value_t = 365, value_name = "N")]
+    pub days: u32,
+    /// A name or address by which browsers reach the page, besides this host's; may be given again
+    #[arg(long, value_name = "HOST")]
+    pub host: Vec<String>,
 }
 
 /// Properties of a raw file that the file itself does not state.

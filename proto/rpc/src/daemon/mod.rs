@@ -1,11 +1,18 @@
 //! What every daemon does around its services: read its configuration, log, listen, answer, stop cleanly.
 
+mod access;
 mod config;
+mod connections;
 mod heartbeat;
+mod random;
 mod serve;
+mod server_tls;
 
+pub use access::{Access, AllowRoles, Identity, Peer, peer_of};
 pub use config::{exit_code, load_config, log_to_stderr};
+pub use connections::{Connection, Connections};
 pub use heartbeat::with_heartbeat;
+pub use random::random;
 pub use serve::{Shutdown, listen, serve, stop_signal};
 
 use std::net::SocketAddr;
@@ -39,6 +46,17 @@ pub enum NodeError {
         /// The system's words.
         reason: std::io::Error,
     },
+    /// Others could reach the node, and nothing says who may.
+    #[error(
+        "{address} can be reached from other hosts: name credentials (--credentials DIR, made by `lamina keys`), listen on 127.0.0.1, or let everybody in (--insecure)"
+    )]
+    Open {
+        /// The address.
+        address: SocketAddr,
+    },
+    /// The credentials cannot be used.
+    #[error(transparent)]
+    Credentials(#[from] crate::credentials::CredentialsError),
     /// The system gives no thread.
     #[error("no thread: {0}")]
     Thread(std::io::Error),

@@ -1,6 +1,6 @@
 //! Listening, serving until a signal, and stopping cleanly.
 
-use super::NodeError;
+use super::{Access, Connections, NodeError};
 use std::{future::Future, net::SocketAddr, pin::Pin, time::Duration};
 use tokio::net::TcpListener;
 use tonic::transport::server::Router;
@@ -19,12 +19,15 @@ const GRACE: Duration = Duration::from_secs(1);
 /// What a node stops on. A boxed future, so that a node's machinery is compiled once, in its own crate.
 pub type Shutdown = Pin<Box<dyn Future<Output = ()> + Send>>;
 
-/// Serves `router` on `listener` until `shutdown` completes, then for at most a second more.
+/// Serves `router` on `listener` to whom `access` lets in until `shutdown` completes, then for at most a second more.
 ///
 /// # Errors
 /// If the transport fails.
-pub async fn serve(router: Router, listener: TcpListener, shutdown: Shutdown) -> Result<(), NodeError> {
-    let incoming = tonic::transport::server::TcpIncoming::from(listener).with_nodelay(Some(true));
+pub async fn serve(router: Router, listener: TcpListener, access: Access, shutdown: Shutdown) -> Result<(), NodeError> {
+    let address = listener.local_addr();
+    let failed = |reason| NodeError::Listen { address: address.unwrap_or(([0; 4], 0).into()), reason };
+    let connections = Connections::accept(listener, access).map_err(failed)?;
+    let incoming = tokio_stream::StreamExt::map(connections, Ok::<_, std::io::Error>);
     let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
     let server = router.serve_with_incoming_shutdown(incoming, async {
         let _ = stopped.await;

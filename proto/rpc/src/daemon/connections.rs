@@ -1,0 +1,181 @@
+//! Connections as a node accepts them: how many, from whom, secured or not.
+
+use super::access::{Access, Identity, Peer, user_of};
+use super::server_tls::stated_role;
+use std::io;
+use std::net::SocketAddr;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{Context, Poll};
+use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
+use tokio_rustls::TlsAcceptor;
+use tokio_rustls::server::TlsStream;
+use tonic::transport::server::Connected;
+
+/// The most connections of a node at a time; others wait in the system's queue.
+const MOST: usize = 4096;
+/// How long a peer may take for the handshake of TLS.
+const HANDSHAKE: Duration = Duration::from_secs(10);
+
+/// Connections that are ready, one after the other.
+#[derive(Debug)]
+pub struct Connections {
+    ready: mpsc::Receiver<Connection>,
+    address: SocketAddr,
+}
+
+/// A connection.
+#[derive(Debug)]
+pub struct Connection {
+    stream: Stream,
+    peer: Peer,
+    _permit: OwnedSemaphorePermit,
+}
+
+#[derive(Debug)]
+enum Stream {
+    Plain(TcpStream),
+    Secure(Box<TlsStream<TcpStream>>),
+}
+
+impl Connections {
+    /// Those that come to `listener`, of whom `access` lets in.
+    ///
+    /// # Errors
+    /// If the listener has no address.
+    pub fn accept(listener: TcpListener, access: Access) -> io::Result<Self> {
+        let (address, (sender, ready)) = (listener.local_addr()?, mpsc::channel(64));
+        tokio::spawn(async move {
+            let permits = Arc::new(Semaphore::new(MOST));
+            while let Ok(permit) = permits.clone().acquire_owned().await {
+                let accepted = tokio::select! {
+                    accepted = listener.accept() => accepted,
+                    () = sender.closed() => return,
+                };
+                let Ok((stream, peer)) = accepted else {
+                    // Out of descriptors, as a rule: some will be closed.
+                    tokio::time::sleep(Duration::from_millis(50)).await;
+                    continue;
+                };
+                let (access, sender) = (access.clone(), sender.clone());
+                tokio::spawn(async move {
+                    let _ = stream.set_nodelay(true);
+                    match enter(stream, peer, &access).await {
+                        Ok((stream, peer)) => drop(sender.send(Connection { stream, peer, _permit: permit }).await),
+                        Err(reason) => tracing::info!(%peer, %reason, "connection refused"),
+                    }
+                });
+            }
+        });
+        Ok(Self { ready, address })
+    }
+
+    /// Where they come to.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// The next one; waits for ever once the listener has failed.
+    pub async fn next(&mut self) -> Connection {
+        match self.ready.recv().await {
+            Some(connection) => connection,
+            None => std::future::pending().await,
+        }
+    }
+}
+
+/// Finds out who is there.
+async fn enter(stream: TcpStream, address: SocketAddr, access: &Access) -> io::Result<(Stream, Peer)> {
+    let peer = |identity| Peer { address, identity };
+    match access {
+        Access::Anybody => Ok((Stream::Plain(stream), peer(Identity::Trusted))),
+        Access::SameUser => {
+            let local = stream.local_addr()?;
+            let identity = tokio::task::spawn_blocking(move || local_identity(address, local)).await?;
+            Ok((Stream::Plain(stream), peer(identity)))
+        }
+        Access::Certificates(tls) => {
+            let handshake = TlsAcceptor::from(tls.config()).accept(stream);
+            let stream = tokio::time::timeout(HANDSHAKE, handshake).await??;
+            let role = stated_role(stream.get_ref().1.peer_certificates());
+            let identity = role.map_or(Identity::Unknown, Identity::Certified);
+            Ok((Stream::Secure(Box::new(stream)), peer(identity)))
+        }
+    }
+}
+
+/// Whether the process at `peer` is of this process's user, or of root. Where the system does not tell, whoever is on this host is
+/// let in.
+#[cfg(target_os = "linux")]
+fn local_identity(peer: SocketAddr, local: SocketAddr) -> Identity {
+    use std::os::unix::fs::MetadataExt as _;
+    let own = std::fs::metadata("/proc/self").map(|process| process.uid()).ok();
+    match user_of(peer, local) {
+        Some(user) if user == 0 || Some(user) == own => Identity::Trusted,
+        Some(user) => Identity::OtherUser(user),
+        None => Identity::Unknown,
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+fn local_identity(_: SocketAddr, _: SocketAddr) -> Identity {
+    Identity::Trusted
+}
+
+impl tokio_stream::Stream for Connections {
+    type Item = Connection;
+
+    fn poll_next(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Connection>> {
+        self.ready.poll_recv(cx)
+    }
+}
+
+impl Connected for Connection {
+    type ConnectInfo = Peer;
+
+    fn connect_info(&self) -> Peer {
+        self.peer
+    }
+}
+
+impl Connection {
+    /// The other end.
+    pub fn peer(&self) -> Peer {
+        self.peer
+    }
+}
+
+impl AsyncRead for Connection {
+    fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+        match &mut self.stream {
+            Stream::Plain(stream) => Pin::new(stream).poll_read(cx, buffer),
+            Stream::Secure(stream) => Pin::new(stream).poll_read(cx, buffer),
+        }
+    }
+}
+
+impl AsyncWrite for Connection {
+    fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+        match &mut self.stream {
+            Stream::Plain(stream) => Pin::new(stream).poll_write(cx, bytes),
+            Stream::Secure(stream) => Pin::new(stream).poll_write(cx, bytes),
+        }
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        match &mut self.stream {
+            Stream::Plain(stream) => Pin::new(stream).poll_flush(cx),
+            Stream::Secure(stream) => Pin::new(stream).poll_flush(cx),
+        }
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        match &mut self.stream {
+            Stream::Plain(stream) => Pin::new(stream).poll_shutdown(cx),
+            Stream::Secure(stream) => Pin::new(stream).poll_shutdown(cx),
+        }
+    }
+}

@@ -1,0 +1,209 @@
+//! Who is let in: real nodes with credentials, and everybody who should not be.
+
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use lamina_client::{Brick, Client, ClientError, RunOptions};
+use lamina_model::VoxelType;
+use lamina_rpc::connect::connect;
+use lamina_rpc::credentials::{Credentials, Role};
+use lamina_rpc::v1::{self, control_client::ControlClient, frames_client::FramesClient, tuning_client::TuningClient};
+use lamina_tests::processes::{Daemon, binary, free_port, run, wait_for};
+use lamina_tests::{clumps, sampled_cube};
+use std::io::{BufRead as _, BufReader};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+use tokio::runtime::Runtime;
+use tonic::Code;
+
+/// A node with the credentials of its role.
+fn node(name: &str, keys: &Path, role: Role, arguments: &[&str]) -> (Daemon, String) {
+    let (port, folder) = (free_port(), keys.join(role.name()).display().to_string());
+    let daemon = Daemon::start(name, port, &[&["--credentials", &folder], arguments].concat());
+    (daemon, format!("https://127.0.0.1:{port}"))
+}
+
+fn make_keys(folder: &Path) {
+    run("lamina", &["keys", &folder.display().to_string(), "--days", "2"]);
+}
+
+fn of(keys: &Path, role: Role) -> Option<Credentials> {
+    Some(Credentials::open(keys.join(role.name())).unwrap())
+}
+
+fn options(generator: &str, credentials: Option<&Path>) -> RunOptions {
+    let volume = sampled_cube(24, clumps);
+    let options = RunOptions::new(generator, "trust", "density", *volume.grid(), VoxelType::F64);
+    RunOptions { credentials: credentials.map(Path::to_owned), ..options }
+}
+
+fn push(generator: &str, credentials: Option<&Path>, steps: u64) -> Result<(), ClientError> {
+    let mut client = Client::connect(options(generator, credentials))?;
+    let volume = sampled_cube(24, clumps);
+    let lamina_model::Voxels::F64(voxels) = volume.voxels() else { unreachable!("made of f64") };
+    for step in 0..steps {
+        client.push(step, step as f64, &Brick::new([0; 3], [24; 3], &voxels[..]))?;
+    }
+    client.close();
+    Ok(())
+}
+
+/// What curl answers: status, then headers and body.
+fn curl(url: &str, arguments: &[&str]) -> (String, String) {
+    let output = Command::new("curl")
+        .args([
+            "--silent",
+            "--show-error",
+            "--include",
+            "--insecure",
+            "--max-time",
+            "20",
+            "--write-out",
+            "\n%{http_code}",
+        ])
+        .args(arguments)
+        .arg(url)
+        .output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    let (body, status) = text.rsplit_once('\n').unwrap();
+    (status.to_owned(), body.to_owned())
+}
+
+#[test]
+fn nodes_with_credentials_work_together_and_each_role_does_only_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let [keys, others] = ["keys", "others"].map(|name| folder.path().join(name));
+    make_keys(&keys);
+    make_keys(&others);
+    let (generator, at_generator) = node("generator-node", &keys, Role::Generator, &[]);
+    let (_viz, at_viz) = node("viz-node", &keys, Role::Viewer, &["--generator", &at_generator]);
+    let config = folder.path().join("tuner.toml");
+    std::fs::write(&config, "contract = \"size <= 40kB\"\nbudget = 1.0\n").unwrap();
+    let arguments = ["--generator", &at_generator, "--config", &config.display().to_string()];
+    let (_tuner, at_tuner) = node("tuner", &keys, Role::Tuner, &arguments);
+
+    push(&at_generator, Some(&keys.join("simulation")), 3).unwrap();
+    let [certificate, key] = ["cert.pem", "key.pem"].map(|name| keys.join("viewer").join(name).display().to_string());
+    let as_viewer = ["--cert", certificate.as_str(), "--key", key.as_str()];
+    // The last step came, its quality was measured, and its parameters are a study's: all links carry.
+    let shown = wait_for(Duration::from_secs(60), || {
+        let (_, state) = curl(&format!("{at_viz}/api/state"), &as_viewer);
+        state.contains("\"step\":2") && state.contains("\"measured\":\"yes\"")
+    });
+    assert!(shown, "{:?}", curl(&format!("{at_viz}/api/state"), &as_viewer));
+    let runtime = Runtime::new().unwrap();
+    let studied = wait_for(Duration::from_secs(60), || {
+        runtime.block_on(async {
+            let channel = connect(&at_tuner, Role::Tuner, of(&keys, Role::Admin).as_ref()).await.unwrap();
+            let status =
+                TuningClient::new(channel).status(v1::TunerStatusRequest { with_trials: false }).await.unwrap();
+            status.into_inner().studies > 0
+        })
+    });
+    assert!(studied, "trials go from generator-node to viz-node and their measurements to the tuner");
+
+    // A simulation cannot set parameters or look on, a viewer cannot push or set, a tuner cannot push.
+    for role in Role::ALL {
+        let may = |roles: &[Role]| {
+            if roles.contains(&role) || role == Role::Admin { None } else { Some(Code::PermissionDenied) }
+        };
+        let (set, subscribed) = runtime.block_on(async {
+            let channel = connect(&at_generator, Role::Generator, of(&keys, role).as_ref()).await.unwrap();
+            let set = ControlClient::new(channel.clone()).watch(v1::WatchRequest {}).await.err().map(|s| s.code());
+            let subscribed = FramesClient::new(channel).subscribe(v1::SubscribeRequest::default()).await;
+            (set, subscribed.err().map(|status| status.code()))
+        });
+        assert_eq!((set, subscribed), (may(&[Role::Tuner]), may(&[Role::Viewer])), "{role}");
+        let pushed = Client::connect(options(&at_generator, Some(&keys.join(role.name()))));
+        match pushed {
+            Ok(_) => assert!(matches!(role, Role::Simulation | Role::Admin), "{role}"),
+            Err(ClientError::Refused(words)) => assert!(words.contains(&format!("a {role}'s certificate")), "{words}"),
+            Err(other) => panic!("{role}: {other}"),
+        }
+    }
+
+    // Certificates of another authority, none at all, and no TLS.
+    let strangers = runtime.block_on(connect(&at_generator, Role::Generator, of(&others, Role::Admin).as_ref()));
+    assert!(strangers.is_err(), "the node's certificate is not of their authority, nor theirs of its");
+    let plain = at_generator.replace("https", "http");
+    assert!(push(&plain, None, 1).is_err());
+    assert!(matches!(push(&at_generator, None, 1), Err(ClientError::Invalid(_))), "https asks for credentials");
+    // A node of another role does not pass for a generator-node.
+    assert!(runtime.block_on(connect(&at_tuner, Role::Generator, of(&keys, Role::Viewer).as_ref())).is_err());
+
+    // New certificates of the same authority are taken up by the nodes that run.
+    let before = std::fs::read(keys.join("generator/cert.pem")).unwrap();
+    make_keys(&keys);
+    assert_ne!(std::fs::read(keys.join("generator/cert.pem")).unwrap(), before);
+    push(&at_generator, Some(&keys.join("simulation")), 1).unwrap();
+    // Files that cannot be used leave those before in use.
+    std::fs::write(keys.join("generator/cert.pem"), "nothing").unwrap();
+    push(&at_generator, Some(&keys.join("simulation")), 1).unwrap();
+    assert_eq!(generator.terminate(), Some(0));
+}
+
+#[test]
+fn a_browser_enters_with_the_token_that_was_printed() {
+    let folder = tempfile::tempdir().unwrap();
+    make_keys(folder.path());
+    let (port, credentials) = (free_port(), folder.path().join("viewer").display().to_string());
+    let mut command = Command::new(binary("viz-node"));
+    let listen = format!("127.0.0.1:{port}");
+    command.args(["--listen", &listen, "--credentials", &credentials, "--generator", "https://127.0.0.1:9"]);
+    let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().unwrap();
+    let mut line = String::new();
+    BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    let entrance = line.trim().strip_prefix("watch it at ").unwrap().to_owned();
+    let page = format!("https://127.0.0.1:{port}");
+    assert!(entrance.starts_with(&page), "{entrance}");
+    assert_eq!(curl(&page, &[]).0, "401");
+    assert_eq!(curl(&format!("{page}/metrics"), &[]).0, "401");
+    let (status, entered) = curl(&entrance, &[]);
+    assert_eq!(status, "200");
+    let cookie = entered.lines().find_map(|line| line.strip_prefix("set-cookie: ")).unwrap();
+    let session = cookie.split(';').next().unwrap();
+    let (status, shown) = curl(&page, &["--cookie", session]);
+    assert_eq!((status.as_str(), shown.contains("<title>")), ("200", true));
+    assert_eq!(curl(&entrance, &[]).0, "401", "the token was used");
+    // A name that leads here is not this host's (DNS rebinding); another site's script asks (cross-site request).
+    assert_eq!(curl(&page, &["--cookie", session, "--header", "Host: evil.example"]).0, "421");
+    let cross_site = ["--cookie", session, "--header", "Sec-Fetch-Site: cross-site"];
+    assert_eq!(curl(&format!("{page}/api/state"), &cross_site).0, "403");
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+#[test]
+fn other_users_of_this_host_are_refused() {
+    use std::os::unix::fs::MetadataExt as _;
+    let viz = Daemon::start("viz-node", free_port(), &["--generator", "http://127.0.0.1:9"]);
+    assert_eq!(curl(&viz.url(), &[]).0, "200");
+    if std::fs::metadata("/proc/self").unwrap().uid() != 0 {
+        eprintln!("another user takes root: not tried");
+        return;
+    }
+    let nobody = Command::new("setpriv")
+        .args(["--reuid=65534", "--clear-groups", "curl", "--silent", "--include", &viz.url()])
+        .output()
+        .unwrap();
+    let answer = String::from_utf8_lossy(&nobody.stdout).into_owned();
+    assert!(answer.starts_with("HTTP/1.1 403") && answer.contains("user 65534"), "{answer}");
+}
+
+#[test]
+fn nodes_that_others_could_reach_start_with_credentials_or_not_at_all() {
+    for name in ["generator-node", "viz-node", "tuner"] {
+        let listen = format!("0.0.0.0:{}", free_port());
+        let refused = Command::new(binary(name)).args(["--listen", &listen]).output().unwrap();
+        let words = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert!(!refused.status.success() && words.contains("--credentials DIR"), "{name}: {words}");
+        let nowhere = ["--listen", "127.0.0.1:0", "--credentials", "/nonexistent"];
+        let refused = Command::new(binary(name)).args(nowhere).output().unwrap();
+        let words = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert!(!refused.status.success() && words.contains("/nonexistent/ca.pem"), "{name}: {words}");
+    }
+    let port = free_port();
+    let open = Daemon::start_plain("generator-node", port, &["--listen", &format!("0.0.0.0:{port}"), "--insecure"]);
+    assert_eq!(open.terminate(), Some(0));
+}
