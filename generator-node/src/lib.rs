@@ -24,7 +24,7 @@ use ingest::{Ingest, IngestService};
 use lamina_compute::CpuShare;
 use lamina_mpi::{Inbox, Outbox};
 use lamina_raycast::Backend;
-use lamina_rpc::credentials::{Credentials, Role};
+use lamina_rpc::credentials::Role;
 use lamina_rpc::daemon::{Access, AllowRoles, NodeError, Shutdown, serve};
 use lamina_rpc::v1::group_message::Kind;
 use lamina_rpc::{MAX_MESSAGE_BYTES, v1};
@@ -95,8 +95,7 @@ pub async fn run_member(
 
 fn access(config: &Config, listener: &TcpListener) -> Result<Access, NodeError> {
     let address = listener.local_addr().unwrap_or(config.listen);
-    let credentials = config.credentials.as_deref().map(Credentials::open).transpose()?;
-    Access::of(address, credentials.as_ref(), config.insecure)
+    Ok(Access::of(address, config.credentials.as_deref(), config.insecure)?.0)
 }
 
 fn ingest(config: &Config, overhead: Arc<Overhead>) -> Ingest {

@@ -24,7 +24,7 @@ pub use config::Config;
 pub use contract::Contract;
 pub use utility::Utility;
 
-use lamina_rpc::credentials::{Credentials, Role};
+use lamina_rpc::credentials::Role;
 use lamina_rpc::daemon::{Access, AllowRoles, NodeError, Shutdown, serve};
 use lamina_rpc::v1::tuning_server::TuningServer;
 use std::sync::Arc;
@@ -37,9 +37,8 @@ use tokio::net::TcpListener;
 pub async fn run(config: Config, listener: TcpListener, shutdown: Shutdown) -> Result<(), NodeError> {
     let bad = |e: lamina_model::Invalid| NodeError::Config { path: "tuner".to_owned(), reason: e.to_string() };
     let base = config.base().map_err(bad)?;
-    let credentials = config.credentials.as_deref().map(Credentials::open).transpose()?;
     let address = listener.local_addr().unwrap_or(config.listen);
-    let access = Access::of(address, credentials.as_ref(), config.insecure)?;
+    let (access, credentials) = Access::of(address, config.credentials.as_deref(), config.insecure)?;
     let status = Arc::new(status::Status::default());
     let (health, health_service) = tonic_health::server::health_reporter();
     health.set_serving::<TuningServer<status::StatusService>>().await;

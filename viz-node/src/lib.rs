@@ -18,11 +18,10 @@ pub use web::assets::{EMBED, ENGINE};
 
 use lamina_codec::DecodeLimits;
 use lamina_compute::CpuShare;
-use lamina_rpc::credentials::{Credentials, Role};
-use lamina_rpc::daemon::{Access, AllowRoles, Connections, NodeError, Shutdown};
+use lamina_rpc::credentials::Role;
+use lamina_rpc::daemon::{Access, AllowRoles, Connections, Shutdown};
 use lamina_rpc::v1::quality_server::QualityServer;
 use lamina_vdi_render::Backend;
-use std::net::SocketAddr;
 use std::sync::{Arc, atomic::AtomicBool};
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -42,21 +41,6 @@ fn limits(config: &Config) -> DecodeLimits {
     DecodeLimits { max_decoded_bytes: config.max_decoded_bytes }
 }
 
-/// Who may connect, and with what this node connects to others.
-fn access(config: &Config, address: SocketAddr) -> Result<(Option<Credentials>, Access), NodeError> {
-    let credentials = config.credentials.as_deref().map(Credentials::open).transpose()?;
-    let access = Access::of(address, credentials.as_ref(), config.insecure)?;
-    Ok((credentials, access))
-}
-
-/// The page's address as a browser elsewhere writes it.
-fn page_address(access: &Access, address: SocketAddr) -> String {
-    let any = address.ip().is_unspecified();
-    let host = if any { lamina_rpc::connect::host_name() } else { address.ip().to_string() };
-    let host = if host.contains(':') { format!("[{host}]") } else { host };
-    format!("{}://{host}:{}", access.scheme(), address.port())
-}
-
 /// Runs the node on `listener` until `shutdown` completes, within `share` of the processor. The page, the metrics and gRPC share
 /// the port.
 ///
@@ -70,7 +54,8 @@ pub async fn run(
     shutdown: Shutdown,
 ) -> std::io::Result<()> {
     let address = listener.local_addr()?;
-    let (credentials, access) = access(&config, address).map_err(std::io::Error::other)?;
+    let access = Access::of(address, config.credentials.as_deref(), config.insecure);
+    let (access, credentials) = access.map_err(std::io::Error::other)?;
     let choice = config.backend;
     // A driver may take a second to wake.
     let opened = tokio::task::spawn_blocking(move || Backend::open(choice)).await?;
@@ -87,10 +72,11 @@ pub async fn run(
         .into_axum_router();
     let web = web::Web::new(store, backend, intake.clone(), connected.clone()).router();
     tracing::info!(%address, "viz-node listens");
-    let own = format!("{}://{address}", access.scheme());
-    let guard =
-        Arc::new(web::guard::Guard::new(page_address(&access, address), &config.hosts).map_err(std::io::Error::other)?);
-    if matches!(access, Access::Certificates(_)) {
+    // An address that means "any" is completed by the generator-node.
+    let own = format!("http{}://{address}", if access.is_secure() { "s" } else { "" });
+    let page = access.reached_at(address).to_string();
+    let guard = Arc::new(web::guard::Guard::new(page, &config.hosts).map_err(std::io::Error::other)?);
+    if access.is_secure() {
         // Browsers have no certificate.
         println!("watch it at {}", guard.entrance());
     }

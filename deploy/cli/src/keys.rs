@@ -20,7 +20,7 @@ const EARLIER: Duration = Duration::from_secs(3600);
 const AUTHORITY_DAYS: u32 = 3650;
 const AUTHORITY: &str = "authority";
 
-/// Makes what is not there yet: the authority, and new certificates of all roles or of one.
+/// Makes new certificates of all roles or of one, and the authority if there is none yet.
 ///
 /// # Errors
 /// If a name is none, or the folder cannot be written.
@@ -43,7 +43,7 @@ pub fn keys(arguments: &Keys) -> anyhow::Result<()> {
 fn authority(folder: &Path) -> anyhow::Result<Issuer<'static, KeyPair>> {
     let own = folder.join(AUTHORITY);
     let path = own.join("key.pem");
-    let params = authority_params(AUTHORITY_DAYS)?;
+    let params = authority_params()?;
     if path.exists() {
         let pem = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
         let key = KeyPair::from_pem(&pem).with_context(|| format!("{}: no private key", path.display()))?;
@@ -56,8 +56,8 @@ fn authority(folder: &Path) -> anyhow::Result<Issuer<'static, KeyPair>> {
     Ok(Issuer::new(params, key))
 }
 
-fn authority_params(days: u32) -> anyhow::Result<CertificateParams> {
-    let mut params = valid_for(days)?;
+fn authority_params() -> anyhow::Result<CertificateParams> {
+    let mut params = valid_for(AUTHORITY_DAYS)?;
     params.distinguished_name.push(DnType::CommonName, "Lamina private authority");
     params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
     params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];

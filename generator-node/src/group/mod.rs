@@ -54,8 +54,7 @@ pub(crate) async fn announce(ingest: Arc<Ingest>, held: HeldSteps, outbox: Outbo
 pub(crate) fn ready(config: &Config, listener: &tokio::net::TcpListener, access: &Access) -> v1::GroupReady {
     let host = lamina_rpc::connect::host_name();
     let address = listener.local_addr().unwrap_or(config.listen);
-    let reached = if address.ip().is_unspecified() { host.clone() } else { address.ip().to_string() };
-    v1::GroupReady { address: format!("{}://{reached}:{}", access.scheme(), address.port()), host }
+    v1::GroupReady { address: access.reached_at(address).to_string(), host }
 }
 
 /// Pause before a full member looks again.

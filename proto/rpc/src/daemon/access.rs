@@ -2,8 +2,10 @@
 
 use super::NodeError;
 use super::server_tls::ServerTls;
+use crate::connect::{NodeAddress, host_name};
 use crate::credentials::{Credentials, Role};
 use std::net::{IpAddr, SocketAddr};
+use std::path::Path;
 use std::sync::Arc;
 use tonic::{Request, Status};
 
@@ -19,25 +21,40 @@ pub enum Access {
 }
 
 impl Access {
-    /// The access of a node that listens on `address`: by `credentials` where there are some, else by user on loopback. Anybody
-    /// is let in only if `insecure`.
+    /// The access of a node that listens on `address`, and its credentials: by those in `folder` where one is named, else by user on
+    /// loopback. Anybody is let in only if `insecure`.
     ///
     /// # Errors
     /// If others could reach the node and nothing says who may, or the credentials cannot be used.
-    pub fn of(address: SocketAddr, credentials: Option<&Credentials>, insecure: bool) -> Result<Self, NodeError> {
-        if let Some(credentials) = credentials {
-            return Ok(Self::Certificates(Arc::new(ServerTls::open(credentials.clone())?)));
+    pub fn of(
+        address: SocketAddr,
+        folder: Option<&Path>,
+        insecure: bool,
+    ) -> Result<(Self, Option<Credentials>), NodeError> {
+        if let Some(folder) = folder {
+            let credentials = Credentials::open(folder)?;
+            return Ok((Self::Certificates(Arc::new(ServerTls::open(credentials.clone())?)), Some(credentials)));
         }
         if insecure {
             tracing::warn!(%address, "insecure: whoever reaches this address may use the node");
-            return Ok(Self::Anybody);
+            return Ok((Self::Anybody, None));
         }
-        if address.ip().is_loopback() { Ok(Self::SameUser) } else { Err(NodeError::Open { address }) }
+        if address.ip().is_loopback() { Ok((Self::SameUser, None)) } else { Err(NodeError::Open { address }) }
     }
 
-    /// How addresses of a node with this access begin.
-    pub fn scheme(&self) -> &'static str {
-        if matches!(self, Self::Certificates(_)) { "https" } else { "http" }
+    /// Whether connections are secured by TLS.
+    pub fn is_secure(&self) -> bool {
+        matches!(self, Self::Certificates(_))
+    }
+
+    /// Where others reach a node with this access that listens on `address`: on this host's name where it is on all addresses.
+    pub fn reached_at(&self, address: SocketAddr) -> NodeAddress {
+        let host = match address.ip() {
+            ip if ip.is_unspecified() => host_name(),
+            IpAddr::V4(ip) => ip.to_string(),
+            IpAddr::V6(ip) => format!("[{ip}]"),
+        };
+        NodeAddress { secure: self.is_secure(), host, port: address.port() }
     }
 }
 
@@ -174,7 +191,8 @@ mod tests {
 
     #[test]
     fn a_node_that_others_could_reach_wants_credentials() {
-        let on = |address: &str, insecure| Access::of(address.parse().unwrap(), None, insecure);
+        let on =
+            |address: &str, insecure| Access::of(address.parse().unwrap(), None, insecure).map(|(access, _)| access);
         assert!(matches!(on("127.0.0.1:1", false), Ok(Access::SameUser)));
         assert!(matches!(on("[::1]:1", false), Ok(Access::SameUser)));
         assert!(matches!(on("0.0.0.0:1", true), Ok(Access::Anybody)));

@@ -1,9 +1,10 @@
 //! The node's side of TLS 1.3: its certificate, and those that it accepts.
 
 use crate::credentials::{Credentials, CredentialsError, Files, Role};
+use parking_lot::Mutex;
 use std::fmt;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 use tokio_rustls::rustls::client::verify_server_name;
 use tokio_rustls::rustls::crypto::{CryptoProvider, ring};
@@ -40,7 +41,7 @@ impl ServerTls {
 
     /// What the next connection is secured with: the newest files that can be used.
     pub(super) fn config(&self) -> Arc<ServerConfig> {
-        let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut current = self.current.lock();
         let changed = changed_at(&self.credentials);
         if changed != current.0 {
             match load(&self.credentials) {
