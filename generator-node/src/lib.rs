@@ -14,6 +14,7 @@ mod pipeline;
 mod publish;
 mod rate_control;
 mod schedule;
+mod steering;
 mod step;
 mod subscribers;
 mod trials;
@@ -150,11 +151,15 @@ async fn run_pipeline(
 
     type Frames = v1::frames_server::FramesServer<publish::FramesService>;
     type Control = v1::control_server::ControlServer<control::ControlService>;
+    let steering = ingest.steering().clone();
     let (router, health) = router(ingest).await;
     health.set_serving::<Frames>().await;
     health.set_serving::<Control>().await;
     let router = router
-        .add_service(Frames::with_interceptor(publish::FramesService(publisher), AllowRoles(&[Role::Viewer])))
+        .add_service(Frames::with_interceptor(
+            publish::FramesService { publisher, steering },
+            AllowRoles(&[Role::Viewer]),
+        ))
         .add_service(Control::with_interceptor(control::ControlService(node), AllowRoles(&[Role::Tuner])));
     tracing::info!(address = %listener.local_addr().map_or_else(|_| config.listen.to_string(), |a| a.to_string()), "generator-node listens");
     let served = serve(router, listener, access, shutdown).await;

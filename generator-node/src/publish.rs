@@ -3,18 +3,20 @@
 //! Nothing here waits for a subscriber: one that falls behind what is held skips to the oldest held.
 
 use crate::delivery::Delivery;
+use crate::steering::{SteeringError, SteeringRelay};
 use crate::subscribers::{Subscribers, reachable, trim};
 use futures::{Stream, StreamExt, stream};
-use lamina_model::RunInfo;
+use lamina_model::{RunInfo, Steering};
 use lamina_rpc::chunks::deliver;
 use lamina_rpc::daemon::peer_of;
-use lamina_rpc::invalid;
 use lamina_rpc::v1::{self, delivery::Part, frames_server};
+use lamina_rpc::{invalid, required};
 use parking_lot::{Mutex, MutexGuard};
 use std::collections::VecDeque;
 use std::pin::Pin;
 use std::sync::Arc;
 use tokio::sync::watch;
+use tokio_stream::wrappers::WatchStream;
 use tonic::{Request, Response, Status};
 
 #[derive(Default)]
@@ -156,8 +158,11 @@ fn messages(deliveries: impl Stream<Item = Delivery> + Send + 'static) -> Delive
     messages.boxed()
 }
 
-/// The gRPC face of [`Publisher`].
-pub(crate) struct FramesService(pub Arc<Publisher>);
+/// The gRPC face of [`Publisher`] and [`SteeringRelay`].
+pub(crate) struct FramesService {
+    pub publisher: Arc<Publisher>,
+    pub steering: Arc<SteeringRelay>,
+}
 
 #[tonic::async_trait]
 impl frames_server::Frames for FramesService {
@@ -168,7 +173,7 @@ impl frames_server::Frames for FramesService {
         request: Request<v1::SubscribeRequest>,
     ) -> Result<Response<Self::SubscribeStream>, Status> {
         tracing::info!("viz-node subscribed");
-        Ok(Response::new(messages(self.0.clone().follow(request.into_inner()))))
+        Ok(Response::new(messages(self.publisher.clone().follow(request.into_inner()))))
     }
 
     type SubscribeTrialsStream = Deliveries;
@@ -179,9 +184,26 @@ impl frames_server::Frames for FramesService {
     ) -> Result<Response<Self::SubscribeTrialsStream>, Status> {
         let peer = peer_of(&request).map(|peer| peer.address.ip());
         let address = reachable(&request.into_inner().quality_address, peer).map_err(|e| invalid(&e))?;
-        let guard = self.0.join(address.clone());
+        let guard = self.publisher.join(address.clone());
         tracing::info!(viewer = guard.viewer, address, "viz-node measures trials");
-        Ok(Response::new(messages(self.0.clone().follow_trials(guard))))
+        Ok(Response::new(messages(self.publisher.clone().follow_trials(guard))))
+    }
+
+    type SteerableStream = Pin<Box<dyn Stream<Item = Result<v1::Steerable, Status>> + Send>>;
+
+    async fn steerable(&self, _: Request<v1::SteerableRequest>) -> Result<Response<Self::SteerableStream>, Status> {
+        let changes = WatchStream::new(self.steering.steerable());
+        Ok(Response::new(changes.map(|steerable| Ok(steerable.into())).boxed()))
+    }
+
+    async fn steer(&self, request: Request<v1::SteerRequest>) -> Result<Response<v1::SteerReply>, Status> {
+        let v1::SteerRequest { run_id, steering } = request.into_inner();
+        let steering = required(steering, "steering").and_then(Steering::try_from).map_err(|e| invalid(&e))?;
+        self.steering.steer(&run_id, steering).map_err(|error| match error {
+            SteeringError::OtherRun(_) => Status::not_found(error.to_string()),
+            _ => Status::failed_precondition(error.to_string()),
+        })?;
+        Ok(Response::new(v1::SteerReply {}))
     }
 }
 

@@ -20,7 +20,7 @@ const STEPS: u64 = 3;
 struct Recorder {
     store: tempfile::TempDir,
     generator: Daemon,
-    _viz: Daemon,
+    viz: Daemon,
 }
 
 impl Recorder {
@@ -34,7 +34,7 @@ impl Recorder {
         std::fs::write(&config, format!("store = \"{}\"\n", store.path().join("runs").display())).unwrap();
         let (config, url) = (config.display().to_string(), generator.url());
         let viz = Daemon::start("viz-node", free_port(), &["--config", &config, "--generator", &url]);
-        Self { store, generator, _viz: viz }
+        Self { store, generator, viz }
     }
 
     fn runs(&self) -> BTreeSet<PathBuf> {
@@ -249,4 +249,48 @@ raises(ValueError, 'client', lambda: run.push(9, 0.0, values.cast('f', (4, 3, 2)
         .output()
         .unwrap();
     assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+}
+
+/// Asks at the viz-node's page for something; the answer's status.
+fn steer(viz: &Daemon, request: &str) -> String {
+    let arguments =
+        ["-s", "-o", "/dev/null", "-w", "%{http_code}", "-H", "content-type: application/json", "-d", request];
+    let asked = Command::new("curl").args(arguments).arg(format!("{}/api/steer", viz.url())).output().unwrap();
+    String::from_utf8(asked.stdout).unwrap()
+}
+
+#[test]
+fn simulations_in_each_language_hear_what_people_at_the_page_ask_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let c = compile(&["cc", "-std=c11"], &["tests/languages/steered.c"], folder.path());
+    let fortran = ["proto/client/fortran/lamina.f90", "tests/languages/steered.f90"];
+    let fortran = compile(&["gfortran", "-J", &folder.path().display().to_string()], &fortran, folder.path());
+    let (python, script) = (python_with("sys"), source("tests/languages/steered.py"));
+    for program in [vec![&*c], vec![&*fortran], vec![Path::new(python), &*script]] {
+        let recorder = Recorder::start(true);
+        let mut command = Command::new(program[0]);
+        command.args(&program[1..]).arg(recorder.generator.url());
+        command.env("LAMINA_LIBRARY", library()).env("PYTHONPATH", source("proto/client/python"));
+        command.env("PYTHONDONTWRITEBYTECODE", "1");
+        let simulation = command.stdout(Stdio::piped()).spawn().unwrap();
+        // As soon as it listens.
+        assert!(wait_for(Duration::from_secs(60), || steer(
+            &recorder.viz,
+            r#"{"set":{"name":"inflow","value":1.25}}"#
+        ) == "204"));
+        let more = [r#""pause""#, r#"{"set":{"name":"angle","value":-45.5}}"#, r#""resume""#, r#""stop""#];
+        for bad in [r#"{"set":{"name":"inflow","value":2.5}}"#, r#"{"set":{"name":"outflow","value":1}}"#] {
+            assert_eq!(steer(&recorder.viz, bad), "400", "{bad}");
+        }
+        more.iter().for_each(|request| assert_eq!(steer(&recorder.viz, request), "204", "{request}"));
+        let ended = simulation.wait_with_output().unwrap();
+        assert!(ended.status.success());
+        let said = String::from_utf8(ended.stdout).unwrap();
+        assert_eq!(said, "inflow = 1.25\npause\nangle = -45.50\nresume\nstop\n");
+        // Who asked for what, in the run's folder.
+        let record = std::fs::read_to_string(recorder.runs().pop_last().unwrap().join("requests.csv")).unwrap();
+        let asked: Vec<&str> = record.lines().skip(1).map(|line| line.rsplit(',').next().unwrap()).collect();
+        assert_eq!(asked, ["inflow = 1.25", "pause", "angle = -45.5", "resume", "stop"]);
+        assert!(record.contains("browser at 127.0.0.1"));
+    }
 }

@@ -96,6 +96,80 @@ fn the_page_shows_the_newest_step_and_the_mouse_turns_it() {
 }
 
 #[test]
+fn a_contract_asked_for_at_the_page_is_kept_from_then_on() {
+    let (lamina, browser, _profile) = watched(&["--cells", "48", "--pace", "2", "--cpu-share", "100%"]);
+    browser.wait_js("document.querySelector('#contract-in-force').textContent === 'size <= 300000B'");
+    browser.wait_js("/provisional|tuned/.test(document.querySelector('#readout').innerText)");
+    browser.js("document.querySelector('#contract').open = true");
+    let type_into = |field: &str, text: &str| {
+        browser.js(&format!(
+            "(() => {{ const f = document.querySelector('#{field}'); f.value = '{text}'; \
+             f.dispatchEvent(new Event('input', {{bubbles: true}})) }})()"
+        ));
+    };
+    let message = "document.querySelector('#contract-message').textContent";
+    // Nonsense is refused, with what helps, and what was in force stays.
+    type_into("contract-line", "size <= 12 parsecs");
+    browser.wait_js("!document.querySelector('#contract-ask').disabled");
+    browser.js("document.querySelector('#contract-ask').click()");
+    browser.wait_js(&format!("{message}.includes('write limits such as')"));
+    assert_eq!(browser.js("document.querySelector('#contract-in-force').textContent"), json!("size <= 300000B"));
+    browser.js("document.querySelector('#contract-undo').click()");
+    // The browser notes the refusal, too.
+    let log = browser.post("/se/log", &json!({"type": "browser"}));
+    let severe: Vec<_> = log.as_array().unwrap().iter().filter(|entry| entry["level"] == "SEVERE").collect();
+    assert!(severe.iter().all(|entry| entry["message"].as_str().unwrap().contains("/api/contract")), "{severe:?}");
+
+    type_into("limit-size", "9");
+    browser.wait_js("document.querySelector('#contract-line').value === 'size <= 9kB'");
+    browser.wait_js("!document.querySelector('#contract-ask').disabled");
+    browser.js("document.querySelector('#contract-ask').click()");
+    browser.wait_js("document.querySelector('#contract-in-force').textContent === 'size <= 9000B'");
+    let newest = "fetch('api/state').then(r => r.json()).then(s => s.steps[s.steps.length - 1])";
+    browser.wait_js(&format!("{newest}.then(s => s.size_limit_bytes === 9000 && s.tuning === 'done')"));
+    let row = browser.promised(newest);
+    assert!(row["size_bytes"].as_u64().unwrap() <= 9000, "{row}");
+
+    // A point of the front is asked for by its size.
+    browser.wait_js("document.querySelector('#pareto .point') !== null");
+    let bytes = browser.js("document.querySelector('#pareto .point:last-of-type').dataset.bytes");
+    let bytes: f64 = bytes.as_str().unwrap().parse().unwrap();
+    browser.js(
+        "document.querySelector('#pareto .point:last-of-type').dispatchEvent(new MouseEvent('click', {bubbles: true}))",
+    );
+    let asked = (bytes / 100.0).round() * 100.0;
+    browser.wait_js(&format!("document.querySelector('#contract-in-force').textContent === 'size <= {asked}B'"));
+    end(&browser, lamina);
+}
+
+#[test]
+fn the_simulation_is_paused_paced_and_stopped_from_the_page() {
+    let (lamina, browser, _profile) = watched(&["--cells", "24", "--pace", "4", "--cpu-share", "100%"]);
+    browser.wait_js("!document.querySelector('#steering').hidden");
+    browser.js("document.querySelector('#steering').open = true");
+    let newest = "fetch('api/state').then(r => r.json()).then(s => s.steps[s.steps.length - 1].step)";
+    browser.wait_js(&format!("{newest}.then(step => step > 1)"));
+    browser.js("document.querySelector('#pause').click()");
+    browser.wait_js("document.querySelector('#pause').ariaPressed === 'true'");
+    // Steps under way arrive still; then there are none.
+    std::thread::sleep(std::time::Duration::from_secs(2));
+    let at = browser.js(newest).as_u64().unwrap();
+    std::thread::sleep(std::time::Duration::from_secs(2));
+    assert_eq!(browser.js(newest).as_u64().unwrap(), at, "eight steps would have come");
+    browser.js("(() => { const f = document.querySelector('#numbers input'); f.value = '50'; \
+         f.dispatchEvent(new Event('change')) })()");
+    browser.wait_js("document.querySelector('#steering-message').textContent.endsWith('= 50')");
+    browser.js("document.querySelector('#pause').click()");
+    browser.wait_js(&format!("{newest}.then(step => step > {at} + 2)"));
+    // Stopping takes two presses.
+    browser.js("document.querySelector('#stop').click()");
+    browser.wait_js("document.querySelector('#stop').textContent === 'Stop for good'");
+    browser.js("document.querySelector('#stop').click()");
+    browser.wait_js("document.querySelector('#steering').hidden || document.querySelector('#stop').disabled");
+    end(&browser, lamina);
+}
+
+#[test]
 fn drafts_keep_coming_while_the_camera_turns_and_a_study_runs() {
     let (lamina, browser, _profile) = watched(&[]);
     browser.wait_js("document.querySelector('#picture').dataset.step !== undefined");

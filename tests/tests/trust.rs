@@ -9,7 +9,8 @@ use lamina_rpc::credentials::{Credentials, Role};
 use lamina_rpc::v1::{self, control_client::ControlClient, frames_client::FramesClient, tuning_client::TuningClient};
 use lamina_tests::processes::{Daemon, binary, free_port, run, wait_for};
 use lamina_tests::{clumps, sampled_cube};
-use std::io::{BufRead as _, BufReader};
+use std::io::{BufRead as _, BufReader, ErrorKind, Read as _, Write as _};
+use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -152,9 +153,9 @@ fn a_browser_enters_with_the_token_that_was_printed() {
     let listen = format!("127.0.0.1:{port}");
     command.args(["--listen", &listen, "--credentials", &credentials, "--generator", "https://127.0.0.1:9"]);
     let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().unwrap();
-    let mut line = String::new();
-    BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-    let entrance = line.trim().strip_prefix("watch it at ").unwrap().to_owned();
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
+    let entrance = lines.next().unwrap().strip_prefix("watch it at ").unwrap().to_owned();
+    let steering = lines.next().unwrap().strip_prefix("steer it at ").unwrap().to_owned();
     let page = format!("https://127.0.0.1:{port}");
     assert!(entrance.starts_with(&page), "{entrance}");
     assert_eq!(curl(&page, &[]).0, "401");
@@ -166,6 +167,18 @@ fn a_browser_enters_with_the_token_that_was_printed() {
     let (status, shown) = curl(&page, &["--cookie", session]);
     assert_eq!((status.as_str(), shown.contains("<title>")), ("200", true));
     assert_eq!(curl(&entrance, &[]).0, "401", "the token was used");
+    // Who came in to watch changes nothing; who came in to steer may, but there is no tuner yet, and no run.
+    let post = |session: &str, path: &str, body: &str| {
+        let json = ["--header", "content-type: application/json", "--data", body, "--cookie", session];
+        curl(&format!("{page}/api/{path}"), &json).0
+    };
+    let (status, entered) = curl(&steering, &[]);
+    assert_eq!(status, "200");
+    let steerer = entered.lines().find_map(|line| line.strip_prefix("set-cookie: ")).unwrap();
+    let contract = r#"{"contract":"size <= 1kB"}"#;
+    assert_eq!([session, steerer].map(|of| post(of, "contract", contract)), ["403", "503"]);
+    assert_eq!([session, steerer].map(|of| post(of, "steer", "\"pause\"")), ["403", "400"]);
+    assert_eq!(post("none=1", "steer", "\"pause\""), "401");
     // A name that leads here is not this host's (DNS rebinding); another site's script asks (cross-site request).
     assert_eq!(curl(&page, &["--cookie", session, "--header", "Host: evil.example"]).0, "421");
     let cross_site = ["--cookie", session, "--header", "Sec-Fetch-Site: cross-site"];
@@ -206,4 +219,75 @@ fn nodes_that_others_could_reach_start_with_credentials_or_not_at_all() {
     let port = free_port();
     let open = Daemon::start_plain("generator-node", port, &["--listen", &format!("0.0.0.0:{port}"), "--insecure"]);
     assert_eq!(open.terminate(), Some(0));
+}
+
+/// True once the other side has closed the connection.
+fn is_closed(connection: &mut TcpStream) -> bool {
+    connection.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
+    match connection.read(&mut [0; 256]) {
+        Ok(count) => count == 0,
+        Err(e) => !matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut),
+    }
+}
+
+#[test]
+fn connections_that_send_nothing_or_half_a_request_are_closed() {
+    let generator = Daemon::start("generator-node", free_port(), &[]);
+    let url = generator.url();
+    let viz = Daemon::start("viz-node", free_port(), &["--generator", &url]);
+    // Nothing, half a preface of HTTP/2, and half the head of a request that comes in pieces.
+    let beginnings: [&[u8]; 3] = [b"", b"PRI * HTTP/2", b"GET /api/state HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: "];
+    let mut connections = Vec::new();
+    for daemon in [&generator, &viz] {
+        for beginning in beginnings.iter().cycle().take(60) {
+            let mut connection = TcpStream::connect(daemon.url().trim_start_matches("http://")).unwrap();
+            connection.write_all(beginning).unwrap();
+            connections.push(connection);
+        }
+    }
+    let (code, _) = curl(&format!("{}/api/state", viz.url()), &[]);
+    assert_eq!(code, "200", "others are served meanwhile");
+    let all = connections.len();
+    let closed = wait_for(Duration::from_secs(60), || {
+        connections.retain_mut(|connection| {
+            // A header that grows for ever is no request either.
+            let _ = connection.write_all(b"");
+            !is_closed(connection)
+        });
+        connections.is_empty()
+    });
+    assert!(closed, "{} of {all} are still open", connections.len());
+}
+
+#[test]
+fn a_connection_that_asks_for_too_much_is_told_to_wait() {
+    let viz = Daemon::start("viz-node", free_port(), &["--generator", &format!("http://127.0.0.1:{}", free_port())]);
+    let address = viz.url();
+    let mut connection = TcpStream::connect(address.trim_start_matches("http://")).unwrap();
+    let request = b"GET /icon.svg HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n";
+    let mut sent = connection.try_clone().unwrap();
+    // In one go: the answers are read meanwhile.
+    let sending = std::thread::spawn(move || sent.write_all(&request.repeat(1000)));
+    let mut answers = BufReader::new(&mut connection);
+    let (mut good, mut refused, mut line) = (0, 0, String::new());
+    while good + refused < 1000 {
+        line.clear();
+        assert!(answers.read_line(&mut line).unwrap_or(0) > 0, "closed after {good} and {refused}");
+        good += u32::from(line.contains("HTTP/1.1 200"));
+        refused += u32::from(line.contains("HTTP/1.1 429"));
+    }
+    sending.join().unwrap().unwrap();
+    assert!(good >= 400 && refused > 0, "{good} answered, {refused} refused");
+    // Another connection is served, and the metrics say what happened.
+    let (code, text) = curl(&format!("{address}/metrics"), &[]);
+    let counted = text.lines().find_map(|line| line.strip_prefix("lamina_page_rate_limited_total "));
+    assert_eq!((code.as_str(), counted), ("200", Some(refused.to_string().as_str())));
+    // A body that does not come is not waited for.
+    let mut slow = TcpStream::connect(address.trim_start_matches("http://")).unwrap();
+    let head = "POST /api/contract HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\nContent-Length: 20\r\n\r\n{";
+    slow.write_all(head.as_bytes()).unwrap();
+    let mut first = String::new();
+    slow.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+    BufReader::new(slow).read_line(&mut first).unwrap();
+    assert!(first.contains("408"), "{first}");
 }

@@ -97,6 +97,11 @@ impl CharacteristicSteps {
         self.kept.retain(|k| k.study.rows[k.chosen].params != *chosen || !k.is_like(params, size_bytes));
     }
 
+    /// The trials of the step studied last.
+    pub fn newest(&self) -> &[Trial] {
+        self.kept.last().map_or(&[], |step| &step.study.rows)
+    }
+
     /// How many are kept.
     pub fn len(&self) -> usize {
         self.kept.len()

@@ -37,6 +37,18 @@ pub struct Config {
     pub budget: f64,
 }
 
+/// Passes a contract that can be kept beside a running simulation.
+///
+/// # Errors
+/// If it limits where quality is measured, which the generator-node decides.
+pub(crate) fn keepable_live(contract: &Contract) -> Result<(), Invalid> {
+    if contract.cone_deg.is_some() {
+        let reason = "a cone is a matter of where quality is measured; set samples.angles_deg at the generator-node";
+        return Err(Invalid::new("contract", reason));
+    }
+    Ok(())
+}
+
 impl Default for Config {
     fn default() -> Self {
         Self {
@@ -68,11 +80,7 @@ impl Config {
                 format!("{} must lie in 0..=1, the share of time for studies", self.budget),
             ));
         }
-        if self.contract.cone_deg.is_some() {
-            let reason =
-                "a cone is a matter of where quality is measured; set samples.angles_deg at the generator-node";
-            return Err(Invalid::new("contract", reason));
-        }
+        keepable_live(&self.contract)?;
         if self.representations.is_empty() {
             return Err(Invalid::new("representations", "none; name vdi, volume or both"));
         }

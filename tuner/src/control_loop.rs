@@ -5,17 +5,21 @@ use crate::evaluator::{Evaluator as _, TrialError};
 use crate::live::LiveQuality;
 use crate::provisional::{ProvisionalChoice, follow};
 use crate::push::{limits_alone, push, setting};
+use crate::remote::negotiation::Negotiator;
+use crate::remote::viewer_streams::follow_all;
 use crate::remote::{Remote, connect};
 use crate::run_state::{RunState, StudyEnd};
 use crate::search::{CandidateSet, SearchRequest, search_with_margin};
-use crate::tune::Trial;
-use crate::{Config, status::Status};
+use crate::tune::{Study, Trial};
+use crate::{Config, Contract, status::Status};
 use futures::StreamExt;
 use lamina_model::{Cost, GenerationParams, Setting, StepReport, TuningState};
 use lamina_rpc::credentials::{Credentials, Role};
 use lamina_rpc::v1::{self, control_client::ControlClient};
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::sync::watch;
+use tokio::task::JoinSet;
 use tokio::time::Instant;
 use tonic::transport::Channel;
 
@@ -36,6 +40,8 @@ struct Daemon {
     setting: Option<Setting>,
     /// First step the setting holds for: earlier ones do not speak against it.
     holds_from: u64,
+    /// The contract that was asked for last.
+    wanted: watch::Sender<Contract>,
 }
 
 /// What a step calls for.
@@ -51,7 +57,9 @@ enum Call {
 /// Tunes for ever.
 pub(crate) async fn run(config: Config, credentials: Option<Credentials>, base: GenerationParams, status: Arc<Status>) {
     let run = RunState::new(String::new());
-    let mut daemon = Daemon { config, credentials, base, status, run, setting: None, holds_from: 0 };
+    status.contract(&config.contract);
+    let wanted = watch::Sender::new(config.contract.clone());
+    let mut daemon = Daemon { config, credentials, base, status, run, setting: None, holds_from: 0, wanted };
     let mut reported = String::new();
     loop {
         if let Err(error) = daemon.follow().await {
@@ -77,7 +85,14 @@ impl Daemon {
         let reports = control.clone().watch(v1::WatchRequest {}).await.map_err(failed)?.into_inner();
         // What came in meanwhile comes at once: only the newest matters.
         let mut reports = reports.ready_chunks(MEANWHILE);
-        let mut quality = self.config.contract.limits.psnr_db.map(|_| LiveQuality::follow(&control, &self.credentials));
+        let negotiator = Negotiator { status: self.status.clone(), wanted: self.wanted.clone() };
+        let mut negotiating = JoinSet::new();
+        negotiating.spawn(follow_all(control.clone(), self.credentials.clone(), negotiator));
+        let mut wanted = self.wanted.subscribe();
+        if *wanted.borrow() != self.config.contract {
+            wanted.mark_changed();
+        }
+        let mut quality = self.live_quality(&control);
         tracing::info!(generator, "watching");
         // A restarted generator-node has forgotten its parameters; a new one knows no limits yet.
         let begin = self.setting.clone();
@@ -86,7 +101,17 @@ impl Daemon {
         if begin.is_some() {
             self.holds_from = self.holds_from.max(from);
         }
-        while let Some(mut some) = reports.next().await {
+        loop {
+            let some = tokio::select! {
+                Ok(()) = wanted.changed() => {
+                    let contract = wanted.borrow_and_update().clone();
+                    self.adopt(&control, contract).await?;
+                    quality = self.live_quality(&control);
+                    continue;
+                }
+                some = reports.next() => some,
+            };
+            let Some(mut some) = some else { return Ok(()) };
             let Some(report) = some.pop().transpose().map_err(failed)? else { continue };
             let report = match StepReport::try_from(report) {
                 Ok(report) => report,
@@ -107,7 +132,14 @@ impl Daemon {
             let outcome = match call {
                 Call::Nothing => Ok(()),
                 Call::Switch(setting, psnr_db) => self.switch(&control, setting, psnr_db).await,
-                Call::Study => self.study(&control, &report).await,
+                // What another contract leaves undone is begun anew under it.
+                Call::Study => tokio::select! {
+                    studied = self.study(&control, &report) => studied,
+                    Ok(()) = wanted.changed() => {
+                        wanted.mark_changed();
+                        Ok(())
+                    }
+                },
             };
             self.status.failed(outcome.as_ref().err());
             if let Err(error) = outcome {
@@ -120,6 +152,30 @@ impl Daemon {
                 }
             }
             self.status.seen(report.step);
+        }
+    }
+
+    /// The quality of live steps, where the contract limits it.
+    fn live_quality(&self, control: &ControlClient<Channel>) -> Option<LiveQuality> {
+        self.config.contract.limits.psnr_db.map(|_| LiveQuality::follow(control, &self.credentials))
+    }
+
+    /// Turns to another contract. The best that was measured so far is in use until the study for it says more; what holds at
+    /// once are its limits.
+    async fn adopt(&mut self, control: &ControlClient<Channel>, contract: Contract) -> Result<(), TrialError> {
+        let limits = limits_alone(&contract, &self.config.representations);
+        push(control, &limits).await?;
+        self.config.contract = contract;
+        let carried = self.run.forget_choices();
+        let contract = &self.config.contract;
+        let rows = carried.into_iter().map(|row| Trial { cost: contract.cost(&row.measured), ..row });
+        let mut study = Study { step: 0, rows: Vec::new(), best: None };
+        rows.for_each(|row| study.add(row));
+        if let Some(nearest) = choose(&study, contract, None) {
+            let setting = setting(&study, nearest, contract, TuningState::Provisional);
+            self.switch(control, setting, study.rows[nearest].measured.quality.psnr_db()).await?;
+        } else {
+            self.setting = None;
         }
         Ok(())
     }
@@ -187,7 +243,7 @@ impl Daemon {
             resolution = params.resolution(),
             gamma = params.gamma(),
             from,
-            "back to parameters of a step like this"
+            "parameters that were measured before"
         );
         self.status.chosen(setting.params, psnr_db);
         (self.setting, self.holds_from) = (Some(setting), from);

@@ -2,6 +2,7 @@
 
 use lamina_model::{Cost, GenerationParams, Indicators, Invalid, Quality};
 use std::future::Future;
+use std::num::NonZeroU32;
 use std::time::Duration;
 
 /// What a trial measured.
@@ -40,6 +41,33 @@ pub enum TrialError {
     },
 }
 
+/// Which batches of sampled pixels a quality is measured on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Batches {
+    /// No pixels: the cost alone.
+    None,
+    /// So many, or as many as there are.
+    First(NonZeroU32),
+    /// All that the plan has.
+    All,
+}
+
+impl Batches {
+    /// The first `count`; none of 0.
+    pub fn first(count: u32) -> Self {
+        NonZeroU32::new(count).map_or(Self::None, Self::First)
+    }
+
+    /// How many these are of a plan of `planned`.
+    pub fn count(self, planned: u32) -> u32 {
+        match self {
+            Self::None => 0,
+            Self::First(count) => count.get().min(planned),
+            Self::All => planned,
+        }
+    }
+}
+
 /// Measures parameters on one step that stays the same throughout.
 pub trait Evaluator: Send {
     /// The step measured.
@@ -68,13 +96,12 @@ pub trait Evaluator: Send {
         params: &GenerationParams,
     ) -> impl Future<Output = Result<Result<Duration, Invalid>, TrialError>> + Send;
 
-    /// Costs of all these parameters, and their quality from the first `batches` batches (0: none, [`u32::MAX`]: all).
-    /// What was measured before is not measured again. One answer for each, in their order.
+    /// Costs of all these parameters, and their quality from some `batches`. What was measured before is not measured again. One answer for each, in their order.
     ///
     /// The outer error ends the study; an inner one is about that set of parameters only.
-    fn measure(
+    fn evaluate(
         &mut self,
         params: &[GenerationParams],
-        batches: u32,
+        batches: Batches,
     ) -> impl Future<Output = Result<Vec<Result<Measurement, Invalid>>, TrialError>> + Send;
 }

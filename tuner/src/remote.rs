@@ -5,11 +5,13 @@
 mod error;
 mod generator;
 mod known;
+pub(crate) mod negotiation;
 mod progress;
 mod round;
+pub(crate) mod viewer_streams;
 mod viewers;
 
-use crate::evaluator::{Evaluator, Measurement, TrialError};
+use crate::evaluator::{Batches, Evaluator, Measurement, TrialError};
 pub use progress::Progress;
 
 pub(crate) use error::words;
@@ -128,12 +130,12 @@ impl Evaluator for Remote {
         Ok(Ok(Cost::from(cost).generation))
     }
 
-    async fn measure(
+    async fn evaluate(
         &mut self,
         params: &[GenerationParams],
-        batches: u32,
+        batches: Batches,
     ) -> Result<Vec<Result<Measurement, Invalid>>, TrialError> {
-        let batches = batches.min(self.batches());
+        let batches = batches.count(self.batches());
         for p in params {
             self.known.entry(p.key()).or_insert_with(|| Known::new(*p));
         }

@@ -85,6 +85,17 @@ impl RunState {
         limited.then(|| Instant::now() + Duration::from_secs_f64(left().max(0.0)))
     }
 
+    /// Forgets what was chosen, under another contract; gives the trials measured last, which the next study goes on from. That one
+    /// has all the time, as the first had.
+    pub(crate) fn forget_choices(&mut self) -> Vec<Trial> {
+        let newest = std::mem::take(&mut self.characteristic).newest().to_vec();
+        if !newest.is_empty() {
+            self.carried = newest;
+        }
+        (self.studied_step, self.next) = (None, Duration::ZERO);
+        self.carried.clone()
+    }
+
     /// The step studied that a reported one is like.
     pub(crate) fn nearest_studied(&self, report: &StepReport) -> Option<&StudiedStep> {
         self.characteristic.nearest(&report.params, report.cost.size_bytes)

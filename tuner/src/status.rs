@@ -1,53 +1,71 @@
 //! What the tuner is doing and has measured, for those who ask.
 
+use crate::Contract;
 use crate::evaluator::TrialError;
 use crate::tune::Trial;
 use lamina_model::GenerationParams;
 use lamina_rpc::v1::{self, tuning_server};
-use parking_lot::{Mutex, MutexGuard};
+use parking_lot::Mutex;
 use std::sync::Arc;
+use tokio::sync::watch;
 use tonic::{Request, Response};
 
 /// Trials remembered.
 const MOST_TRIALS: usize = 20_000;
 
-/// Shared by the loop and the service.
+/// Shared by the loop, the service and the streams to viz-nodes.
 #[derive(Default)]
 pub(crate) struct Status {
     state: Mutex<v1::TunerStatus>,
+    changed: watch::Sender<()>,
 }
 
 impl Status {
-    fn state(&self) -> MutexGuard<'_, v1::TunerStatus> {
-        self.state.lock()
+    fn change(&self, change: impl FnOnce(&mut v1::TunerStatus)) {
+        change(&mut self.state.lock());
+        self.changed.send_replace(());
+    }
+
+    /// Tells of changes.
+    pub(crate) fn changes(&self) -> watch::Receiver<()> {
+        self.changed.subscribe()
+    }
+
+    /// As it is now, without trials.
+    pub(crate) fn summary(&self) -> v1::TunerStatus {
+        let state = self.state.lock();
+        let (last_error, contract) = (state.last_error.clone(), state.contract.clone());
+        v1::TunerStatus { trials: Vec::new(), last_error, contract, ..*state }
+    }
+
+    /// A contract is in force.
+    pub(crate) fn contract(&self, contract: &Contract) {
+        self.change(|state| state.contract = contract.to_string());
     }
 
     /// A step is being dealt with.
     pub(crate) fn working(&self, busy: bool) {
-        self.state().busy = busy;
+        self.change(|state| state.busy = busy);
     }
 
     /// `step` has been dealt with.
     pub(crate) fn seen(&self, step: u64) {
-        let mut state = self.state();
-        state.busy = false;
-        state.steps_seen = step + 1;
+        self.change(|state| (state.busy, state.steps_seen) = (false, step + 1));
     }
 
     /// A study ended with nothing measured.
     pub(crate) fn lost_study(&self) {
-        self.state().lost_studies += 1;
+        self.change(|state| state.lost_studies += 1);
     }
 
     /// A study ended, with or without an error.
     pub(crate) fn failed(&self, error: Option<&TrialError>) {
-        self.state().last_error = error.map(ToString::to_string).unwrap_or_default();
+        self.change(|state| state.last_error = error.map(ToString::to_string).unwrap_or_default());
     }
 
     /// Parameters whose trial came to `psnr_db` are in use.
     pub(crate) fn chosen(&self, params: Option<GenerationParams>, psnr_db: f64) {
-        let mut state = self.state();
-        (state.chosen, state.chosen_psnr_db) = (params.as_ref().map(Into::into), Some(psnr_db));
+        self.change(|state| (state.chosen, state.chosen_psnr_db) = (params.as_ref().map(Into::into), Some(psnr_db)));
     }
 
     /// A trial was measured; its step is filled in when the study ends.
@@ -64,15 +82,16 @@ impl Status {
             psnr_db: row.measured.quality.psnr_db(),
             chosen: Some(n) == chosen,
         };
-        let mut state = self.state();
-        state.studies += 1;
-        state.trials.extend(rows.iter().enumerate().map(record));
-        let excess = state.trials.len().saturating_sub(MOST_TRIALS);
-        state.trials.drain(..excess);
-        if let Some(row) = chosen.map(|n| &rows[n]) {
-            state.chosen = Some((&row.params).into());
-            state.chosen_psnr_db = Some(row.measured.quality.psnr_db());
-        }
+        self.change(|state| {
+            state.studies += 1;
+            state.trials.extend(rows.iter().enumerate().map(record));
+            let excess = state.trials.len().saturating_sub(MOST_TRIALS);
+            state.trials.drain(..excess);
+            if let Some(row) = chosen.map(|n| &rows[n]) {
+                state.chosen = Some((&row.params).into());
+                state.chosen_psnr_db = Some(row.measured.quality.psnr_db());
+            }
+        });
     }
 }
 
@@ -85,8 +104,8 @@ impl tuning_server::Tuning for StatusService {
         &self,
         request: Request<v1::TunerStatusRequest>,
     ) -> Result<Response<v1::TunerStatus>, tonic::Status> {
-        let state = self.0.state();
-        let trials = if request.into_inner().with_trials { state.trials.clone() } else { Vec::new() };
-        Ok(Response::new(v1::TunerStatus { trials, last_error: state.last_error.clone(), ..*state }))
+        let with_trials = request.into_inner().with_trials;
+        let trials = if with_trials { self.0.state.lock().trials.clone() } else { Vec::new() };
+        Ok(Response::new(v1::TunerStatus { trials, ..self.0.summary() }))
     }
 }

@@ -1,7 +1,7 @@
 //! Algorithm 1 of the paper, in its line order.
 
 use crate::Contract;
-use crate::evaluator::{Evaluator, Measurement, TrialError};
+use crate::evaluator::{Batches, Evaluator, Measurement, TrialError};
 use lamina_model::{GenerationParams, Representation};
 
 /// One row of a study.
@@ -42,7 +42,7 @@ const AT_ONCE: usize = 8;
 ///
 /// ```
 /// use lamina_model::{Cost, GenerationParams, Invalid, Quality, ViewError};
-/// use lamina_tuner::evaluator::{Evaluator, Measurement, TrialError};
+/// use lamina_tuner::evaluator::{Batches, Evaluator, Measurement, TrialError};
 /// use lamina_tuner::{Contract, tune::tune};
 /// use std::time::Duration;
 ///
@@ -59,8 +59,8 @@ const AT_ONCE: usize = 8;
 ///     async fn time(&mut self, _: &GenerationParams) -> Result<Result<Duration, Invalid>, TrialError> {
 ///         Ok(Ok(Duration::from_millis(1)))
 ///     }
-///     async fn measure(
-///         &mut self, all: &[GenerationParams], _: u32,
+///     async fn evaluate(
+///         &mut self, all: &[GenerationParams], _: Batches,
 ///     ) -> Result<Vec<Result<Measurement, Invalid>>, TrialError> {
 ///         let one = |p: &GenerationParams| {
 ///             let rays = f64::from(p.resolution()).powi(2);
@@ -92,7 +92,7 @@ pub async fn tune(
     let mut study = Study { step: evaluator.step(), rows: Vec::new(), best: None };
     for some in candidates.chunks(AT_ONCE) {
         // R, sigma, tau, and I with q over all test views: one measurement each.
-        for (params, outcome) in some.iter().zip(evaluator.measure(some, u32::MAX).await?) {
+        for (params, outcome) in some.iter().zip(evaluator.evaluate(some, Batches::All).await?) {
             match outcome {
                 Ok(measured) => {
                     let row = Trial { params: *params, cost: contract.cost(&measured), measured };
@@ -216,10 +216,10 @@ mod tests {
         async fn time(&mut self, p: &GenerationParams) -> Result<Result<Duration, Invalid>, TrialError> {
             Ok(Ok(Duration::from_micros(p.resolution().into())))
         }
-        async fn measure(
+        async fn evaluate(
             &mut self,
             all: &[GenerationParams],
-            _: u32,
+            _: Batches,
         ) -> Result<Vec<Result<Measurement, Invalid>>, TrialError> {
             let one = |p: &GenerationParams| {
                 if p.resolution() == 256 {

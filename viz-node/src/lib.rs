@@ -5,8 +5,10 @@
 
 pub mod config;
 mod intake;
+mod negotiation;
 pub mod painter;
 mod quality_service;
+mod steering;
 pub mod store;
 mod subscribe;
 mod trials;
@@ -22,12 +24,10 @@ use lamina_rpc::credentials::Role;
 use lamina_rpc::daemon::{Access, AllowRoles, Connections, Shutdown};
 use lamina_rpc::v1::quality_server::QualityServer;
 use lamina_vdi_render::Backend;
+use std::io::Write as _;
 use std::sync::{Arc, atomic::AtomicBool};
-use std::time::Duration;
 use tokio::net::TcpListener;
-
-/// How long connections may finish what they are doing after a stop was asked for.
-const GRACE: Duration = Duration::from_secs(1);
+use web::guard::Rights;
 
 /// Opens the store a configuration names.
 ///
@@ -60,17 +60,29 @@ pub async fn run(
     // A driver may take a second to wake.
     let opened = tokio::task::spawn_blocking(move || Backend::open(choice)).await?;
     let backend = opened.map_err(std::io::Error::other)?;
+    let negotiation = Arc::new(negotiation::Negotiation::new(store.clone()));
     let intake = Arc::new(intake::Intake::new(store.clone(), backend.clone(), share, limits(&config)));
     let connected = Arc::new(AtomicBool::new(false));
     let (health, health_service) = tonic_health::server::health_reporter();
     health.set_serving::<QualityServer<quality_service::QualityService>>().await;
     let grpc = tonic::service::Routes::new(health_service)
         .add_service(QualityServer::with_interceptor(
-            quality_service::QualityService(intake.clone()),
+            quality_service::QualityService { intake: intake.clone(), negotiation: negotiation.clone() },
             AllowRoles(&[Role::Tuner]),
         ))
         .into_axum_router();
-    let web = web::Web::new(store, backend, intake.clone(), connected.clone()).router();
+    let steering = steering::SteeringDesk::new(config.clone(), credentials.clone(), store.clone());
+    let steering = Arc::new(steering);
+    let refusals = Arc::new(web::serve::Refusals::default());
+    let web = web::Web::new(
+        store,
+        backend,
+        intake.clone(),
+        negotiation,
+        steering.clone(),
+        (connected.clone(), refusals.clone()),
+    )
+    .router();
     tracing::info!(%address, "viz-node listens");
     // An address that means "any" is completed by the generator-node.
     let own = format!("http{}://{address}", if access.is_secure() { "s" } else { "" });
@@ -78,37 +90,21 @@ pub async fn run(
     let guard = Arc::new(web::guard::Guard::new(page, &config.hosts).map_err(std::io::Error::other)?);
     if access.is_secure() {
         // Browsers have no certificate.
-        println!("watch it at {}", guard.entrance());
+        let (watch, steer) = (guard.entrance(Rights::Watch), guard.entrance(Rights::Steer));
+        // Whoever started the node may have closed its output.
+        let _ = writeln!(std::io::stdout(), "watch it at {watch}\nsteer it at {steer}");
     }
     let config = Config { quality_address: Some(config.quality_address.unwrap_or(own)), ..config };
+    let generator = config.generator.clone();
     let tasks = [
         tokio::spawn(subscribe::live(config.clone(), credentials.clone(), intake.clone(), connected)),
         tokio::spawn(subscribe::trials(config, credentials, intake.clone())),
         tokio::spawn(intake.follow_newest()),
+        tokio::spawn(async move { subscribe::forever(&generator, || steering.follow()).await }),
     ];
-    let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
     let routes = web.merge(grpc).fallback(web::nowhere);
     let routes = routes.layer(axum::middleware::from_fn_with_state(guard, web::guard::guard));
-    let service = routes.into_make_service_with_connect_info::<web::guard::PagePeer>();
-    let listener = web::guard::PageListener(Connections::accept(listener, access)?);
-    let serve = axum::serve(listener, service).with_graceful_shutdown(async {
-        let _ = stopped.await;
-    });
-    let mut server = tokio::spawn(serve.into_future());
-    let ended = tokio::select! {
-        ended = &mut server => Some(ended),
-        () = shutdown => None,
-    };
-    drop(stop);
+    web::serve::serve(Connections::accept(listener, access)?, routes, refusals, shutdown).await;
     tasks.iter().for_each(tokio::task::JoinHandle::abort);
-    let ended = match ended {
-        Some(ended) => Ok(ended),
-        // Event streams never end by themselves; after the grace they are cut.
-        None => tokio::time::timeout(GRACE, server).await,
-    };
-    match ended {
-        Ok(Ok(result)) => result,
-        Ok(Err(panic)) => Err(std::io::Error::other(panic)),
-        Err(_) => Ok(()),
-    }
+    Ok(())
 }

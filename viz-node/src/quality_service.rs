@@ -1,6 +1,7 @@
 //! The Quality service, towards the tuner: trials measured, and the quality of live steps.
 
 use crate::intake::Intake;
+use crate::negotiation::Negotiation;
 use crate::store::{Event, QualityStatus};
 use crate::trials::StudyStatus;
 use futures::{Stream, StreamExt};
@@ -14,10 +15,13 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
-use tonic::{Request, Response, Status};
+use tonic::{Request, Response, Status, Streaming};
 
-/// The gRPC face of [`Intake`].
-pub(crate) struct QualityService(pub Arc<Intake>);
+/// The gRPC face of [`Intake`] and [`Negotiation`].
+pub(crate) struct QualityService {
+    pub intake: Arc<Intake>,
+    pub negotiation: Arc<Negotiation>,
+}
 
 type Replies<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
@@ -29,7 +33,7 @@ impl quality_server::Quality for QualityService {
         let (replies, stream) = mpsc::channel(4);
         let request = request.into_inner();
         let trial_id = request.trial_id;
-        let work = measure(self.0.clone(), request);
+        let work = measure(self.intake.clone(), request);
         tokio::spawn(async move {
             let at_work = v1::QualityReply { trial_id, ..Default::default() };
             // Whoever hangs up wants no answer any more: work that waits is given up.
@@ -43,7 +47,7 @@ impl quality_server::Quality for QualityService {
     type StepsStream = Replies<v1::StepQuality>;
 
     async fn steps(&self, _: Request<v1::StepsRequest>) -> Result<Response<Self::StepsStream>, Status> {
-        let measured = self.0.store.events().filter_map(|event| {
+        let measured = self.intake.store.events().filter_map(|event| {
             let quality = match event {
                 Event::Step(run_id, row) if row.measured == QualityStatus::Yes => {
                     row.psnr_db.map(|psnr_db| v1::StepQuality {
@@ -63,6 +67,15 @@ impl quality_server::Quality for QualityService {
         });
         Ok(Response::new(measured.boxed()))
     }
+
+    type NegotiateStream = Replies<v1::ContractRequest>;
+
+    async fn negotiate(
+        &self,
+        request: Request<Streaming<v1::TunerUpdate>>,
+    ) -> Result<Response<Self::NegotiateStream>, Status> {
+        Ok(Response::new(self.negotiation.listen(request.into_inner()).boxed()))
+    }
 }
 
 async fn measure(intake: Arc<Intake>, request: v1::QualityRequest) -> Result<Quality, Status> {
@@ -81,7 +94,7 @@ async fn measure(intake: Arc<Intake>, request: v1::QualityRequest) -> Result<Qua
     let permit = intake.share.acquire(Priority::of_trial(first)).await;
     let quality = permit.run(Activity::Measure, work).await.map_err(|e| Status::internal(e.to_string()))??;
     intake.trials.remember(&trial.frame, &quality);
-    intake.store.tried();
+    intake.store.announce(Event::Trial);
     intake.counters.trials.fetch_add(1, Ordering::Relaxed);
     Ok(quality)
 }

@@ -46,7 +46,7 @@ pub(crate) async fn trials(config: Config, credentials: Option<Credentials>, int
 }
 
 /// Tries again whenever it ends.
-async fn forever<F: Future<Output = Result<(), Status>>>(generator: &str, attempt: impl Fn() -> F) {
+pub(crate) async fn forever<F: Future<Output = Result<(), Status>>>(generator: &str, attempt: impl Fn() -> F) {
     let mut reported = String::new();
     loop {
         let text = match attempt().await {
@@ -62,7 +62,14 @@ async fn forever<F: Future<Output = Result<(), Status>>>(generator: &str, attemp
     }
 }
 
-async fn frames(config: &Config, credentials: Option<&Credentials>) -> Result<FramesClient<Channel>, Status> {
+/// A connection to the generator-node.
+///
+/// # Errors
+/// If it does not answer.
+pub(crate) async fn frames(
+    config: &Config,
+    credentials: Option<&Credentials>,
+) -> Result<FramesClient<Channel>, Status> {
     let unreachable = |reason: String| Status::unavailable(format!("generator-node {reason}"));
     let channel = connect(&config.generator, Role::Generator, credentials).await.map_err(unreachable)?;
     Ok(FramesClient::new(channel).max_decoding_message_size(MAX_MESSAGE_BYTES))

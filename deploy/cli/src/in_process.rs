@@ -9,7 +9,7 @@ use lamina_model::{
     Volume,
 };
 use lamina_raycast::{Backend, Field, most_points};
-use lamina_tuner::evaluator::{Evaluator, Measurement, TrialError};
+use lamina_tuner::evaluator::{Batches, Evaluator, Measurement, TrialError};
 use lamina_vdi_render::{self as viz, Detail, Drawable};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -251,12 +251,12 @@ impl Evaluator for InProcessEvaluator {
         Ok(self.represent(params).map(|(_, time)| time))
     }
 
-    async fn measure(
+    async fn evaluate(
         &mut self,
         params: &[GenerationParams],
-        batches: u32,
+        batches: Batches,
     ) -> Result<Vec<Result<Measurement, Invalid>>, TrialError> {
-        let batches = batches.min(self.batches());
+        let batches = batches.count(self.batches());
         Ok(params.iter().map(|p| self.measure_one(p, batches)).collect())
     }
 }

@@ -22,5 +22,6 @@ pub mod process;
 mod run_folder;
 pub mod scene_file;
 pub mod source;
+mod steering;
 pub mod tune;
 pub mod watch;

@@ -21,6 +21,12 @@ impl Pacer {
         Self { interval, next: now, begun: now, steps: 0, computing: Duration::ZERO }
     }
 
+    /// Another pace from the next step on.
+    pub fn set(&mut self, pace: StepsPerSecond) {
+        self.interval = Self::new(pace).interval;
+        self.next = self.next.min(Instant::now() + self.interval);
+    }
+
     /// Waits until the next step is due, or `stopped`. A late step does not make the next ones early.
     pub fn wait(&mut self, stopped: &impl Fn() -> bool) {
         while !stopped() {

@@ -47,7 +47,7 @@ impl RunFolder {
         let path = dir.join("steps.csv");
         ensure!(!path.exists(), "{} holds a recorded run; name another folder with --out", dir.display());
         let mut csv = OpenOptions::new().create_new(true).append(true).open(&path).with_context(unwritable)?;
-        writeln!(csv, "{}", StepRow::CSV_HEADER).with_context(unwritable)?;
+        csv.write_all(StepRow::csv_header().as_bytes()).with_context(unwritable)?;
         let ([nx, ny, nz], kind) = (volume.grid().dims(), volume.voxels().voxel_type());
         let size = show_bytes(volume.size_bytes() as u64);
         let second = volume.color_field().map_or_else(String::new, |(name, _)| format!(" and {name}"));
@@ -70,7 +70,9 @@ impl RunFolder {
     /// Appends steps to `steps.csv`.
     pub(crate) fn add(&mut self, rows: &[StepRow]) -> anyhow::Result<()> {
         for row in rows {
-            writeln!(self.csv, "{}", row.to_csv()).with_context(|| format!("{}: steps.csv", self.dir.display()))?;
+            self.csv
+                .write_all(row.to_csv().as_bytes())
+                .with_context(|| format!("{}: steps.csv", self.dir.display()))?;
         }
         Ok(())
     }
@@ -161,7 +163,7 @@ impl RunFolder {
     /// Writes `trials.csv` with all trials so far, and gives its rows.
     fn write_trials(&self, nodes: &Nodes) -> anyhow::Result<Vec<ReportTrial>> {
         let trials: Vec<ReportTrial> = nodes.trials()?.iter().map(trial_row).collect();
-        self.write("trials.csv", trials_csv(&trials).as_bytes())?;
+        self.write("trials.csv", &trials_csv(&trials)?)?;
         Ok(trials)
     }
 
@@ -174,24 +176,26 @@ impl RunFolder {
     }
 }
 
-fn trials_csv(trials: &[ReportTrial]) -> String {
-    let mut text =
-        String::from("step,resolution,gamma,size_bytes,generation_ms,encode_ms,psnr_db,chosen,representation\n");
+fn trials_csv(trials: &[ReportTrial]) -> anyhow::Result<Vec<u8>> {
+    let mut csv = csv::Writer::from_writer(Vec::new());
+    csv.write_record([
+        "step",
+        "resolution",
+        "gamma",
+        "size_bytes",
+        "generation_ms",
+        "encode_ms",
+        "psnr_db",
+        "chosen",
+        "representation",
+    ])?;
     for t in trials {
-        text += &format!(
-            "{},{},{},{},{:.3},{:.3},{},{},{}\n",
-            t.step,
-            t.resolution,
-            t.gamma,
-            t.size_bytes,
-            t.generation_ms,
-            t.encode_ms,
-            if t.psnr_db.is_nan() { String::new() } else { format!("{:.3}", t.psnr_db) },
-            t.chosen,
-            t.representation
-        );
+        let [generation, encode] = [t.generation_ms, t.encode_ms].map(|ms| format!("{ms:.3}"));
+        let psnr = if t.psnr_db.is_nan() { String::new() } else { format!("{:.3}", t.psnr_db) };
+        let of = (t.step, t.resolution, t.gamma, t.size_bytes);
+        csv.serialize((of, generation, encode, psnr, t.chosen, t.representation))?;
     }
-    text
+    Ok(csv.into_inner()?)
 }
 
 fn report_row(row: &StepRow) -> lamina_report::ReportStep {

@@ -6,9 +6,10 @@ use crate::offline;
 use crate::pacer::Pacer;
 use crate::run_folder::RunFolder;
 use crate::source::{Example, Recorded, Source, read_options};
+use crate::steering;
 use anyhow::{Context, bail, ensure};
 use indicatif::{ProgressBar, ProgressStyle};
-use lamina_client::{Brick, Client, ClientError, FullPolicy, RunOptions};
+use lamina_client::{Brick, Client, ClientError, FullPolicy, RunOptions, SteerableNumber};
 use lamina_compute::{CpuLimit, CpuShare};
 use lamina_model::{Representation, Scene, TuningState, Volume};
 use lamina_tuner::Contract;
@@ -70,9 +71,11 @@ pub fn connect(
     volume: &Volume,
     generator: &str,
     policy: FullPolicy,
+    steering: Option<Vec<SteerableNumber>>,
 ) -> Result<Client, ClientError> {
     let options = RunOptions {
         full_policy: policy,
+        steering,
         scene: Some(source.scene().clone()),
         // Blocking is consent to wait: for as long as a study of the tuner may take.
         deadline: if policy == FullPolicy::Block { Duration::from_secs(600) } else { Duration::from_secs(5) },
@@ -98,11 +101,14 @@ fn push_only(
     policy: FullPolicy,
     pace: cli::StepsPerSecond,
 ) -> anyhow::Result<()> {
-    let mut client = connect(source, &first.1, &generator, policy)?;
+    let mut client = connect(source, &first.1, &generator, policy, Some(steering::numbers(pace)))?;
     let mut next = Some(first);
     let (mut step, mut pacer) = (0, Pacer::new(pace));
     while let Some((time, volume)) = next.filter(|_| steps.is_none_or(|n| step < n)) {
         pacer.wait(&|| false);
+        if steering::obey(&mut client, &mut pacer, &|| false, || Ok(()))? {
+            break;
+        }
         match push(&mut client, step, time, &volume) {
             Ok(()) => say!("step {step:4}  time {time:.4}  pushed"),
             Err(error @ (ClientError::Invalid(_) | ClientError::Refused(_))) => return Err(error.into()),
@@ -233,7 +239,9 @@ fn watch(
     if !options.headless {
         say!("watching {} ({}): open http://{}/   (Ctrl-C ends)", source.name(), source.field(), nodes.viewer);
     }
-    let mut client = connect(source, &first.1, &nodes.generator, policy)?;
+    // Where every step waits for its viewer nobody asks for anything.
+    let steering = (!options.headless).then(|| steering::numbers(pace));
+    let mut client = connect(source, &first.1, &nodes.generator, policy, steering)?;
     let bar = progress(steps, options.headless);
     let mut shown = Shown { step: None, begun: Instant::now(), tuned: options.headless };
     let mut pacer = Pacer::new(pace);
@@ -241,6 +249,9 @@ fn watch(
         let (mut next, mut step) = (Some(first), 0);
         while let Some((time, volume)) = next.filter(|_| steps.is_none_or(|n| step < n) && !stopped()) {
             pacer.wait(&stopped);
+            if steering::obey(&mut client, &mut pacer, &stopped, || shown.show_new(&nodes, &bar, outputs.as_mut()))? {
+                break;
+            }
             push(&mut client, step, time, &volume).with_context(|| format!("step {step}"))?;
             if options.headless {
                 let Some(row) = nodes.settle(step, &stopped)? else { break };

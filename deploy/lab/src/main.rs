@@ -8,6 +8,7 @@ mod bench_live;
 mod cli;
 mod rd;
 mod study;
+mod table;
 
 use clap::Parser;
 use cli::{LabCli, LabCommand};

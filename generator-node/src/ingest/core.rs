@@ -145,6 +145,11 @@ impl Core {
         self.run.as_mut().filter(|r| r.id == id).ok_or_else(|| IngestError::UnknownRun(id.to_owned()))
     }
 
+    /// True if it is this run that is served.
+    pub fn serves(&self, id: &str) -> bool {
+        self.run.as_ref().is_some_and(|r| r.id == id)
+    }
+
     /// Decides on a brick, and reserves its memory if granted.
     pub fn admit(&mut self, run_id: &str, offer: &BrickOffer, now: Instant) -> Result<Admit, IngestError> {
         let BrickOffer { step, rank, .. } = *offer;

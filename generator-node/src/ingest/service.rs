@@ -3,6 +3,7 @@
 use super::brick::BrickBytes;
 use super::{Admit, BrickOffer, CompleteStep, Core, IngestError, RunSpec};
 use crate::overhead::Overhead;
+use crate::steering::SteeringRelay;
 use futures::{Stream, StreamExt};
 use lamina_model::{Invalid, Scene};
 use lamina_rpc::v1::{self, ingest_server, push_part::Part};
@@ -25,6 +26,7 @@ pub struct Ingest {
     room: Notify,
     ready: Notify,
     shared: Option<SharedMemory>,
+    steering: Arc<SteeringRelay>,
     /// Members of the group that this node is of, and, of its root, the door to them.
     members: u32,
     door: Option<Arc<dyn AssignMember>>,
@@ -63,6 +65,7 @@ impl Ingest {
             room: Notify::new(),
             ready: Notify::new(),
             shared,
+            steering: Arc::default(),
             members: 1,
             door: None,
         }
@@ -72,6 +75,11 @@ impl Ingest {
     #[must_use]
     pub(crate) fn of_group(self, members: u32, door: Option<Arc<dyn AssignMember>>) -> Self {
         Self { members, door, ..self }
+    }
+
+    /// What viz-nodes ask the simulation for.
+    pub(crate) fn steering(&self) -> &Arc<SteeringRelay> {
+        &self.steering
     }
 
     /// A member of the group has heard of run `run_id`.
@@ -292,6 +300,22 @@ impl ingest_server::Ingest for IngestService {
         self.0.room.notify_waiters();
         tracing::info!(run_id, rank, dropped_steps, "rank detached");
         Ok(Response::new(v1::CloseReply { dropped_steps }))
+    }
+
+    type SteeringStream = Pin<Box<dyn Stream<Item = Result<v1::Steering, Status>> + Send>>;
+
+    async fn steering(
+        &self,
+        request: Request<v1::SteeringSubscription>,
+    ) -> Result<Response<Self::SteeringStream>, Status> {
+        let v1::SteeringSubscription { run_id, numbers } = request.into_inner();
+        if !self.0.core().serves(&run_id) {
+            return Err(IngestError::UnknownRun(run_id).into());
+        }
+        let numbers = lamina_rpc::steering::numbers(numbers).map_err(|e| invalid(&e))?;
+        tracing::info!(run_id, numbers = numbers.len(), "the simulation can be steered");
+        let listening = self.0.steering.listen(run_id, numbers);
+        Ok(Response::new(listening.map(|steering| Ok(steering.into())).boxed()))
     }
 }
 

@@ -34,10 +34,19 @@ enum {
     LAMINA_FAILED = -5       /* anything else */
 };
 
+/* What people who watch ask for: the simulation waits with the next step, goes on, ends as after its last step, or one of its
+ * numbers has another value. */
+enum { LAMINA_NOTHING = 0, LAMINA_PAUSE = 1, LAMINA_RESUME = 2, LAMINA_STOP = 3, LAMINA_SET = 4 };
+
+/* A number that people may change: what they see it called, its value and the range of values, finite. */
+typedef struct {
+    const char *name;
+    double value, least, most;
+} lamina_number;
+
 /* A run. What is 0 or NULL has its default: lamina_options run = { .name = "blast", ... }. */
 typedef struct {
-    const char *generator;   /* the generator-node; default http://127.0.0.1:7101. One at https:// asks for the credentials in the
-                                folder that the environment variable LAMINA_CREDENTIALS names */
+    const char *generator;   /* the generator-node; default http://127.0.0.1:7101. One at https:// asks for credentials */
     const char *name;        /* of the run; needed */
     const char *field;       /* what the scalar is, such as "density"; needed */
     uint64_t dims[3];        /* sample points of the whole grid of all ranks along x, y, z; needed */
@@ -51,6 +60,12 @@ typedef struct {
                                 says (Open MPI, MPICH, Slurm), else 1; lamina_mpi.h takes them from a communicator */
     int32_t full_policy;     /* default LAMINA_DROP_OLDEST: the simulation never waits for the viewer */
     double deadline_secs;    /* the longest any call may take; default 5 */
+    const char *credentials; /* folder of keys that `lamina keys` made; default where the environment variable LAMINA_CREDENTIALS
+                                says */
+    int32_t steering;        /* not 0: people may ask to pause, to go on, to stop and to change `numbers`, and this rank, which
+                                tells the others, asks for that with lamina_steering */
+    uint32_t number_count;   /* of the numbers, at most 64 */
+    const lamina_number *numbers;
 } lamina_options;
 
 /* A rank's part of a step, in the simulation's own memory, which is only read, and only during the call. */
@@ -64,6 +79,14 @@ typedef struct {
     int32_t type;            /* of the voxels; default the run's. Another is refused */
     int32_t color_type;      /* the same of the colors */
 } lamina_brick;
+
+/* What somebody asked for. */
+typedef struct {
+    int32_t what;            /* LAMINA_NOTHING, ... */
+    int32_t number;          /* LAMINA_SET: which of the run's numbers, from 0 */
+    double value;            /* LAMINA_SET: its new value, within its range */
+    char asked_by[64];       /* for people to read */
+} lamina_request;
 
 /* What became of a run's bricks. */
 typedef struct {
@@ -92,6 +115,11 @@ int32_t lamina_push_bricks(lamina_client *client, uint64_t step, double time, co
  * the simulation's until it gives them to lamina_push as a brick's, or closes; each is for one push. What they hold at first is
  * of no meaning. Without such a node the memory is the process's own, and is sent. 0, or an error. */
 int32_t lamina_buffer(lamina_client *client, const uint64_t dims[3], void **voxels, void **colors);
+
+/* The oldest request not given out yet; gives what it asks for, LAMINA_NOTHING if there is none, or an error. At once; to be called
+ * between steps until there is none. What of it is done is the simulation's choice. A pause whose node is lost is ended by a
+ * LAMINA_RESUME. */
+int32_t lamina_steering(lamina_client *client, lamina_request *request);
 
 /* Ends this rank's part of the run and frees the connection; NULL is ignored. `summary` may be NULL. */
 void lamina_close(lamina_client *client, lamina_summary *summary);

@@ -8,6 +8,7 @@ module lamina
     use, intrinsic :: iso_c_binding
     implicit none
     private
+    public :: lamina_number, lamina_steering
     public :: lamina_run, lamina_connection, lamina_summary, lamina_open, lamina_put, lamina_buffer, &
         lamina_box, lamina_brick, lamina_put_bricks, lamina_end, lamina_message
 
@@ -16,15 +17,28 @@ module lamina
     integer(c_int32_t), parameter, public :: lamina_admitted = 0, lamina_dropped = 1, lamina_invalid = -1, &
         lamina_refused = -2, lamina_unreachable = -3, lamina_deadline = -4, lamina_failed = -5
 
+    ! What people who watch ask for.
+    integer(c_int32_t), parameter, public :: lamina_nothing = 0, lamina_pause = 1, &
+        lamina_resume = 2, lamina_stop = 3, lamina_set = 4
+
+    ! A number that people may change: what they see it called, its value and the range of values.
+    type :: lamina_number
+        character(63) :: name = ''
+        real(c_double) :: value = 0, least = 0, most = 0
+    end type
+
     ! A run; dims, name, field and voxel_type are to be stated. Where rank and ranks are 0 they are as the MPI launcher's environment
     ! says, else one rank.
     type :: lamina_run
-        character(:), allocatable :: generator, name, field, color_field
+        character(:), allocatable :: generator, name, field, color_field, credentials
         integer(c_int64_t) :: dims(3) = 0
         real(c_double) :: spacing(3) = 1, origin(3) = 0
         integer(c_int32_t) :: voxel_type = 0, color_type = 0
         integer(c_int32_t) :: rank = 0, ranks = 0, full_policy = lamina_drop_oldest
         real(c_double) :: deadline_secs = 5
+        ! People may ask to pause, to go on, to stop and to change these numbers: lamina_steering.
+        logical :: steering = .false.
+        type(lamina_number), allocatable :: numbers(:)
     end type
 
     type :: lamina_connection
@@ -44,6 +58,20 @@ module lamina
         type(c_ptr) :: color_field
         integer(c_int32_t) :: rank, ranks, full_policy
         real(c_double) :: deadline_secs
+        type(c_ptr) :: credentials
+        integer(c_int32_t) :: steering, number_count
+        type(c_ptr) :: numbers
+    end type
+
+    type, bind(c) :: c_number
+        type(c_ptr) :: name
+        real(c_double) :: value, least, most
+    end type
+
+    type, bind(c) :: c_request
+        integer(c_int32_t) :: what, number
+        real(c_double) :: value
+        character(kind=c_char) :: asked_by(64)
     end type
 
     ! Where a brick lies in memory.
@@ -83,6 +111,12 @@ module lamina
             type(c_ptr), value :: client
             integer(c_int64_t), intent(in) :: dims(3)
             type(c_ptr), intent(out) :: voxels, colors
+            integer(c_int32_t) :: code
+        end function
+        function c_steering(client, request) bind(c, name="lamina_steering") result(code)
+            import :: c_ptr, c_int32_t, c_request
+            type(c_ptr), value :: client
+            type(c_request), intent(out) :: request
             integer(c_int32_t) :: code
         end function
         subroutine c_close(client, summary) bind(c, name="lamina_close")
@@ -127,8 +161,11 @@ contains
         type(lamina_run), intent(in) :: run
         type(lamina_connection), intent(out) :: connection
         integer(c_int32_t), intent(out) :: code
-        character(kind=c_char, len=:), allocatable, target :: generator, name, field, color_field
+        character(kind=c_char, len=:), allocatable, target :: generator, name, field, color_field, credentials
+        character(kind=c_char, len=64), allocatable, target :: names(:)
+        type(c_number), allocatable, target :: numbers(:)
         type(options) :: o
+        integer :: n, i
 
         o%generator = text(run%generator, generator)
         o%name = text(run%name, name)
@@ -143,6 +180,18 @@ contains
         o%ranks = run%ranks
         o%full_policy = run%full_policy
         o%deadline_secs = run%deadline_secs
+        o%credentials = text(run%credentials, credentials)
+        o%steering = merge(1, 0, run%steering)
+        n = 0
+        if (allocated(run%numbers)) n = size(run%numbers)
+        allocate (names(n), numbers(n))
+        do i = 1, n
+            names(i) = trim(run%numbers(i)%name) // c_null_char
+            numbers(i) = c_number(c_loc(names(i)), run%numbers(i)%value, run%numbers(i)%least, run%numbers(i)%most)
+        end do
+        o%number_count = n
+        o%numbers = c_null_ptr
+        if (n > 0) o%numbers = c_loc(numbers)
         code = c_connect(o, connection%client)
     end subroutine
 
@@ -294,6 +343,20 @@ contains
         integer(c_int32_t), intent(in) :: color_type
         given%color_type = color_type
         if (all(given%dims == colors%dims) .and. all(given%strides == colors%strides)) given%colors = colors%voxels
+    end subroutine
+
+    ! The oldest request not given out yet: lamina_nothing if there is none, or below 0 an error. At once; to be called between steps
+    ! until there is none. Of lamina_set: which of the run's numbers, from 1, and its new value. A pause whose node is lost is ended
+    ! by a lamina_resume.
+    subroutine lamina_steering(connection, what, number, value)
+        type(lamina_connection), intent(in) :: connection
+        integer(c_int32_t), intent(out) :: what
+        integer, intent(out) :: number
+        real(c_double), intent(out) :: value
+        type(c_request) :: request
+        what = c_steering(connection%client, request)
+        number = request%number + 1
+        value = request%value
     end subroutine
 
     ! Ends this rank's part of the run.

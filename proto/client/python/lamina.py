@@ -11,6 +11,7 @@ Arrays are anything with the buffer protocol, NumPy's among them, with axes in t
 the environment variable LAMINA_LIBRARY, then where the system looks for libraries. Connect after forking, not before.
 """
 
+import collections
 import contextlib
 import ctypes
 import os
@@ -21,6 +22,8 @@ TYPES = {"uint8": 1, "uint16": 2, "int16": 3, "float16": 4, "float32": 5, "float
 POLICIES = {"drop oldest": 0, "drop newest": 1, "block": 2}
 # Letters of the buffer protocol.
 _FORMATS = {"B": "uint8", "H": "uint16", "h": "int16", "e": "float16", "f": "float32", "d": "float64"}
+# What people who watch ask for.
+_REQUESTS = {1: "pause", 2: "resume", 3: "stop", 4: "set"}
 _ERRORS = {-1: ValueError, -3: ConnectionError, -4: TimeoutError}
 
 
@@ -39,7 +42,33 @@ class _Options(ctypes.Structure):
         ("ranks", ctypes.c_uint32),
         ("full_policy", ctypes.c_int32),
         ("deadline_secs", ctypes.c_double),
+        ("credentials", ctypes.c_char_p),
+        ("steering", ctypes.c_int32),
+        ("number_count", ctypes.c_uint32),
+        ("numbers", ctypes.c_void_p),
     ]
+
+
+class _Number(ctypes.Structure):
+    _fields_ = [
+        ("name", ctypes.c_char_p),
+        ("value", ctypes.c_double),
+        ("least", ctypes.c_double),
+        ("most", ctypes.c_double),
+    ]
+
+
+class _Request(ctypes.Structure):
+    _fields_ = [
+        ("what", ctypes.c_int32),
+        ("number", ctypes.c_int32),
+        ("value", ctypes.c_double),
+        ("asked_by", ctypes.c_char * 64),
+    ]
+
+
+# `what`: "pause", "resume", "stop" or "set"; name and value are of "set", else None.
+Request = collections.namedtuple("Request", "what name value asked_by")
 
 
 class _Brick(ctypes.Structure):
@@ -164,6 +193,7 @@ def _library():
         ctypes.POINTER(ctypes.c_void_p),
         ctypes.POINTER(ctypes.c_void_p),
     ]
+    library.lamina_steering.argtypes = [ctypes.c_void_p, ctypes.POINTER(_Request)]
     library.lamina_close.argtypes = [ctypes.c_void_p, ctypes.POINTER(Summary)]
     library.lamina_close.restype = None
     library.lamina_error.restype = ctypes.c_char_p
@@ -190,8 +220,12 @@ class Client:
         comm=None,
         full_policy="drop oldest",
         deadline_secs=5.0,
+        credentials=None,
+        steering=None,
     ):
-        """Rank and ranks: as stated, those of `comm` (mpi4py), or as the MPI launcher's environment says; else one."""
+        """Rank and ranks: as stated, those of `comm` (mpi4py), or as the MPI launcher's environment says; else one. `credentials`:
+        folder of keys for a node at https://, else as LAMINA_CREDENTIALS says. `steering`: numbers that people who watch may change,
+        {"name": (value, least, most)}, or {} for none; requests are then given by steering()."""
         if comm is not None:
             rank, ranks = comm.Get_rank(), comm.Get_size()
         self._library, self._lock, self._summary = _library(), threading.Lock(), None
@@ -211,7 +245,13 @@ class Client:
             ranks or 0 if rank is None else ranks or 1,
             _known(POLICIES, full_policy),
             deadline_secs,
+            os.fsencode(credentials) if credentials else None,
+            steering is not None,
         )
+        self._numbers = list(steering or {})
+        numbers = [_Number(name.encode(), *map(float, of)) for name, of in (steering or {}).items()]
+        numbers = (_Number * len(numbers))(*numbers)
+        options.number_count, options.numbers = len(numbers), ctypes.addressof(numbers)
         self._client = ctypes.c_void_p()
         self._check(self._library.lamina_connect(ctypes.byref(options), ctypes.byref(self._client)))
 
@@ -249,6 +289,17 @@ class Client:
             memory = (ctypes.c_char * size).from_address(address.value)
             arrays.append(numpy.frombuffer(memory, dtype).reshape(dims, order="F"))
         return arrays[0] if len(arrays) == 1 else tuple(arrays)
+
+    def steering(self):
+        """What people who watch have asked for since this was called last, oldest first; at once. Call it between steps. What of it
+        is done is the simulation's choice. A pause whose node is lost is ended by a "resume"."""
+        requests, request = [], _Request()
+        with self._lock:
+            while self._check(self._library.lamina_steering(self._client, ctypes.byref(request))) > 0:
+                what, of_number = _REQUESTS[request.what], request.what == 4
+                name, value = (self._numbers[request.number], request.value) if of_number else (None, None)
+                requests.append(Request(what, name, value, request.asked_by.decode()))
+        return requests
 
     def _check(self, code):
         if code < 0:

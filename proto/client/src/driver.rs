@@ -6,6 +6,7 @@ use std::future::Future;
 use std::io;
 use std::time::Duration;
 use tokio::runtime::{Builder, Runtime};
+use tokio::task::AbortHandle;
 use tonic::Status;
 
 /// A runtime that is a guest in the simulation's process: its threads take none of the process's signals (a write to a node
@@ -39,6 +40,11 @@ impl Driver {
         let Some(runtime) = &self.0 else { return Err(Status::unavailable("closed")) };
         let late = |_| Err(Status::deadline_exceeded("no answer in time"));
         runtime.block_on(async { tokio::time::timeout(deadline, call).await }).unwrap_or_else(late)
+    }
+
+    /// Lets the driver's own thread work on `task` meanwhile; `None` if it has ended.
+    pub(crate) fn spawn(&self, task: impl Future<Output = ()> + Send + 'static) -> Option<AbortHandle> {
+        self.0.as_ref().map(|runtime| runtime.spawn(task).abort_handle())
     }
 
     /// The same of one that the driver's own thread works on: it may send.

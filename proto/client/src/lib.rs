@@ -24,10 +24,11 @@ mod driver;
 mod options;
 mod pace;
 mod session;
+mod steering;
 
 pub use brick::{Brick, VoxelSlice, check_type, dense, span};
 pub use buffer::{Buffer, VoxelScalar};
-pub use lamina_model::FullPolicy;
+pub use lamina_model::{FullPolicy, SteerableNumber, Steering, SteeringRequest};
 pub use lamina_rpc::launcher::launched_rank;
 pub use options::{Receipt, RunOptions};
 
@@ -39,6 +40,7 @@ use lamina_shared_memory::Lease;
 use pace::Pace;
 use session::{Session, StepPart};
 use std::time::{Duration, Instant};
+use steering::SteeringInbox;
 use tonic::{Code, Status};
 
 /// Why a step was not handed over.
@@ -94,6 +96,7 @@ pub struct Client {
     /// Why it could not be reached when that was last tried.
     unreachable: String,
     pace: Pace,
+    steering: SteeringInbox,
 }
 
 const FIRST_BACKOFF: Duration = Duration::from_millis(200);
@@ -125,6 +128,7 @@ impl Client {
             backoff: FIRST_BACKOFF,
             unreachable: String::new(),
             pace: Pace::default(),
+            steering: SteeringInbox::new(),
         };
         match client.ensure_session(Instant::now()) {
             Err(error @ (ClientError::Unreachable { .. } | ClientError::Deadline(_))) => tracing::warn!("{error}"),
@@ -259,6 +263,13 @@ impl Client {
         self.summary
     }
 
+    /// What people who watch have asked for since this was called last, oldest first; at once, and empty where
+    /// [`RunOptions::steering`] is `None`. Call it between steps; what of it is done is the simulation's choice. A pause whose
+    /// node is lost is ended by a [`SteeringRequest::Resume`].
+    pub fn steering(&mut self) -> Vec<Steering> {
+        self.steering.take()
+    }
+
     /// What became of the bricks so far.
     pub fn summary(&self) -> Summary {
         self.summary
@@ -290,9 +301,21 @@ impl Client {
         match self.driver.away(self.remaining(started), open) {
             Ok((session, run_id)) => {
                 (self.session, self.run_id, self.backoff) = (Some(session), run_id, FIRST_BACKOFF);
+                self.listen();
                 Ok(())
             }
             Err(status) => Err(self.failed(&status)),
+        }
+    }
+
+    /// Listens to requests, where the simulation takes them.
+    fn listen(&mut self) {
+        if self.options.steering.is_none() {
+            return;
+        }
+        let follow = self.steering.follow(&self.run_id, &self.options, self.credentials.as_ref());
+        if let Some(task) = follow.and_then(|follow| self.driver.spawn(follow)) {
+            self.steering.follows(&self.run_id, task);
         }
     }
 

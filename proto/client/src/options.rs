@@ -1,6 +1,6 @@
 //! A run as the simulation describes it, and what became of a brick.
 
-use lamina_model::{FullPolicy, Grid, Scene, VoxelType};
+use lamina_model::{FullPolicy, Grid, Scene, SteerableNumber, VoxelType};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -31,6 +31,8 @@ pub struct RunOptions {
     /// Folder of keys that `lamina keys` made, for a generator-node at `https://`. Default: where the environment variable
     /// LAMINA_CREDENTIALS says.
     pub credentials: Option<PathBuf>,
+    /// Numbers that people who watch may change; they may also ask to pause, to go on and to stop: [`steering`](crate::Client::steering). Of one rank, which tells the others. Default: nobody can ask for anything.
+    pub steering: Option<Vec<SteerableNumber>>,
     /// The longest any call may take. Default 5 s.
     pub deadline: Duration,
 }
@@ -50,6 +52,7 @@ impl RunOptions {
             full_policy: FullPolicy::DropOldest,
             scene: None,
             credentials: None,
+            steering: None,
             deadline: Duration::from_secs(5),
         }
     }

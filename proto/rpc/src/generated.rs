@@ -415,6 +415,146 @@ pub struct TunerStatus {
     /// Studies that ended with nothing measured.
     #[prost(uint64, tag = "8")]
     pub lost_studies: u64,
+    /// The contract in force, as users write it.
+    #[prost(string, tag = "9")]
+    pub contract: ::prost::alloc::string::String,
+}
+/// What a tuner tells a viz-node that people watch.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct TunerUpdate {
+    /// Without trials.
+    #[prost(message, optional, tag = "1")]
+    pub status: ::core::option::Option<TunerStatus>,
+    /// The request that this answers; 0: none.
+    #[prost(uint64, tag = "2")]
+    pub request_id: u64,
+    /// Why that contract is not in force; empty: it is.
+    #[prost(string, tag = "3")]
+    pub refusal: ::prost::alloc::string::String,
+}
+/// Somebody asks for another contract.
+#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct ContractRequest {
+    /// Not 0, unique among a viz-node's.
+    #[prost(uint64, tag = "1")]
+    pub request_id: u64,
+    /// As users write it: `size <= 300kB, maximise psnr`.
+    #[prost(string, tag = "2")]
+    pub contract: ::prost::alloc::string::String,
+    /// Who asks, for the log.
+    #[prost(string, tag = "3")]
+    pub asked_by: ::prost::alloc::string::String,
+}
+/// A number that may be changed while the simulation runs.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct SteerableNumber {
+    /// At most 63 bytes.
+    #[prost(string, tag = "1")]
+    pub name: ::prost::alloc::string::String,
+    #[prost(double, tag = "2")]
+    pub value: f64,
+    /// The range of its values, finite.
+    #[prost(double, tag = "3")]
+    pub least: f64,
+    #[prost(double, tag = "4")]
+    pub most: f64,
+}
+/// Opened by the one rank that takes requests; it does as long as the stream is open.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct SteeringSubscription {
+    #[prost(string, tag = "1")]
+    pub run_id: ::prost::alloc::string::String,
+    /// At most 64.
+    #[prost(message, repeated, tag = "2")]
+    pub numbers: ::prost::alloc::vec::Vec<SteerableNumber>,
+}
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct NewValue {
+    #[prost(string, tag = "1")]
+    pub name: ::prost::alloc::string::String,
+    #[prost(double, tag = "2")]
+    pub value: f64,
+}
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct Steering {
+    /// For people to read.
+    #[prost(string, tag = "3")]
+    pub asked_by: ::prost::alloc::string::String,
+    #[prost(oneof = "steering::Request", tags = "1, 2")]
+    pub request: ::core::option::Option<steering::Request>,
+}
+/// Nested message and enum types in `Steering`.
+pub mod steering {
+    #[derive(Clone, PartialEq, ::prost::Oneof)]
+    pub enum Request {
+        #[prost(enumeration = "super::SteeringCommand", tag = "1")]
+        Command(i32),
+        #[prost(message, tag = "2")]
+        Number(super::NewValue),
+    }
+}
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct SteerRequest {
+    /// Refused with NOT_FOUND if another run has begun.
+    #[prost(string, tag = "1")]
+    pub run_id: ::prost::alloc::string::String,
+    #[prost(message, optional, tag = "2")]
+    pub steering: ::core::option::Option<Steering>,
+}
+#[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct SteerReply {}
+#[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct SteerableRequest {}
+/// What can be asked of the simulation now.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct Steerable {
+    #[prost(string, tag = "1")]
+    pub run_id: ::prost::alloc::string::String,
+    /// It takes requests.
+    #[prost(bool, tag = "2")]
+    pub listens: bool,
+    /// It was asked to pause, and not to go on since; it was asked to stop.
+    #[prost(bool, tag = "3")]
+    pub paused: bool,
+    #[prost(bool, tag = "4")]
+    pub stopping: bool,
+    /// With the values asked for last.
+    #[prost(message, repeated, tag = "5")]
+    pub numbers: ::prost::alloc::vec::Vec<SteerableNumber>,
+}
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
+#[repr(i32)]
+pub enum SteeringCommand {
+    Unspecified = 0,
+    /// Wait with the next step.
+    Pause = 1,
+    Resume = 2,
+    /// End as after the last step.
+    Stop = 3,
+}
+impl SteeringCommand {
+    /// String value of the enum field names used in the ProtoBuf definition.
+    ///
+    /// The values are not transformed in any way and thus are considered stable
+    /// (if the ProtoBuf definition does not change) and safe for programmatic use.
+    pub fn as_str_name(&self) -> &'static str {
+        match self {
+            Self::Unspecified => "STEERING_COMMAND_UNSPECIFIED",
+            Self::Pause => "STEERING_COMMAND_PAUSE",
+            Self::Resume => "STEERING_COMMAND_RESUME",
+            Self::Stop => "STEERING_COMMAND_STOP",
+        }
+    }
+    /// Creates an enum from field names used in the ProtoBuf definition.
+    pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
+        match value {
+            "STEERING_COMMAND_UNSPECIFIED" => Some(Self::Unspecified),
+            "STEERING_COMMAND_PAUSE" => Some(Self::Pause),
+            "STEERING_COMMAND_RESUME" => Some(Self::Resume),
+            "STEERING_COMMAND_STOP" => Some(Self::Stop),
+            _ => None,
+        }
+    }
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct OpenRequest {
@@ -811,6 +951,30 @@ pub mod ingest_client {
             req.extensions_mut().insert(GrpcMethod::new("lamina.v1.Ingest", "Close"));
             self.inner.unary(req, path, codec).await
         }
+        /// What people who watch ask the simulation for, until it hangs up. NOT_FOUND: no such run (any more).
+        pub async fn steering(
+            &mut self,
+            request: impl tonic::IntoRequest<super::SteeringSubscription>,
+        ) -> std::result::Result<
+            tonic::Response<tonic::codec::Streaming<super::Steering>>,
+            tonic::Status,
+        > {
+            self.inner
+                .ready()
+                .await
+                .map_err(|e| {
+                    tonic::Status::unknown(
+                        format!("Service was not ready: {}", e.into()),
+                    )
+                })?;
+            let codec = tonic_prost::ProstCodec::default();
+            let path = http::uri::PathAndQuery::from_static(
+                "/lamina.v1.Ingest/Steering",
+            );
+            let mut req = request.into_request();
+            req.extensions_mut().insert(GrpcMethod::new("lamina.v1.Ingest", "Steering"));
+            self.inner.server_streaming(req, path, codec).await
+        }
     }
 }
 /// Generated server implementations.
@@ -848,6 +1012,17 @@ pub mod ingest_server {
             &self,
             request: tonic::Request<super::CloseRequest>,
         ) -> std::result::Result<tonic::Response<super::CloseReply>, tonic::Status>;
+        /// Server streaming response type for the Steering method.
+        type SteeringStream: tonic::codegen::tokio_stream::Stream<
+                Item = std::result::Result<super::Steering, tonic::Status>,
+            >
+            + std::marker::Send
+            + 'static;
+        /// What people who watch ask the simulation for, until it hangs up. NOT_FOUND: no such run (any more).
+        async fn steering(
+            &self,
+            request: tonic::Request<super::SteeringSubscription>,
+        ) -> std::result::Result<tonic::Response<Self::SteeringStream>, tonic::Status>;
     }
     /// Generator-node, towards the simulation.
     #[derive(Debug)]
@@ -1056,6 +1231,52 @@ pub mod ingest_server {
                     };
                     Box::pin(fut)
                 }
+                "/lamina.v1.Ingest/Steering" => {
+                    #[allow(non_camel_case_types)]
+                    struct SteeringSvc<T: Ingest>(pub Arc<T>);
+                    impl<
+                        T: Ingest,
+                    > tonic::server::ServerStreamingService<super::SteeringSubscription>
+                    for SteeringSvc<T> {
+                        type Response = super::Steering;
+                        type ResponseStream = T::SteeringStream;
+                        type Future = BoxFuture<
+                            tonic::Response<Self::ResponseStream>,
+                            tonic::Status,
+                        >;
+                        fn call(
+                            &mut self,
+                            request: tonic::Request<super::SteeringSubscription>,
+                        ) -> Self::Future {
+                            let inner = Arc::clone(&self.0);
+                            let fut = async move {
+                                <T as Ingest>::steering(&inner, request).await
+                            };
+                            Box::pin(fut)
+                        }
+                    }
+                    let accept_compression_encodings = self.accept_compression_encodings;
+                    let send_compression_encodings = self.send_compression_encodings;
+                    let max_decoding_message_size = self.max_decoding_message_size;
+                    let max_encoding_message_size = self.max_encoding_message_size;
+                    let inner = self.inner.clone();
+                    let fut = async move {
+                        let method = SteeringSvc(inner);
+                        let codec = tonic_prost::ProstCodec::default();
+                        let mut grpc = tonic::server::Grpc::new(codec)
+                            .apply_compression_config(
+                                accept_compression_encodings,
+                                send_compression_encodings,
+                            )
+                            .apply_max_message_size_config(
+                                max_decoding_message_size,
+                                max_encoding_message_size,
+                            );
+                        let res = grpc.server_streaming(method, req).await;
+                        Ok(res)
+                    };
+                    Box::pin(fut)
+                }
                 _ => {
                     Box::pin(async move {
                         let mut response = http::Response::new(
@@ -1239,6 +1460,50 @@ pub mod frames_client {
                 .insert(GrpcMethod::new("lamina.v1.Frames", "SubscribeTrials"));
             self.inner.server_streaming(req, path, codec).await
         }
+        /// What the simulation can be asked for, now and after every change.
+        pub async fn steerable(
+            &mut self,
+            request: impl tonic::IntoRequest<super::SteerableRequest>,
+        ) -> std::result::Result<
+            tonic::Response<tonic::codec::Streaming<super::Steerable>>,
+            tonic::Status,
+        > {
+            self.inner
+                .ready()
+                .await
+                .map_err(|e| {
+                    tonic::Status::unknown(
+                        format!("Service was not ready: {}", e.into()),
+                    )
+                })?;
+            let codec = tonic_prost::ProstCodec::default();
+            let path = http::uri::PathAndQuery::from_static(
+                "/lamina.v1.Frames/Steerable",
+            );
+            let mut req = request.into_request();
+            req.extensions_mut()
+                .insert(GrpcMethod::new("lamina.v1.Frames", "Steerable"));
+            self.inner.server_streaming(req, path, codec).await
+        }
+        /// Asks it. FAILED_PRECONDITION: it takes no requests, or not this one.
+        pub async fn steer(
+            &mut self,
+            request: impl tonic::IntoRequest<super::SteerRequest>,
+        ) -> std::result::Result<tonic::Response<super::SteerReply>, tonic::Status> {
+            self.inner
+                .ready()
+                .await
+                .map_err(|e| {
+                    tonic::Status::unknown(
+                        format!("Service was not ready: {}", e.into()),
+                    )
+                })?;
+            let codec = tonic_prost::ProstCodec::default();
+            let path = http::uri::PathAndQuery::from_static("/lamina.v1.Frames/Steer");
+            let mut req = request.into_request();
+            req.extensions_mut().insert(GrpcMethod::new("lamina.v1.Frames", "Steer"));
+            self.inner.unary(req, path, codec).await
+        }
     }
 }
 /// Generated server implementations.
@@ -1280,6 +1545,22 @@ pub mod frames_server {
             tonic::Response<Self::SubscribeTrialsStream>,
             tonic::Status,
         >;
+        /// Server streaming response type for the Steerable method.
+        type SteerableStream: tonic::codegen::tokio_stream::Stream<
+                Item = std::result::Result<super::Steerable, tonic::Status>,
+            >
+            + std::marker::Send
+            + 'static;
+        /// What the simulation can be asked for, now and after every change.
+        async fn steerable(
+            &self,
+            request: tonic::Request<super::SteerableRequest>,
+        ) -> std::result::Result<tonic::Response<Self::SteerableStream>, tonic::Status>;
+        /// Asks it. FAILED_PRECONDITION: it takes no requests, or not this one.
+        async fn steer(
+            &self,
+            request: tonic::Request<super::SteerRequest>,
+        ) -> std::result::Result<tonic::Response<super::SteerReply>, tonic::Status>;
     }
     /// Generator-node, towards viz-nodes.
     #[derive(Debug)]
@@ -1447,6 +1728,95 @@ pub mod frames_server {
                                 max_encoding_message_size,
                             );
                         let res = grpc.server_streaming(method, req).await;
+                        Ok(res)
+                    };
+                    Box::pin(fut)
+                }
+                "/lamina.v1.Frames/Steerable" => {
+                    #[allow(non_camel_case_types)]
+                    struct SteerableSvc<T: Frames>(pub Arc<T>);
+                    impl<
+                        T: Frames,
+                    > tonic::server::ServerStreamingService<super::SteerableRequest>
+                    for SteerableSvc<T> {
+                        type Response = super::Steerable;
+                        type ResponseStream = T::SteerableStream;
+                        type Future = BoxFuture<
+                            tonic::Response<Self::ResponseStream>,
+                            tonic::Status,
+                        >;
+                        fn call(
+                            &mut self,
+                            request: tonic::Request<super::SteerableRequest>,
+                        ) -> Self::Future {
+                            let inner = Arc::clone(&self.0);
+                            let fut = async move {
+                                <T as Frames>::steerable(&inner, request).await
+                            };
+                            Box::pin(fut)
+                        }
+                    }
+                    let accept_compression_encodings = self.accept_compression_encodings;
+                    let send_compression_encodings = self.send_compression_encodings;
+                    let max_decoding_message_size = self.max_decoding_message_size;
+                    let max_encoding_message_size = self.max_encoding_message_size;
+                    let inner = self.inner.clone();
+                    let fut = async move {
+                        let method = SteerableSvc(inner);
+                        let codec = tonic_prost::ProstCodec::default();
+                        let mut grpc = tonic::server::Grpc::new(codec)
+                            .apply_compression_config(
+                                accept_compression_encodings,
+                                send_compression_encodings,
+                            )
+                            .apply_max_message_size_config(
+                                max_decoding_message_size,
+                                max_encoding_message_size,
+                            );
+                        let res = grpc.server_streaming(method, req).await;
+                        Ok(res)
+                    };
+                    Box::pin(fut)
+                }
+                "/lamina.v1.Frames/Steer" => {
+                    #[allow(non_camel_case_types)]
+                    struct SteerSvc<T: Frames>(pub Arc<T>);
+                    impl<T: Frames> tonic::server::UnaryService<super::SteerRequest>
+                    for SteerSvc<T> {
+                        type Response = super::SteerReply;
+                        type Future = BoxFuture<
+                            tonic::Response<Self::Response>,
+                            tonic::Status,
+                        >;
+                        fn call(
+                            &mut self,
+                            request: tonic::Request<super::SteerRequest>,
+                        ) -> Self::Future {
+                            let inner = Arc::clone(&self.0);
+                            let fut = async move {
+                                <T as Frames>::steer(&inner, request).await
+                            };
+                            Box::pin(fut)
+                        }
+                    }
+                    let accept_compression_encodings = self.accept_compression_encodings;
+                    let send_compression_encodings = self.send_compression_encodings;
+                    let max_decoding_message_size = self.max_decoding_message_size;
+                    let max_encoding_message_size = self.max_encoding_message_size;
+                    let inner = self.inner.clone();
+                    let fut = async move {
+                        let method = SteerSvc(inner);
+                        let codec = tonic_prost::ProstCodec::default();
+                        let mut grpc = tonic::server::Grpc::new(codec)
+                            .apply_compression_config(
+                                accept_compression_encodings,
+                                send_compression_encodings,
+                            )
+                            .apply_max_message_size_config(
+                                max_decoding_message_size,
+                                max_encoding_message_size,
+                            );
+                        let res = grpc.unary(method, req).await;
                         Ok(res)
                     };
                     Box::pin(fut)
@@ -2165,6 +2535,32 @@ pub mod quality_client {
             req.extensions_mut().insert(GrpcMethod::new("lamina.v1.Quality", "Steps"));
             self.inner.server_streaming(req, path, codec).await
         }
+        /// The tuner says what it is doing, at once and whenever that changes. Answered with the contracts that people at the viz-node
+        /// ask for.
+        pub async fn negotiate(
+            &mut self,
+            request: impl tonic::IntoStreamingRequest<Message = super::TunerUpdate>,
+        ) -> std::result::Result<
+            tonic::Response<tonic::codec::Streaming<super::ContractRequest>>,
+            tonic::Status,
+        > {
+            self.inner
+                .ready()
+                .await
+                .map_err(|e| {
+                    tonic::Status::unknown(
+                        format!("Service was not ready: {}", e.into()),
+                    )
+                })?;
+            let codec = tonic_prost::ProstCodec::default();
+            let path = http::uri::PathAndQuery::from_static(
+                "/lamina.v1.Quality/Negotiate",
+            );
+            let mut req = request.into_streaming_request();
+            req.extensions_mut()
+                .insert(GrpcMethod::new("lamina.v1.Quality", "Negotiate"));
+            self.inner.streaming(req, path, codec).await
+        }
     }
 }
 /// Generated server implementations.
@@ -2204,6 +2600,18 @@ pub mod quality_server {
             &self,
             request: tonic::Request<super::StepsRequest>,
         ) -> std::result::Result<tonic::Response<Self::StepsStream>, tonic::Status>;
+        /// Server streaming response type for the Negotiate method.
+        type NegotiateStream: tonic::codegen::tokio_stream::Stream<
+                Item = std::result::Result<super::ContractRequest, tonic::Status>,
+            >
+            + std::marker::Send
+            + 'static;
+        /// The tuner says what it is doing, at once and whenever that changes. Answered with the contracts that people at the viz-node
+        /// ask for.
+        async fn negotiate(
+            &self,
+            request: tonic::Request<tonic::Streaming<super::TunerUpdate>>,
+        ) -> std::result::Result<tonic::Response<Self::NegotiateStream>, tonic::Status>;
     }
     /// Viz-node, towards the tuner.
     #[derive(Debug)]
@@ -2370,6 +2778,50 @@ pub mod quality_server {
                                 max_encoding_message_size,
                             );
                         let res = grpc.server_streaming(method, req).await;
+                        Ok(res)
+                    };
+                    Box::pin(fut)
+                }
+                "/lamina.v1.Quality/Negotiate" => {
+                    #[allow(non_camel_case_types)]
+                    struct NegotiateSvc<T: Quality>(pub Arc<T>);
+                    impl<T: Quality> tonic::server::StreamingService<super::TunerUpdate>
+                    for NegotiateSvc<T> {
+                        type Response = super::ContractRequest;
+                        type ResponseStream = T::NegotiateStream;
+                        type Future = BoxFuture<
+                            tonic::Response<Self::ResponseStream>,
+                            tonic::Status,
+                        >;
+                        fn call(
+                            &mut self,
+                            request: tonic::Request<tonic::Streaming<super::TunerUpdate>>,
+                        ) -> Self::Future {
+                            let inner = Arc::clone(&self.0);
+                            let fut = async move {
+                                <T as Quality>::negotiate(&inner, request).await
+                            };
+                            Box::pin(fut)
+                        }
+                    }
+                    let accept_compression_encodings = self.accept_compression_encodings;
+                    let send_compression_encodings = self.send_compression_encodings;
+                    let max_decoding_message_size = self.max_decoding_message_size;
+                    let max_encoding_message_size = self.max_encoding_message_size;
+                    let inner = self.inner.clone();
+                    let fut = async move {
+                        let method = NegotiateSvc(inner);
+                        let codec = tonic_prost::ProstCodec::default();
+                        let mut grpc = tonic::server::Grpc::new(codec)
+                            .apply_compression_config(
+                                accept_compression_encodings,
+                                send_compression_encodings,
+                            )
+                            .apply_max_message_size_config(
+                                max_decoding_message_size,
+                                max_encoding_message_size,
+                            );
+                        let res = grpc.streaming(method, req).await;
                         Ok(res)
                     };
                     Box::pin(fut)

@@ -8,6 +8,7 @@ pub mod credentials;
 pub mod daemon;
 pub mod launcher;
 pub mod reference;
+pub mod steering;
 
 pub use lamina_message::required;
 pub use tonic::codegen::Bytes;

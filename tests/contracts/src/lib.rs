@@ -65,7 +65,7 @@ fn services_are_those_of_their_contracts() {
         .bytes(".lamina.v1.PushPart.chunk")
         .bytes(".lamina.v1.Delivery.chunk")
         .out_dir(folder.path())
-        .compile_fds(descriptors(&["scene", "vdi", "tuning", "nodes", "group"]))
+        .compile_fds(descriptors(&["scene", "vdi", "tuning", "nodes", "steering", "group"]))
         .unwrap();
     compare("rpc", folder.path());
 }

@@ -9,6 +9,7 @@ mod outages;
 mod refusals;
 mod services;
 mod shared_memory;
+mod steering;
 mod steps;
 mod wire;
 

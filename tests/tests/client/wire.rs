@@ -81,6 +81,12 @@ impl v1::ingest_server::Ingest for Recorder {
     async fn close(&self, _: Request<v1::CloseRequest>) -> Result<Response<v1::CloseReply>, Status> {
         Ok(Response::new(v1::CloseReply { dropped_steps: 0 }))
     }
+
+    type SteeringStream = ReceiverStream<Result<v1::Steering, Status>>;
+
+    async fn steering(&self, _: Request<v1::SteeringSubscription>) -> Result<Response<Self::SteeringStream>, Status> {
+        Err(Status::unimplemented("an older node"))
+    }
 }
 
 #[test]

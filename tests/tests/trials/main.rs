@@ -9,7 +9,7 @@ use lamina_rpc::credentials::Role;
 use lamina_rpc::v1::generation_params::{Kind, Vdi};
 use lamina_rpc::v1::{self, control_client::ControlClient, frames_client::FramesClient, quality_server};
 use lamina_tests::processes::{Daemon, free_port, recorded_series, wait_for};
-use lamina_tuner::evaluator::{Evaluator, Measurement, TrialError};
+use lamina_tuner::evaluator::{Batches, Evaluator, Measurement, TrialError};
 use lamina_tuner::remote::Remote;
 use lamina_volume_io::{Options, Series};
 use std::io::Write;
@@ -136,12 +136,12 @@ fn two_viewers_share_a_study_and_find_what_one_finds() {
     run(async {
         let mut remote = cluster.remote(1).await.unwrap();
         assert_eq!((remote.step(), remote.batches()), (7, BATCHES));
-        let alone = figures(&remote.measure(&candidates, u32::MAX).await.unwrap());
+        let alone = figures(&remote.evaluate(&candidates, Batches::All).await.unwrap());
         assert!(alone.iter().all(|(bytes, segments, mse)| *bytes > 0 && *segments > 0 && mse.len() == 16));
         assert_eq!(measured_by(&one.url()), 12);
 
         // What is known is not asked again, and answers keep the order of the question.
-        let again = remote.measure(&[candidates[3], candidates[0], candidates[3]], 4).await.unwrap();
+        let again = remote.evaluate(&[candidates[3], candidates[0], candidates[3]], Batches::first(4)).await.unwrap();
         let first = |n: usize| (alone[n].0, alone[n].1, alone[n].2[..4].to_vec());
         assert_eq!(figures(&again), [first(3), first(0), first(3)]);
         assert_eq!(measured_by(&one.url()), 12);
@@ -158,7 +158,7 @@ fn two_viewers_share_a_study_and_find_what_one_finds() {
         assert_eq!(measured_by(&one.url()), 12);
 
         let two = cluster.viz();
-        let shared = cluster.remote(2).await.unwrap().measure(&candidates, u32::MAX).await.unwrap();
+        let shared = cluster.remote(2).await.unwrap().evaluate(&candidates, Batches::All).await.unwrap();
         assert_eq!(figures(&shared), alone);
         let counts = [measured_by(&one.url()) - 12, measured_by(&two.url())];
         assert!(counts.iter().sum::<u32>() == 12 && counts.iter().all(|&n| n > 1), "{counts:?}");
@@ -172,13 +172,13 @@ fn batches_asked_for_in_parts_are_those_asked_for_at_once() {
     // More than a viz-node keeps: some must be sent again.
     let candidates = candidates(12);
     run(async {
-        let at_once = cluster.remote(1).await.unwrap().measure(&candidates, BATCHES).await.unwrap();
+        let at_once = cluster.remote(1).await.unwrap().evaluate(&candidates, Batches::All).await.unwrap();
         let mut remote = cluster.remote(1).await.unwrap();
-        let costs = remote.measure(&candidates, 0).await.unwrap();
+        let costs = remote.evaluate(&candidates, Batches::None).await.unwrap();
         assert!(costs.iter().all(|c| c.as_ref().unwrap().quality.batches() == 0));
-        let some = remote.measure(&candidates, 4).await.unwrap();
+        let some = remote.evaluate(&candidates, Batches::first(4)).await.unwrap();
         assert!(some.iter().all(|c| c.as_ref().unwrap().quality.batches() == 4));
-        let all = remote.measure(&candidates, BATCHES).await.unwrap();
+        let all = remote.evaluate(&candidates, Batches::All).await.unwrap();
         assert_eq!(figures(&all), figures(&at_once));
         for (cost, all) in costs.iter().zip(&all) {
             assert_eq!(
@@ -203,9 +203,9 @@ fn study_without_one(lose: fn(Daemon) -> Option<Daemon>) {
             assert!(wait_for(Duration::from_secs(20), || measured_by(&url) > 1));
             lose(lost)
         });
-        let rows = remote.measure(&candidates, BATCHES).await.unwrap();
+        let rows = remote.evaluate(&candidates, Batches::All).await.unwrap();
         loser.join().unwrap().into_iter().for_each(Daemon::kill);
-        let expected = cluster.remote(1).await.unwrap().measure(&candidates, BATCHES).await.unwrap();
+        let expected = cluster.remote(1).await.unwrap().evaluate(&candidates, Batches::All).await.unwrap();
         assert_eq!(figures(&rows), figures(&expected));
         assert_eq!(rows.iter().filter(|r| r.is_ok()).count(), candidates.len());
     });

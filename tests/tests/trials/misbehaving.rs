@@ -42,6 +42,15 @@ impl quality_server::Quality for Liar {
     async fn steps(&self, _: Request<v1::StepsRequest>) -> Result<Response<Self::StepsStream>, Status> {
         Ok(Response::new(stream::pending()))
     }
+
+    type NegotiateStream = stream::Pending<Result<v1::ContractRequest, Status>>;
+
+    async fn negotiate(
+        &self,
+        _: Request<tonic::Streaming<v1::TunerUpdate>>,
+    ) -> Result<Response<Self::NegotiateStream>, Status> {
+        Ok(Response::new(stream::pending()))
+    }
 }
 
 /// Starts one; it stays subscribed as long as the stream is held.
@@ -62,18 +71,18 @@ fn a_viewer_that_measures_nan_is_left_out_and_alone_it_is_a_clear_error() {
     run(async {
         let (address, _subscription) = liar(&cluster, Lie::Nan).await;
         let mut remote = cluster.remote(1).await.unwrap();
-        let error = remote.measure(&candidates, BATCHES).await.unwrap_err().to_string();
+        let error = remote.evaluate(&candidates, Batches::All).await.unwrap_err().to_string();
         assert!([address.as_str(), "NaN", "start a viz-node"].iter().all(|w| error.contains(w)), "{error}");
         // What was measured before is not lost: the first candidate's cost needs nobody any more.
-        let known = remote.measure(&candidates[..1], 0).await.unwrap();
+        let known = remote.evaluate(&candidates[..1], Batches::None).await.unwrap();
         assert!(known[0].as_ref().unwrap().cost.size_bytes > 0);
 
         let _honest = cluster.viz();
-        let rows = cluster.remote(2).await.unwrap().measure(&candidates, BATCHES).await.unwrap();
+        let rows = cluster.remote(2).await.unwrap().evaluate(&candidates, Batches::All).await.unwrap();
         assert!(rows.iter().all(|r| r.as_ref().unwrap().quality.batches() == 16));
         assert_eq!(log.warnings(&address).len(), 2, "one warning for each of the two studies");
         // The study given up goes on with whoever comes.
-        let rows = remote.measure(&candidates, BATCHES).await.unwrap();
+        let rows = remote.evaluate(&candidates, Batches::All).await.unwrap();
         assert!(rows.iter().all(|r| r.as_ref().unwrap().quality.psnr_db().is_finite()));
     });
 }
@@ -86,7 +95,7 @@ fn a_viewer_that_answers_something_else_is_left_out_by_name_and_the_study_goes_o
         run(async {
             let (address, _subscription) = liar(&cluster, lie).await;
             let _honest = cluster.viz();
-            let rows = cluster.remote(2).await.unwrap().measure(&candidates(6), BATCHES).await.unwrap();
+            let rows = cluster.remote(2).await.unwrap().evaluate(&candidates(6), Batches::All).await.unwrap();
             assert!(rows.iter().all(|r| r.as_ref().unwrap().quality.batches() == 16));
             let warnings = log.warnings(&address);
             assert!(warnings.len() == 1 && warnings[0].contains(word), "{warnings:?}");

@@ -13,7 +13,7 @@ use super::candidates::Resolved;
 use super::deadline::Deadline;
 use super::time_screening::TimeScreening;
 use crate::Contract;
-use crate::evaluator::{Evaluator, TrialError};
+use crate::evaluator::{Batches, Evaluator, TrialError};
 use crate::tune::Trial;
 use crate::utility::Utility;
 use lamina_model::{GenerationParams, Invalid, Representation};
@@ -158,7 +158,7 @@ impl<'a> BayesianSearch<'a> {
         if !self.is_new(params) || !trial.enough() {
             return Ok(None);
         }
-        match trial.measure(params, 0).await? {
+        match trial.evaluate(params, Batches::None).await? {
             Ok(measured) => {
                 self.tried.push(Trial { params: *params, cost: f64::INFINITY, measured });
                 Ok(Some(self.tried.len() - 1))
@@ -177,7 +177,7 @@ impl<'a> BayesianSearch<'a> {
         n: usize,
     ) -> Result<(), TrialError> {
         let params = self.tried[n].params;
-        match trial.measure(&params, self.first_batches() as u32).await? {
+        match trial.evaluate(&params, Batches::first(self.first_batches() as u32)).await? {
             Ok(measured) => self.tried[n].measured = measured,
             Err(reason) => {
                 self.leave_out(&params, &reason);

@@ -5,7 +5,7 @@
 
 use super::bayesian::BayesianSearch;
 use super::deadline::Deadline;
-use crate::evaluator::{Evaluator, TrialError};
+use crate::evaluator::{Batches, Evaluator, TrialError};
 use crate::interval::{difference_db, half_width_db};
 use crate::tune::Trial;
 use crate::utility::Utility;
@@ -56,7 +56,7 @@ impl BayesianSearch<'_> {
             }
             settled = true;
             let params = self.tried[next].params;
-            match trial.measure(&params, batches as u32).await? {
+            match trial.evaluate(&params, Batches::first(batches as u32)).await? {
                 Ok(measured) => self.tried[next].measured = measured,
                 Err(_) => drop(self.tried.remove(next)),
             }

@@ -1,6 +1,6 @@
 //! Trials that end in time.
 
-use crate::evaluator::{Evaluator, Measurement, TrialError};
+use crate::evaluator::{Batches, Evaluator, Measurement, TrialError};
 use lamina_model::{GenerationParams, Invalid};
 use tokio::time::{Duration, Instant};
 
@@ -42,7 +42,7 @@ impl<'a, T: Evaluator> Deadline<'a, T> {
         enough
     }
 
-    /// See [`Trial::time`].
+    /// See [`Evaluator::time`].
     pub(super) async fn time(&mut self, params: &GenerationParams) -> Result<Result<Duration, Invalid>, TrialError> {
         let begun = Instant::now();
         let answer = self.trial.time(params).await;
@@ -50,14 +50,14 @@ impl<'a, T: Evaluator> Deadline<'a, T> {
         answer
     }
 
-    /// [`Trial::measure`] of one.
-    pub(super) async fn measure(
+    /// [`Evaluator::evaluate`] of one.
+    pub(super) async fn evaluate(
         &mut self,
         params: &GenerationParams,
-        batches: u32,
+        batches: Batches,
     ) -> Result<Result<Measurement, Invalid>, TrialError> {
         let begun = Instant::now();
-        let answer = self.trial.measure(&[*params], batches).await?.pop();
+        let answer = self.trial.evaluate(&[*params], batches).await?.pop();
         self.longest = self.longest.max(begun.elapsed());
         Ok(answer.unwrap_or_else(|| Err(Invalid::new("trial", "gave no answer"))))
     }

@@ -2,7 +2,7 @@
 
 use super::{CandidateSet, SearchGrid, SearchRequest, SearchResult, search, search_with_margin};
 use crate::Contract;
-use crate::evaluator::{Evaluator, Measurement, TrialError};
+use crate::evaluator::{Batches, Evaluator, Measurement, TrialError};
 use crate::tune::{Study, Trial, tune};
 use crate::utility::Utility;
 use lamina_model::{Cost, GenerationParams, Invalid, Quality, Representation, ViewError};
@@ -90,12 +90,12 @@ impl Evaluator for Response {
         self.takes_time().await;
         Ok(Ok(self.cost(params).generation))
     }
-    async fn measure(
+    async fn evaluate(
         &mut self,
         all: &[GenerationParams],
-        batches: u32,
+        batches: Batches,
     ) -> Result<Vec<Result<Measurement, Invalid>>, TrialError> {
-        let batches = batches.min(16);
+        let batches = batches.count(16);
         self.takes_time().await;
         self.measured += usize::from(batches == 0) * all.len();
         self.batches += batches as usize * all.len();

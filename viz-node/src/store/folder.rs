@@ -61,6 +61,11 @@ impl Folder {
         Ok(Some((run, folder, rows)))
     }
 
+    /// Where it is.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
     fn vdi_path(&self, step: u64) -> PathBuf {
         vdi_path(&self.path, step)
     }
@@ -91,7 +96,7 @@ impl Folder {
 
     fn append(&mut self, row: &StepRow) -> Result<(), StoreError> {
         let length = self.csv.metadata().map_err(failed(&self.path))?.len();
-        let written = self.csv.write_all(format!("{}\n", row.to_csv()).as_bytes());
+        let written = self.csv.write_all(row.to_csv().as_bytes());
         if written.is_err() {
             // Half a row would spoil the next one.
             let _ = self.csv.set_len(length);
@@ -146,7 +151,7 @@ fn open_rows(folder: &Path) -> Result<(Vec<StepRow>, File), StoreError> {
     }
     let mut csv = OpenOptions::new().create(true).append(true).open(&path).map_err(failed(&path))?;
     if bytes.is_empty() {
-        writeln!(csv, "{}", StepRow::CSV_HEADER).map_err(failed(&path))?;
+        csv.write_all(StepRow::csv_header().as_bytes()).map_err(failed(&path))?;
     } else if !bytes.ends_with(b"\n") {
         writeln!(csv).map_err(failed(&path))?;
     }

@@ -4,8 +4,10 @@
 
 mod error;
 mod folder;
+mod request_log;
 mod row;
 mod run;
+mod steps_csv;
 
 pub use error::StoreError;
 pub use row::{Number, QualityStatus, StepRow, ViewPsnr};
@@ -31,6 +33,10 @@ pub enum Event {
     Step(String, StepRow),
     /// A trial was measured.
     Trial,
+    /// The tuner came, went, or says something else.
+    Tuner,
+    /// The simulation can be asked for something else.
+    Steerable,
 }
 
 /// Steps kept decoded and prepared for drawing.
@@ -174,9 +180,20 @@ impl Store {
         written
     }
 
-    /// Tells pages that a trial was measured.
-    pub fn tried(&self) {
-        let _ = self.events.send(Event::Trial);
+    /// Tells pages what changed.
+    pub fn announce(&self, event: Event) {
+        // Nobody watching is not an error.
+        let _ = self.events.send(event);
+    }
+
+    /// Takes down what somebody asked for, where the run is recorded.
+    pub fn record_request(&self, asked_by: &str, request: &str) {
+        let state = self.state();
+        let Some(folder) = &state.folder else { return };
+        let step = state.rows.last_key_value().map(|(step, _)| *step);
+        if let Err(error) = request_log::append(folder.path(), step, asked_by, request) {
+            tracing::error!("requests.csv: {error}; {asked_by} asked for: {request}");
+        }
     }
 
     /// The current run.

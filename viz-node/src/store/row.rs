@@ -167,110 +167,6 @@ impl StepRow {
             throttle: frame.throttle,
         }
     }
-
-    /// First line of `steps.csv`.
-    pub const CSV_HEADER: &'static str = "step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,encode_ms,supersegments,dropped_steps,empty_voxels,size_limit_bytes,time_limit_ms,limit_kept,psnr_db_by_angle,representation,psnr_half_width_db,measured,tuning,overhead,throttle";
-
-    /// This step's line. What was not measured or limited is empty; views are `angle:decibels` joined by semicolons.
-    pub fn to_csv(&self) -> String {
-        let number = |n: Number| match n {
-            Number::Finite(x) => format!("{x:.3}"),
-            Number::Word(Infinity::Inf) => "inf".to_owned(),
-        };
-        let option = |o: Option<String>| o.unwrap_or_default();
-        let views: Vec<String> = self.views.iter().map(|v| format!("{}:{}", v.angle_deg, number(v.psnr_db))).collect();
-        format!(
-            "{},{},{},{},{},{:.3},{},{:.3},{},{},{},{},{},{},{},{},{},{},{},{},{}",
-            self.step,
-            self.time,
-            self.resolution,
-            self.gamma,
-            self.size_bytes,
-            self.generation_ms,
-            option(self.psnr_db.map(number)),
-            self.encode_ms,
-            self.supersegments,
-            self.dropped_steps,
-            self.empty_voxels,
-            option(self.size_limit_bytes.map(|b| b.to_string())),
-            option(self.time_limit_ms.map(|t| t.to_string())),
-            self.limit_kept,
-            views.join(";"),
-            self.representation,
-            option(self.half_width_db.map(|w| format!("{w:.3}"))),
-            self.measured.name(),
-            self.tuning.name(),
-            option(self.overhead.map(|o| format!("{o:.4}"))),
-            self.throttle
-        )
-    }
-
-    /// The step on a line of `steps.csv`; `None` if the line is not whole.
-    pub fn from_csv(line: &str) -> Option<Self> {
-        let mut fields: Vec<&str> = line.trim_end().split(',').collect();
-        // Before there were volumes.
-        if fields.len() == 15 {
-            fields.push(Representation::Vdi.name());
-        }
-        // Before measuring had a share of the processor.
-        if fields.len() == 16 {
-            let measured = if fields[6].is_empty() { QualityStatus::No } else { QualityStatus::Yes };
-            fields.extend(["", measured.name(), TuningState::None.name(), "", "0"]);
-        }
-        let [
-            step,
-            time,
-            resolution,
-            gamma,
-            size,
-            generation,
-            psnr,
-            encode,
-            segments,
-            dropped,
-            empty,
-            size_limit,
-            time_limit,
-            kept,
-            views,
-            kind,
-            half_width,
-            measured,
-            tuning,
-            overhead,
-            throttle,
-        ] = fields.try_into().ok()?;
-        let number = |text: &str| text.parse::<f64>().ok().map(Number::from);
-        let optional = |text: &str| if text.is_empty() { Some(None) } else { Some(Some(text.parse().ok()?)) };
-        let view = |pair: &str| {
-            let (angle, db) = pair.split_once(':')?;
-            Some(ViewPsnr { angle_deg: angle.parse().ok()?, psnr_db: number(db)? })
-        };
-        Some(Self {
-            step: step.parse().ok()?,
-            time: time.parse().ok()?,
-            resolution: resolution.parse().ok()?,
-            gamma: gamma.parse().ok()?,
-            size_bytes: size.parse().ok()?,
-            generation_ms: generation.parse().ok()?,
-            psnr_db: if psnr.is_empty() { None } else { Some(number(psnr)?) },
-            encode_ms: encode.parse().ok()?,
-            supersegments: segments.parse().ok()?,
-            dropped_steps: dropped.parse().ok()?,
-            empty_voxels: empty.parse().ok()?,
-            size_limit_bytes: if size_limit.is_empty() { None } else { Some(size_limit.parse().ok()?) },
-            time_limit_ms: optional(time_limit)?,
-            limit_kept: kept.parse().ok()?,
-            views: views.split(';').filter(|v| !v.is_empty()).map(view).collect::<Option<_>>()?,
-            representation: kind.parse().ok()?,
-            psnr_limit_db: None,
-            half_width_db: optional(half_width)?,
-            measured: measured.parse().ok()?,
-            tuning: tuning.parse().ok()?,
-            overhead: optional(overhead)?,
-            throttle: throttle.parse().ok()?,
-        })
-    }
 }
 
 fn psnr(quality: &Quality) -> Option<Number> {
@@ -300,7 +196,7 @@ mod tests {
         for row in [&measured[0], &measured[1], &row, &StepRow::live(&frame, false)] {
             let line = row.to_csv();
             assert_eq!(StepRow::from_csv(&line).unwrap(), *row);
-            assert_eq!(line.split(',').count(), StepRow::CSV_HEADER.split(',').count());
+            assert_eq!(line.split(',').count(), StepRow::csv_header().split(',').count());
             assert_eq!(StepRow::from_csv(&line[..9]), None);
             // Lines of before there were shares, and of before there were volumes.
             for columns in [16, 15] {
@@ -326,6 +222,11 @@ mod tests {
             Frame { limits, cost, ..Frame::default() }
         };
         assert!(kept(&timed(false), 0.0) && !kept(&timed(true), 0.0));
-        assert!(StepRow::CSV_HEADER.starts_with("step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,"));
+        assert_eq!(
+            StepRow::csv_header(),
+            "step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,encode_ms,supersegments,dropped_steps,\
+             empty_voxels,size_limit_bytes,time_limit_ms,limit_kept,psnr_db_by_angle,representation,\
+             psnr_half_width_db,measured,tuning,overhead,throttle\n"
+        );
     }
 }

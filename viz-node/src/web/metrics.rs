@@ -23,6 +23,15 @@ pub(super) async fn metrics(State(web): State<Web>) -> impl IntoResponse {
     say("refused_total", "counter", "Deliveries that could not be used.", count(&c.refused));
     say("connections_total", "counter", "Connections made to the generator-node.", count(&c.connections));
     say("unmeasured_total", "counter", "Live steps not measured for want of processor time.", count(&c.unmeasured));
+    let refused = &web.refusals;
+    say(
+        "page_rate_limited_total",
+        "counter",
+        "Requests refused because their connection sent too many.",
+        count(&refused.rate),
+    );
+    say("page_slow_requests_total", "counter", "Requests whose body did not come in time.", count(&refused.slow));
+    say("page_broken_connections_total", "counter", "Connections that ended with an error.", count(&refused.broken));
     let connected = f64::from(u8::from(web.connected.load(Ordering::Relaxed)));
     say("connected", "gauge", "1 while subscribed to the generator-node.", connected);
     let share = &web.intake.share;

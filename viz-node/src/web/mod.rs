@@ -3,9 +3,13 @@
 pub(crate) mod assets;
 pub(crate) mod guard;
 mod metrics;
+mod requests;
+pub(crate) mod serve;
 
 use crate::intake::Intake;
+use crate::negotiation::{Negotiation, TunerSummary};
 use crate::painter::{Orbit, PaintError, Painter};
+use crate::steering::SteeringDesk;
 use crate::store::{Event, Number, Run, StepRow, Store};
 use crate::trials::StudyStatus;
 use axum::body::Body;
@@ -13,12 +17,17 @@ use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::sse::{self, Sse};
 use axum::response::{IntoResponse, Response};
-use axum::{Json, Router, routing::get};
+use axum::{
+    Extension, Json, Router,
+    routing::{get, post},
+};
 use futures::{Stream, StreamExt};
+use guard::Rights;
 use lamina_compute::{Activity, Priority};
-use lamina_model::{ControlPoint, TransferFunction};
+use lamina_model::{ControlPoint, Steerable, TransferFunction};
 use lamina_vdi_render::{Backend, Detail};
 use serde::{Deserialize, Serialize};
+use serve::Refusals;
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -30,14 +39,24 @@ pub(crate) struct Web {
     store: Arc<Store>,
     painter: Arc<Painter>,
     intake: Arc<Intake>,
+    negotiation: Arc<Negotiation>,
+    steering: Arc<SteeringDesk>,
     connected: Arc<AtomicBool>,
+    refusals: Arc<Refusals>,
 }
 
 impl Web {
     /// Serves from `store`; draws with `backend`.
-    pub(crate) fn new(store: Arc<Store>, backend: Backend, intake: Arc<Intake>, connected: Arc<AtomicBool>) -> Self {
+    pub(crate) fn new(
+        store: Arc<Store>,
+        backend: Backend,
+        intake: Arc<Intake>,
+        negotiation: Arc<Negotiation>,
+        steering: Arc<SteeringDesk>,
+        (connected, refusals): (Arc<AtomicBool>, Arc<Refusals>),
+    ) -> Self {
         let painter = Arc::new(Painter::new(store.clone(), backend));
-        Self { store, painter, intake, connected }
+        Self { store, painter, intake, negotiation, steering, connected, refusals }
     }
 
     /// All routes.
@@ -47,12 +66,15 @@ impl Web {
             .route("/api/state", get(state))
             .route("/api/trials", get(trials))
             .route("/api/events", get(events))
+            .route("/api/contract", post(requests::contract))
+            .route("/api/steer", post(requests::steer))
             .route("/api/step/{step}", get(step))
             .route("/api/image", get(image))
             .route("/api/transfer", get(transfer))
             .route("/metrics", get(metrics::metrics))
             .with_state(self)
             .layer(axum::middleware::map_response(assets::guarded))
+            .layer(axum::middleware::from_fn(serve::limit))
     }
 }
 
@@ -79,6 +101,9 @@ struct PageState {
     missed_steps: u64,
     connected: bool,
     study: Option<StudyState>,
+    tuner: Option<TunerSummary>,
+    may_steer: bool,
+    steerable: Steerable,
 }
 
 /// How far the newest study is that asks here.
@@ -102,7 +127,7 @@ impl From<StudyStatus> for StudyState {
     }
 }
 
-async fn state(State(web): State<Web>) -> Json<PageState> {
+async fn state(State(web): State<Web>, Extension(rights): Extension<Rights>) -> Json<PageState> {
     let steps = web.store.rows();
     let last = steps.last();
     let limit =
@@ -110,7 +135,19 @@ async fn state(State(web): State<Web>) -> Json<PageState> {
     let missed_steps = last.map_or(0, |r| r.dropped_steps);
     let connected = web.connected.load(std::sync::atomic::Ordering::Relaxed);
     let study = web.intake.trials.study().map(StudyState::from);
-    Json(PageState { run: web.store.run(), limit, missed_steps, connected, study, steps })
+    let tuner = web.negotiation.tuner();
+    let may_steer = rights == Rights::Steer;
+    Json(PageState {
+        run: web.store.run(),
+        limit,
+        missed_steps,
+        connected,
+        study,
+        tuner,
+        may_steer,
+        steerable: web.steering.steerable(),
+        steps,
+    })
 }
 
 /// What the tuner's trials of this run came to here.
@@ -124,6 +161,8 @@ async fn events(State(web): State<Web>) -> Sse<impl Stream<Item = Result<sse::Ev
         let (name, data) = match &event {
             Event::Run(run) => ("run", serde_json::to_string(run)),
             Event::Step(_, row) => ("step", serde_json::to_string(row)),
+            Event::Tuner => ("tuner", serde_json::to_string(&web.negotiation.tuner())),
+            Event::Steerable => ("steerable", serde_json::to_string(&web.steering.steerable())),
             Event::Trial => ("trial", serde_json::to_string(&web.intake.trials.study().map(StudyState::from))),
         };
         Ok(sse::Event::default().event(name).data(data.unwrap_or_default()))

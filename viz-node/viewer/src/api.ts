@@ -43,12 +43,41 @@ export interface Study {
   best_size_bytes: number;
 }
 
+/** What the tuner says. */
+export interface Tuner {
+  /** In force, as users write it. */
+  contract: string;
+  busy: boolean;
+  studies: number;
+  chosen_psnr_db: Decibels;
+  last_error: string;
+}
+
+/** A number of the simulation that may be changed. */
+export interface SteerableNumber {
+  name: string;
+  value: number;
+  least: number;
+  most: number;
+}
+
+/** What the simulation can be asked for. */
+export interface Steerable {
+  listens: boolean;
+  paused: boolean;
+  stopping: boolean;
+  numbers: SteerableNumber[];
+}
+
 export interface PageState {
   run: Run | null;
   limit: { size_bytes: number | null; time_ms: number | null };
   steps: StepRow[];
   missed_steps: number;
   study: Study | null;
+  tuner: Tuner | null;
+  may_steer: boolean;
+  steerable: Steerable;
 }
 
 /** A transfer function, and the positions whose values were not recorded. */

@@ -161,8 +161,8 @@ const TIMELINE_KEYS: Keys = {
 export function onKey(event: KeyboardEvent): void {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const focus = document.activeElement;
-  // Space works the control that has the focus; a sheet has its own keys.
-  if ((event.key === " " && focus?.matches("button, summary, input")) || focus instanceof HTMLSelectElement) return;
+  // Space works the control that has the focus; fields and a sheet have their own keys.
+  if ((event.key === " " && focus?.matches("button, summary")) || focus?.matches("input, select")) return;
   if (byId<HTMLDialogElement>("help-sheet").open) return;
   const onPicture = focus === byId("picture") || focus === document.body;
   const arrows = focus === byId("timeline") ? TIMELINE_KEYS : !onPicture ? {} : event.shiftKey ? PAN_KEYS : CAMERA_KEYS;

@@ -3,11 +3,14 @@
 
 import { writeAddress } from "./address";
 import { drawColors } from "./colors";
+import { drawContract } from "./contract";
+import { drawPareto } from "./pareto";
 import { pumpPicture } from "./picture";
 import { PLOTS, drawAccuracy, drawPlot, drawTimeline } from "./plots";
 import { drawReadout } from "./readout";
 import { byId, motion, shownIndex, store, view } from "./state";
 import { drawRun, drawState } from "./status";
+import { drawSteering } from "./steering";
 
 /** `everything`: more than the status changed since the last frame. */
 const frame = { id: 0, everything: false };
@@ -42,6 +45,9 @@ function draw(): void {
   drawColors();
   PLOTS.forEach(drawPlot);
   drawAccuracy();
+  drawPareto();
+  drawContract();
+  drawSteering();
   if (store.loaded && !motion.held && !motion.timer) writeAddress();
 }
 

@@ -4,9 +4,11 @@ import "./viewer.css";
 import { listenToAddress } from "./address";
 import { listenToPicture, onKey, resetCamera, zoomBy } from "./camera";
 import { listenToColors } from "./colors";
+import { listenToContract } from "./contract";
 import { refresh, refreshStatus } from "./frame";
 import { openHelp } from "./help";
 import { toggleOverlay } from "./overlay";
+import { listenToPareto } from "./pareto";
 import { listenToPlay } from "./play";
 import { savePicture } from "./save";
 import { GUTTER, PLOTS, listenToSteps } from "./plots";
@@ -14,6 +16,7 @@ import { pumpSoon } from "./picture";
 import { connect } from "./server";
 import { byId, shownIndex } from "./state";
 import { drawRun } from "./status";
+import { listenToSteering } from "./steering";
 import { choose, followNewest } from "./steps";
 
 function buildFigures(): void {
@@ -21,6 +24,8 @@ function buildFigures(): void {
     byId(id).innerHTML = `<figcaption><span></span><span></span></figcaption>
       <div class="plot"><svg role="img" aria-label="${label}"></svg></div>`;
   };
+  build("pareto", "PSNR over size, trials of the newest study");
+  listenToPareto();
   build("accuracy", "PSNR over generation time, all steps and trials");
   for (const { id, label } of PLOTS) {
     build(id, `${label} over steps`);
@@ -36,6 +41,8 @@ buildFigures();
 listenToPicture(byId<HTMLCanvasElement>("picture"));
 listenToSteps(byId("timeline"), 10, 10);
 listenToColors();
+listenToContract();
+listenToSteering();
 document.addEventListener("keydown", onKey);
 onClick("previous", () => choose(shownIndex() - 1));
 onClick("next", () => choose(shownIndex() + 1));

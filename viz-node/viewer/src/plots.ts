@@ -19,7 +19,7 @@ export function decibelText(value: number | null): string {
 }
 
 /** Round numbers, at most about `count`, that lie within `low`..`high`. */
-function niceTicks(low: number, high: number, count: number): number[] {
+export function niceTicks(low: number, high: number, count: number): number[] {
   if (!(high > low)) return [];
   const rough = (high - low) / count;
   const power = 10 ** Math.floor(Math.log10(rough));
@@ -63,7 +63,7 @@ function stepScale(left: number, right: number) {
 }
 
 /** A range of values to draw: from zero, or for decibels around the data; the bound is always inside. No data: no range. */
-function valueRange(values: (number | null)[], bound: number | null, floating: boolean): [number, number] {
+export function valueRange(values: (number | null)[], bound: number | null, floating: boolean): [number, number] {
   const finite = values.filter(isNumber);
   if (bound !== null) finite.push(bound);
   if (finite.length === 0) return [0, NaN];

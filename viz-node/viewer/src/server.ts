@@ -1,6 +1,6 @@
 // The server's state, and its events.
 
-import type { PageState, StepRow, Study } from "./api";
+import type { PageState, Steerable, StepRow, Study, Tuner } from "./api";
 import { refresh, refreshStatus } from "./frame";
 import { RETRY_MS, link, lowerBound, picture, store, upsert, view } from "./state";
 
@@ -39,6 +39,9 @@ function accept(state: PageState): void {
   store.run = state.run;
   store.limit = state.limit ?? store.limit;
   store.missed = state.missed_steps ?? 0;
+  store.tuner = state.tuner ?? null;
+  store.maySteer = state.may_steer ?? false;
+  store.steerable = state.steerable ?? store.steerable;
   store.steps = (state.steps ?? []).sort((a, b) => a.step - b.step);
   store.loaded = true;
   link.loading = null;
@@ -66,6 +69,14 @@ export function connect(): void {
     const row = JSON.parse(event.data) as StepRow;
     if (link.loading) link.arrivedWhileLoading.push(row);
     else upsert(row);
+    refresh();
+  });
+  events.addEventListener("tuner", (event: MessageEvent<string>) => {
+    store.tuner = JSON.parse(event.data) as Tuner | null;
+    refresh();
+  });
+  events.addEventListener("steerable", (event: MessageEvent<string>) => {
+    store.steerable = JSON.parse(event.data) as Steerable;
     refresh();
   });
   events.addEventListener("run", () => void load());

@@ -1,6 +1,6 @@
 // What the server said, what the reader chose, and what is on the stage: everything drawn is a function of these.
 
-import type { PageState, Run, StepRow, Study } from "./api";
+import type { PageState, Run, Steerable, StepRow, Study, Tuner } from "./api";
 import { FRONT, type Pose } from "./engine/wasm";
 
 export { FRONT };
@@ -40,6 +40,10 @@ interface Store {
   study: Study | null;
   /** When it was last heard of. */
   studyAt: number;
+  tuner: Tuner | null;
+  /** This browser may change the contract and steer. */
+  maySteer: boolean;
+  steerable: Steerable;
 }
 
 export const store: Store = {
@@ -51,6 +55,9 @@ export const store: Store = {
   loaded: false,
   study: null,
   studyAt: 0,
+  tuner: null,
+  maySteer: false,
+  steerable: { listens: false, paused: false, stopping: false, numbers: [] },
 };
 
 /** `step: null` follows the newest; the camera is relative to the generation camera. */

@@ -2,32 +2,31 @@
 
 use super::Findings;
 use super::curve::{Convergence, Parameter, Point, Price};
-use anyhow::Context;
+use crate::table::Table;
 use std::path::Path;
 
-const HEADER: &str = "knob,value,source,pre_integrated,step_voxels,opacity_cutoff,gamma,resolution,psnr_db,rms_error,max_error,alone_db,\
-    time_ms,encode_ms,draw_ms,size_bytes,ms_per_db,kb_per_db,order,level_from\n";
+const COLUMNS: &str = "knob,value,source,pre_integrated,step_voxels,opacity_cutoff,gamma,resolution,psnr_db,rms_error,max_error,\
+    alone_db,time_ms,encode_ms,draw_ms,size_bytes,ms_per_db,kb_per_db,order,level_from";
 
 /// Writes it.
 pub(super) fn write(folder: &Path, findings: &Findings) -> anyhow::Result<()> {
-    let mut text = HEADER.to_owned();
+    let mut table = Table::create(folder, "accuracy.csv", COLUMNS.split(','))?;
     for curve in &findings.curves {
         let convergence = findings.convergence(curve);
         for (point, price) in curve.points.iter().zip(curve.prices()) {
-            text += &line(Some(&curve.knob), point, price, convergence);
+            table.row(row(Some(&curve.knob), point, price, convergence))?;
         }
     }
     for point in &findings.trials {
-        text += &line(None, point, Price::default(), Convergence::default());
+        table.row(row(None, point, Price::default(), Convergence::default()))?;
     }
-    let path = folder.join("accuracy.csv");
-    std::fs::write(&path, text).with_context(|| format!("{}: cannot be written", path.display()))
+    table.finish()
 }
 
-fn line(knob: Option<&Parameter>, p: &Point, price: Price, convergence: Convergence) -> String {
+fn row(knob: Option<&Parameter>, p: &Point, price: Price, convergence: Convergence) -> [String; 20] {
     let number = |value: Option<f64>| value.filter(|v| v.is_finite()).map_or_else(String::new, |v| format!("{v:.6}"));
     let of = |value: Option<f64>| value.map_or_else(String::new, |v| v.to_string());
-    let fields = [
+    [
         knob.map_or("combined", |k| k.key).to_owned(),
         knob.map_or_else(String::new, |_| p.value.to_string()),
         knob.map_or("vdi", |k| k.source.name()).to_owned(),
@@ -48,6 +47,5 @@ fn line(knob: Option<&Parameter>, p: &Point, price: Price, convergence: Converge
         number(price.kb_per_db),
         number(convergence.order),
         of(convergence.level_from),
-    ];
-    fields.join(",") + "\n"
+    ]
 }

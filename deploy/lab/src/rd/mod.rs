@@ -7,6 +7,7 @@ mod curve;
 mod peers;
 
 use crate::cli;
+use crate::table::Table;
 use anyhow::{Context, ensure};
 use curve::{RateCurve, Sample, difference};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -19,7 +20,6 @@ use lamina_report::numbers::significant;
 use lamina_report::panel::{CLASSES, PlotLine, file, panel};
 use lamina_tuner::units::show_bytes;
 use lamina_vdi_render::{self as viz, Detail, Drawable};
-use std::fmt::Write;
 use std::path::Path;
 use std::time::Instant;
 
@@ -155,11 +155,10 @@ impl Results<'_> {
     /// Writes the curves so far: whoever stops the command keeps them.
     fn save(&self) -> anyhow::Result<()> {
         let curves = &self.curves;
-        for (name, text) in [("rd.csv", samples_csv(curves)), ("bd.csv", bd_csv(curves)), ("rd.svg", drawing(curves))] {
-            let path = self.out.join(name);
-            std::fs::write(&path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
-        }
-        Ok(())
+        write_samples(self.out, curves)?;
+        write_differences(self.out, curves)?;
+        let path = self.out.join("rd.svg");
+        std::fs::write(&path, drawing(curves)).with_context(|| format!("{}: cannot be written", path.display()))
     }
 }
 
@@ -198,36 +197,31 @@ pub(crate) fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn samples_csv(curves: &[RateCurve]) -> String {
-    let mut text = String::from("coding,how,bytes,psnr_db,generation_ms,encode_ms,decode_ms,front\n");
+fn write_samples(folder: &Path, curves: &[RateCurve]) -> anyhow::Result<()> {
+    let columns = ["coding", "how", "bytes", "psnr_db", "generation_ms", "encode_ms", "decode_ms", "front"];
+    let mut table = Table::create(folder, "rd.csv", columns)?;
     for curve in curves {
         let front = curve.front();
         for s in &curve.samples {
             let on_front = front.iter().any(|f| std::ptr::eq(*f, s));
-            let [generation, encode, decode] =
-                s.times_ms.map(|t| if t.is_nan() { String::new() } else { format!("{t:.2}") });
-            let _ = writeln!(
-                text,
-                "\"{}\",{},{},{:.3},{generation},{encode},{decode},{on_front}",
-                curve.coding, s.how, s.bytes, s.psnr_db
-            );
+            let times = s.times_ms.map(|t| if t.is_nan() { String::new() } else { format!("{t:.2}") });
+            let of = [curve.coding.to_owned(), s.how.to_string(), s.bytes.to_string(), format!("{:.3}", s.psnr_db)];
+            table.row(of.into_iter().chain(times).chain([on_front.to_string()]))?;
         }
     }
-    text
+    table.finish()
 }
 
-fn bd_csv(curves: &[RateCurve]) -> String {
-    let mut text = String::from("coding,bd_rate_percent,bd_psnr_db,from_db,to_db\n");
+fn write_differences(folder: &Path, curves: &[RateCurve]) -> anyhow::Result<()> {
+    let columns = ["coding", "bd_rate_percent", "bd_psnr_db", "from_db", "to_db"];
+    let mut table = Table::create(folder, "bd.csv", columns)?;
     for curve in curves {
         if let Some(d) = difference(curve, &curves[0]) {
-            let _ = writeln!(
-                text,
-                "\"{}\",{:.2},{:.3},{:.2},{:.2}",
-                curve.coding, d.rate_percent, d.psnr_db, d.range_db.0, d.range_db.1
-            );
+            let [rate, from, to] = [d.rate_percent, d.range_db.0, d.range_db.1].map(|x| format!("{x:.2}"));
+            table.row([curve.coding.to_owned(), rate, format!("{:.3}", d.psnr_db), from, to])?;
         }
     }
-    text
+    table.finish()
 }
 
 fn table(curves: &[RateCurve]) -> String {

@@ -8,7 +8,7 @@ use lamina::process::ProcessorTime;
 use lamina_model::Cost;
 use lamina_model::{GenerationParams, Invalid, ParamsKey};
 use lamina_tuner::Contract;
-use lamina_tuner::evaluator::{self, Evaluator, TrialError};
+use lamina_tuner::evaluator::{self, Batches, Evaluator, TrialError};
 use lamina_tuner::search::{CandidateSet, SearchRequest, search};
 use lamina_tuner::tune::Trial;
 use std::collections::{HashMap, HashSet};
@@ -94,22 +94,22 @@ impl Evaluator for RecordedEvaluator<'_> {
         Ok(Ok(trial.cost.generation))
     }
 
-    async fn measure(
+    async fn evaluate(
         &mut self,
         params: &[GenerationParams],
-        batches: u32,
+        batches: Batches,
     ) -> Result<Vec<Result<evaluator::Measurement, Invalid>>, TrialError> {
         Ok(params.iter().map(|p| self.one(p, batches)).collect())
     }
 }
 
 impl RecordedEvaluator<'_> {
-    fn one(&mut self, params: &GenerationParams, batches: u32) -> Result<evaluator::Measurement, Invalid> {
+    fn one(&mut self, params: &GenerationParams, batches: Batches) -> Result<evaluator::Measurement, Invalid> {
         let trial = self.study.trial(params).ok_or_else(unmeasured)?;
         let (spent, key) = (&trial.spent, params.key());
         let before = self.given.get(&key).copied();
         let all = trial.quality.batches() as u32;
-        let wanted = batches.min(all).max(before.unwrap_or(0));
+        let wanted = batches.count(all).max(before.unwrap_or(0));
         self.asked.insert(key);
         let mut ns = 0.0;
         if before.is_none() {

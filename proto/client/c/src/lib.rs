@@ -1,36 +1,17 @@
 //! The simulation's client behind a C interface; `lamina.h` says what each function does.
 
 mod buffer;
+mod options;
+mod steering;
 
-use glam::DVec3;
 use half::f16;
-use lamina_client::{
-    Brick, Buffer, Client, ClientError, FullPolicy, Receipt, RunOptions, VoxelSlice, check_type, dense, launched_rank,
-    span,
-};
-use lamina_model::{Grid, Invalid, VoxelType};
+use lamina_client::{Brick, Buffer, Client, ClientError, Receipt, Steering, VoxelSlice, check_type, dense, span};
+use lamina_model::{Invalid, VoxelType};
+use options::{Options, run_options};
 use std::cell::RefCell;
+use std::collections::VecDeque;
 use std::ffi::{CStr, CString, c_char, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::time::Duration;
-
-/// `lamina_options` of the header.
-#[repr(C)]
-pub struct Options {
-    generator: *const c_char,
-    name: *const c_char,
-    field: *const c_char,
-    dims: [u64; 3],
-    spacing: [f64; 3],
-    origin: [f64; 3],
-    voxel_type: i32,
-    color_type: i32,
-    color_field: *const c_char,
-    rank: u32,
-    ranks: u32,
-    full_policy: i32,
-    deadline_secs: f64,
-}
 
 /// `lamina_brick` of the header.
 #[repr(C)]
@@ -62,6 +43,8 @@ pub struct Connection {
     unfit: u64,
     /// Given out and not pushed yet.
     buffers: Vec<Buffer>,
+    /// Asked for and not given out yet.
+    requests: VecDeque<Steering>,
 }
 
 const DROPPED: i32 = 1;
@@ -133,54 +116,6 @@ fn sizes(thing: &'static str, numbers: [u64; 3]) -> Result<[usize; 3], ClientErr
     Ok(numbers.map(|n| n as usize))
 }
 
-/// The run, with what is needed stated and defaults for the rest.
-///
-/// # Safety
-/// Its pointers are null or texts that end with a zero.
-unsafe fn run_options(run: &Options) -> Result<RunOptions, ClientError> {
-    let needed = |thing, text: &str| match text {
-        "" => Err(invalid(thing, "is not stated")),
-        text => Ok(text.to_owned()),
-    };
-    // SAFETY: by the function's own condition, here and below.
-    let read = |thing, pointer, otherwise| unsafe { text(thing, pointer, otherwise) };
-    let spacing = if run.spacing == [0.0; 3] { [1.0; 3] } else { run.spacing };
-    let grid = Grid::new(sizes("dims", run.dims)?, DVec3::from(spacing), DVec3::from(run.origin))?;
-    let color_field = match needed("color_field", read("color_field", run.color_field, "")?) {
-        Ok(name) => Some((name, voxel_type("color_type", run.color_type)?)),
-        Err(_) => None,
-    };
-    let full_policy = match run.full_policy {
-        0 => FullPolicy::DropOldest,
-        1 => FullPolicy::DropNewest,
-        2 => FullPolicy::Block,
-        other => {
-            return Err(invalid(
-                "full_policy",
-                format!("{other} is none of LAMINA_DROP_OLDEST (0) to LAMINA_BLOCK (2)"),
-            ));
-        }
-    };
-    let deadline = match run.deadline_secs {
-        0.0 => None,
-        secs => Some(Duration::try_from_secs_f64(secs).map_err(|e| invalid("deadline_secs", format!("{secs}: {e}")))?),
-    };
-    for (thing, number) in [("rank", run.rank), ("ranks", run.ranks)] {
-        if number > i32::MAX as u32 {
-            return Err(invalid(thing, format!("{}: negative", number as i32)));
-        }
-    }
-    let (name, field) = (needed("name", read("name", run.name, "")?)?, needed("field", read("field", run.field, "")?)?);
-    let generator = read("generator", run.generator, "http://127.0.0.1:7101")?;
-    let options = RunOptions::new(generator, &name, &field, grid, voxel_type("type", run.voxel_type)?);
-    let deadline = deadline.unwrap_or(options.deadline);
-    let (rank, ranks) = match (run.rank, run.ranks) {
-        (0, 0) => launched_rank().unwrap_or((0, 1)),
-        (rank, ranks) => (rank, ranks.max(1)),
-    };
-    Ok(RunOptions { color_field, rank, ranks, full_policy, deadline, ..options })
-}
-
 /// `count` voxels from `first` on.
 ///
 /// # Safety
@@ -232,7 +167,13 @@ pub unsafe extern "C" fn lamina_connect(run: *const Options, client: *mut *mut C
         // SAFETY: as above.
         let options = unsafe { run_options(run) }?;
         let client = Client::connect(options)?;
-        let connection = Connection { client, process: std::process::id(), unfit: 0, buffers: Vec::new() };
+        let connection = Connection {
+            client,
+            process: std::process::id(),
+            unfit: 0,
+            buffers: Vec::new(),
+            requests: VecDeque::new(),
+        };
         *place = Box::into_raw(Box::new(connection));
         Ok(0)
     };

@@ -11,14 +11,17 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
+use tokio::time::Sleep;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::server::TlsStream;
 use tonic::transport::server::Connected;
 
 /// The most connections of a node at a time; others wait in the system's queue.
 const MOST: usize = 4096;
-/// How long a peer may take for the handshake of TLS.
+/// How long a peer may take for the handshake of TLS, and after it to say which HTTP it speaks.
 const HANDSHAKE: Duration = Duration::from_secs(10);
+/// Bytes that tell: the preface of HTTP/2 and its least frame; no request of HTTP/1 that names a host is shorter.
+const BEGINNING: usize = 24;
 
 /// Connections that are ready, one after the other.
 #[derive(Debug)]
@@ -32,6 +35,8 @@ pub struct Connections {
 pub struct Connection {
     stream: Stream,
     peer: Peer,
+    /// When reading fails, and how many bytes have to come before; `None` once they have.
+    beginning: Option<(Pin<Box<Sleep>>, usize)>,
     _permit: OwnedSemaphorePermit,
 }
 
@@ -64,7 +69,10 @@ impl Connections {
                 tokio::spawn(async move {
                     let _ = stream.set_nodelay(true);
                     match enter(stream, peer, &access).await {
-                        Ok((stream, peer)) => drop(sender.send(Connection { stream, peer, _permit: permit }).await),
+                        Ok((stream, peer)) => {
+                            let beginning = Some((Box::pin(tokio::time::sleep(HANDSHAKE)), BEGINNING));
+                            let _ = sender.send(Connection { stream, peer, beginning, _permit: permit }).await;
+                        }
                         Err(reason) => tracing::info!(%peer, %reason, "connection refused"),
                     }
                 });
@@ -150,10 +158,19 @@ impl Connection {
 
 impl AsyncRead for Connection {
     fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
-        match &mut self.stream {
+        let before = buffer.filled().len();
+        let read = match &mut self.stream {
             Stream::Plain(stream) => Pin::new(stream).poll_read(cx, buffer),
             Stream::Secure(stream) => Pin::new(stream).poll_read(cx, buffer),
+        };
+        let Some((deadline, missing)) = &mut self.beginning else { return read };
+        *missing = missing.saturating_sub(buffer.filled().len() - before);
+        if *missing == 0 {
+            self.beginning = None;
+        } else if read.is_pending() && deadline.as_mut().poll(cx).is_ready() {
+            return Poll::Ready(Err(io::Error::new(io::ErrorKind::TimedOut, "no request came")));
         }
+        read
     }
 }
 

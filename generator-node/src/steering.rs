@@ -1,0 +1,126 @@
+//! Steering: requests from viz-nodes on their way to the simulation.
+
+use lamina_model::{Invalid, Steerable, SteerableNumber, Steering};
+use parking_lot::Mutex;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{Context, Poll};
+use tokio::sync::{mpsc, watch};
+
+/// Requests that wait for the simulation's connection.
+const WAITING: usize = 64;
+
+/// Between those who ask and the rank that listens.
+#[derive(Debug, Default)]
+pub(crate) struct SteeringRelay {
+    listener: Mutex<Option<mpsc::Sender<Steering>>>,
+    steerable: watch::Sender<Steerable>,
+}
+
+/// Why a request does not reach the simulation.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum SteeringError {
+    /// It cannot be asked for.
+    #[error(transparent)]
+    Invalid(#[from] Invalid),
+    /// It was meant for another run.
+    #[error("run {0} has ended; another is shown")]
+    OtherRun(String),
+    /// The simulation's connection takes no more.
+    #[error("the simulation has not taken the last {WAITING} requests")]
+    Full,
+}
+
+impl SteeringRelay {
+    /// The simulation of `run_id` listens, in place of one before, as long as it keeps what this gives.
+    pub(crate) fn listen(self: &Arc<Self>, run_id: String, numbers: Vec<SteerableNumber>) -> Listening {
+        let (sender, requests) = mpsc::channel(WAITING);
+        *self.listener.lock() = Some(sender);
+        self.steerable.send_replace(Steerable { run_id, listens: true, paused: false, stopping: false, numbers });
+        Listening { requests, relay: self.clone() }
+    }
+
+    /// Hands a request on.
+    ///
+    /// # Errors
+    /// If it cannot reach the simulation, or asks for what it does not offer.
+    pub(crate) fn steer(&self, run_id: &str, steering: Steering) -> Result<(), SteeringError> {
+        let listener = self.listener.lock();
+        let mut steerable = self.steerable.borrow().clone();
+        if steerable.listens && steerable.run_id != run_id {
+            return Err(SteeringError::OtherRun(run_id.to_owned()));
+        }
+        steerable.take(&steering.request)?;
+        tracing::info!(run_id, request = %steering.request, asked_by = steering.asked_by, "steering");
+        let sent = listener.as_ref().map(|listener| listener.try_send(steering));
+        if !matches!(sent, Some(Ok(()))) {
+            return Err(SteeringError::Full);
+        }
+        self.steerable.send_replace(steerable);
+        Ok(())
+    }
+
+    /// What can be asked for, now and after every change.
+    pub(crate) fn steerable(&self) -> watch::Receiver<Steerable> {
+        self.steerable.subscribe()
+    }
+}
+
+/// The simulation's end.
+#[derive(Debug)]
+pub(crate) struct Listening {
+    requests: mpsc::Receiver<Steering>,
+    relay: Arc<SteeringRelay>,
+}
+
+impl futures::Stream for Listening {
+    type Item = Steering;
+
+    fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Steering>> {
+        self.requests.poll_recv(context)
+    }
+}
+
+impl Drop for Listening {
+    fn drop(&mut self) {
+        self.requests.close();
+        let mut listener = self.relay.listener.lock();
+        // Another may listen in its place.
+        if listener.as_ref().is_some_and(mpsc::Sender::is_closed) {
+            *listener = None;
+            self.relay.steerable.send_modify(|steerable| (steerable.listens, steerable.paused) = (false, false));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use futures::StreamExt;
+    use lamina_model::SteeringRequest;
+
+    fn steering(request: SteeringRequest) -> Steering {
+        Steering { request, asked_by: "a test".to_owned() }
+    }
+
+    #[tokio::test]
+    async fn requests_reach_the_one_that_listens_as_long_as_it_does() {
+        let relay = Arc::new(SteeringRelay::default());
+        assert!(relay.steer("a", steering(SteeringRequest::Pause)).is_err(), "nobody listens");
+        let mut first = relay.listen("a".to_owned(), Vec::new());
+        relay.steer("a", steering(SteeringRequest::Pause)).unwrap();
+        assert!(matches!(relay.steer("b", steering(SteeringRequest::Stop)), Err(SteeringError::OtherRun(_))));
+        assert_eq!(first.next().await.unwrap().request, SteeringRequest::Pause);
+        assert!(relay.steerable().borrow().paused);
+        // A connection made anew listens in place of the one that is about to be missed.
+        let second = relay.listen("a".to_owned(), Vec::new());
+        assert!(first.next().await.is_none());
+        drop(first);
+        assert!(relay.steerable().borrow().listens && !relay.steerable().borrow().paused);
+        (0..WAITING).for_each(|_| relay.steer("a", steering(SteeringRequest::Pause)).unwrap());
+        assert!(matches!(relay.steer("a", steering(SteeringRequest::Stop)), Err(SteeringError::Full)));
+        assert!(!relay.steerable().borrow().stopping, "what was not handed on is not shown");
+        drop(second);
+        assert!(!relay.steerable().borrow().listens && !relay.steerable().borrow().paused);
+    }
+}

@@ -1,0 +1,78 @@
+//! Steering between model and messages.
+
+use crate::v1;
+use lamina_model::{Invalid, Steerable, SteerableNumber, Steering, SteeringRequest};
+
+impl From<SteerableNumber> for v1::SteerableNumber {
+    fn from(number: SteerableNumber) -> Self {
+        let SteerableNumber { name, value, least, most } = number;
+        Self { name, value, least, most }
+    }
+}
+
+/// Numbers that a simulation offers.
+///
+/// # Errors
+/// If there are too many, two have one name, or one cannot be offered.
+pub fn numbers(given: Vec<v1::SteerableNumber>) -> Result<Vec<SteerableNumber>, Invalid> {
+    if given.len() > SteerableNumber::MOST {
+        let most = SteerableNumber::MOST;
+        return Err(Invalid::new("steerable numbers", format!("{}; at most {most} are shown", given.len())));
+    }
+    let mut numbers: Vec<SteerableNumber> = Vec::new();
+    for v1::SteerableNumber { name, value, least, most } in given {
+        if numbers.iter().any(|known| known.name == name) {
+            return Err(Invalid::new("steerable numbers", format!("two are named \"{name}\"")));
+        }
+        numbers.push(SteerableNumber { name, value, least, most }.check()?);
+    }
+    Ok(numbers)
+}
+
+impl From<Steering> for v1::Steering {
+    fn from(steering: Steering) -> Self {
+        use v1::SteeringCommand::{Pause, Resume, Stop};
+        let command = |command: v1::SteeringCommand| v1::steering::Request::Command(command.into());
+        let request = match steering.request {
+            SteeringRequest::Pause => command(Pause),
+            SteeringRequest::Resume => command(Resume),
+            SteeringRequest::Stop => command(Stop),
+            SteeringRequest::Set { name, value } => v1::steering::Request::Number(v1::NewValue { name, value }),
+        };
+        Self { request: Some(request), asked_by: steering.asked_by }
+    }
+}
+
+impl TryFrom<v1::Steering> for Steering {
+    type Error = Invalid;
+
+    fn try_from(steering: v1::Steering) -> Result<Self, Invalid> {
+        let unknown = || Invalid::new("steering", "neither pause, resume, stop nor a number");
+        let request = match steering.request.ok_or_else(unknown)? {
+            v1::steering::Request::Number(v1::NewValue { name, value }) => SteeringRequest::Set { name, value },
+            v1::steering::Request::Command(command) => match v1::SteeringCommand::try_from(command) {
+                Ok(v1::SteeringCommand::Pause) => SteeringRequest::Pause,
+                Ok(v1::SteeringCommand::Resume) => SteeringRequest::Resume,
+                Ok(v1::SteeringCommand::Stop) => SteeringRequest::Stop,
+                Ok(v1::SteeringCommand::Unspecified) | Err(_) => return Err(unknown()),
+            },
+        };
+        Ok(Self { request, asked_by: steering.asked_by })
+    }
+}
+
+impl From<Steerable> for v1::Steerable {
+    fn from(of: Steerable) -> Self {
+        let Steerable { run_id, listens, paused, stopping, numbers } = of;
+        Self { run_id, listens, paused, stopping, numbers: numbers.into_iter().map(Into::into).collect() }
+    }
+}
+
+impl TryFrom<v1::Steerable> for Steerable {
+    type Error = Invalid;
+
+    fn try_from(of: v1::Steerable) -> Result<Self, Invalid> {
+        let v1::Steerable { run_id, listens, paused, stopping, numbers: given } = of;
+        Ok(Self { run_id, listens, paused, stopping, numbers: numbers(given)? })
+    }
+}
