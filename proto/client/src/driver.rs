@@ -6,6 +6,7 @@ use std::future::Future;
 use std::io;
 use std::time::Duration;
 use tokio::runtime::{Builder, Runtime};
+use tokio::sync::oneshot;
 use tokio::task::AbortHandle;
 use tonic::Status;
 
@@ -45,6 +46,20 @@ impl Driver {
     /// Lets the driver's own thread work on `task` meanwhile; `None` if it has ended.
     pub(crate) fn spawn(&self, task: impl Future<Output = ()> + Send + 'static) -> Option<AbortHandle> {
         self.0.as_ref().map(|runtime| runtime.spawn(task).abort_handle())
+    }
+
+    /// Begins `call` on the driver's own thread, to be given up after the deadline; its answer comes out.
+    pub(crate) fn begin<T: Send + 'static>(
+        &self,
+        deadline: Duration,
+        call: impl Future<Output = Result<T, Status>> + Send + 'static,
+    ) -> oneshot::Receiver<Result<T, Status>> {
+        let (sender, answer) = oneshot::channel();
+        self.spawn(async move {
+            let late = |_| Err(Status::deadline_exceeded("no answer in time"));
+            let _ = sender.send(tokio::time::timeout(deadline, call).await.unwrap_or_else(late));
+        });
+        answer
     }
 
     /// The same of one that the driver's own thread works on: it may send.

@@ -14,20 +14,24 @@
 //! # Ok::<(), lamina_client::ClientError>(())
 //! ```
 //!
-//! Every call has a deadline. A generator-node that is dead is noticed at once, one that is stuck after that deadline; until
-//! it is tried again, at intervals that grow to 5 s, steps are counted as lost without waiting. Connect after forking: the
+//! Every call has a deadline. A generator-node that is dead is noticed at once, one that is stuck when a push takes far longer than
+//! those before, at the deadline at the latest. It is then tried again in the background, at intervals that grow to 5 s, and steps are
+//! counted as lost without waiting. A run whose policy is to block waits for the deadline each time. Connect after forking: the
 //! thread that drives a connection is in the process that made it.
 
 mod brick;
 mod buffer;
 mod driver;
+mod error;
 mod options;
 mod pace;
+mod patience;
 mod session;
 mod steering;
 
 pub use brick::{Brick, VoxelSlice, check_type, dense, span};
 pub use buffer::{Buffer, VoxelScalar};
+pub use error::ClientError;
 pub use lamina_model::{FullPolicy, SteerableNumber, Steering, SteeringRequest};
 pub use lamina_rpc::launcher::launched_rank;
 pub use options::{Receipt, RunOptions};
@@ -38,35 +42,12 @@ use lamina_rpc::connect::{NodeAddress, endpoint};
 use lamina_rpc::credentials::{Credentials, CredentialsError, Role};
 use lamina_shared_memory::Lease;
 use pace::Pace;
+use patience::Patience;
 use session::{Session, StepPart};
 use std::time::{Duration, Instant};
 use steering::SteeringInbox;
+use tokio::sync::oneshot;
 use tonic::{Code, Status};
-
-/// Why a step was not handed over.
-#[derive(Debug, thiserror::Error)]
-pub enum ClientError {
-    /// The arguments cannot be right, whoever listens.
-    #[error(transparent)]
-    Invalid(#[from] Invalid),
-    /// The generator-node refused; trying the same again will not help.
-    #[error("refused by the generator-node: {0}")]
-    Refused(String),
-    /// The generator-node cannot be reached now; the client tries again by itself.
-    #[error("generator-node {address} is not reachable ({reason}); start it or correct the address")]
-    Unreachable {
-        /// Where it should be.
-        address: String,
-        /// The transport's words.
-        reason: String,
-    },
-    /// The deadline passed: the node is full (policy `block`) or stuck.
-    #[error("no answer from the generator-node within {0:?}")]
-    Deadline(Duration),
-    /// The runtime that drives the connection could not be started.
-    #[error("cannot start the client's runtime: {0}")]
-    Runtime(std::io::Error),
-}
 
 /// Numbers of a finished run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -89,6 +70,8 @@ pub struct Client {
     credentials: Option<Credentials>,
     driver: Driver,
     session: Option<Session>,
+    /// A try in the background.
+    connecting: Option<oneshot::Receiver<Result<(Session, String), Status>>>,
     run_id: String,
     summary: Summary,
     retry_at: Instant,
@@ -96,11 +79,14 @@ pub struct Client {
     /// Why it could not be reached when that was last tried.
     unreachable: String,
     pace: Pace,
+    patience: Patience,
     steering: SteeringInbox,
 }
 
 const FIRST_BACKOFF: Duration = Duration::from_millis(200);
 const LONGEST_BACKOFF: Duration = Duration::from_secs(5);
+/// How long a push waits for a node that is tried again: one that is there answers within it.
+const AT_ONCE: Duration = Duration::from_millis(10);
 
 impl Client {
     /// Opens the run. A node that is not there yet is no error: it is tried again with the next pushes.
@@ -122,15 +108,17 @@ impl Client {
             credentials,
             driver,
             session: None,
+            connecting: None,
             run_id: String::new(),
             summary: Summary::default(),
             retry_at: Instant::now(),
             backoff: FIRST_BACKOFF,
             unreachable: String::new(),
             pace: Pace::default(),
+            patience: Patience::default(),
             steering: SteeringInbox::new(),
         };
-        match client.ensure_session(Instant::now()) {
+        match client.open_session(Instant::now()) {
             Err(error @ (ClientError::Unreachable { .. } | ClientError::Deadline(_))) => tracing::warn!("{error}"),
             other => other?,
         }
@@ -224,11 +212,18 @@ impl Client {
             // The node was restarted: it no longer knows the run. Open it again under its old id, once.
             Err(status) if status.code() == Code::NotFound => {
                 self.session = None;
-                self.ensure_session(started)?;
+                self.open_session(started)?;
                 self.try_push(started, part, brick, lease).map_err(|status| self.failed(&status))
             }
             other => other.map_err(|status| self.failed(&status)),
         }
+    }
+
+    /// How long a push may take: the deadline, or less where those before took far less.
+    fn longest_push(&self) -> Duration {
+        let deadline = self.options.deadline;
+        let usual = self.patience.limit().filter(|_| self.options.full_policy != FullPolicy::Block);
+        usual.map_or(deadline, |limit| limit.min(deadline))
     }
 
     /// What is left of the deadline of a call that began at `started`.
@@ -244,10 +239,13 @@ impl Client {
         lease: Option<&Lease>,
     ) -> Result<Receipt, Status> {
         let (timing, remaining) = (self.pace.begin(started), self.remaining(started));
+        let (begun, remaining) = (Instant::now(), remaining.min(self.longest_push()));
         let Some(session) = &mut self.session else { return Err(Status::unavailable("not connected")) };
         let push = session.push(&self.run_id, self.options.rank, part, timing, brick, lease);
         let (receipt, cadence) = self.driver.within(remaining, push)?;
         self.pace.set_cadence(cadence);
+        self.patience.answered(begun.elapsed());
+        self.backoff = FIRST_BACKOFF;
         Ok(receipt)
     }
 
@@ -294,13 +292,51 @@ impl Client {
         if self.session.is_some() {
             return Ok(());
         }
+        if let Some(connecting) = &mut self.connecting {
+            let opened = match connecting.try_recv() {
+                Ok(opened) => opened,
+                Err(oneshot::error::TryRecvError::Empty) => return Err(self.unreachable()),
+                Err(oneshot::error::TryRecvError::Closed) => Err(Status::unavailable("the try was given up")),
+            };
+            self.connecting = None;
+            return self.opened(opened);
+        }
         if Instant::now() < self.retry_at {
             return Err(self.unreachable());
         }
-        let open = Session::open(self.options.clone(), self.credentials.clone(), self.run_id.clone());
-        match self.driver.away(self.remaining(started), open) {
+        if self.options.full_policy == FullPolicy::Block {
+            return self.open_session(started);
+        }
+        let mut opened = self.driver.begin(self.options.deadline, self.opening());
+        let at_once = self.driver.within(AT_ONCE.min(self.options.deadline), async {
+            (&mut opened).await.unwrap_or_else(|_| Err(Status::unavailable("closed")))
+        });
+        match at_once {
+            Err(late) if late.code() == Code::DeadlineExceeded => {
+                self.connecting = Some(opened);
+                self.unreachable = "it has not answered yet".to_owned();
+                Err(self.unreachable())
+            }
+            opened => self.opened(opened),
+        }
+    }
+
+    /// Connects and attaches, whoever waits for it.
+    fn opening(&self) -> impl Future<Output = Result<(Session, String), Status>> + Send + use<> {
+        Session::open(self.options.clone(), self.credentials.clone(), self.run_id.clone())
+    }
+
+    /// Waits for the session, within the deadline of a call that began at `started`.
+    fn open_session(&mut self, started: Instant) -> Result<(), ClientError> {
+        let opened = self.driver.away(self.remaining(started), self.opening());
+        self.opened(opened)
+    }
+
+    /// Takes what a try came to.
+    fn opened(&mut self, opened: Result<(Session, String), Status>) -> Result<(), ClientError> {
+        match opened {
             Ok((session, run_id)) => {
-                (self.session, self.run_id, self.backoff) = (Some(session), run_id, FIRST_BACKOFF);
+                (self.session, self.run_id) = (Some(session), run_id);
                 self.listen();
                 Ok(())
             }
@@ -334,7 +370,7 @@ impl Client {
                 self.backoff = (2 * self.backoff).min(LONGEST_BACKOFF);
                 if code == Code::DeadlineExceeded {
                     self.unreachable = "it did not answer in time".to_owned();
-                    return ClientError::Deadline(self.options.deadline);
+                    return ClientError::Deadline(self.longest_push());
                 }
                 status.message().clone_into(&mut self.unreachable);
                 self.unreachable()

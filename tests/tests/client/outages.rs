@@ -1,7 +1,7 @@
 //! The node is dead, stuck, restarted.
 
-use crate::{LONG, Node, admitted, any_port, options, push_until, push_whole, refusal, timed_out};
-use lamina_client::{Client, ClientError, RunOptions, Summary};
+use crate::{LONG, Node, admitted, any_port, options, push_until, push_whole, refusal};
+use lamina_client::{Client, ClientError, FullPolicy, RunOptions, Summary};
 use std::net::TcpListener;
 use std::time::{Duration, Instant};
 
@@ -42,17 +42,25 @@ fn a_dead_node_costs_the_simulation_nothing_and_is_found_when_it_appears() {
 }
 
 #[test]
-fn a_node_that_accepts_and_never_answers_costs_at_most_the_deadline() {
+fn a_node_that_accepts_and_never_answers_is_waited_for_once_unless_the_run_is_to_block() {
     let stuck = TcpListener::bind(any_port()).unwrap();
     let deadline = Duration::from_millis(300);
-    let start = Instant::now();
     let url = format!("http://{}", stuck.local_addr().unwrap());
-    let mut client = Client::connect(RunOptions { deadline, ..options(&url) }).unwrap();
-    assert!(start.elapsed() >= deadline && start.elapsed() < 10 * deadline, "{:?}", start.elapsed());
-    let (_, took) = push_until(0, |step| push_whole(&mut client, step), timed_out);
-    assert!(took >= deadline && took < 10 * deadline, "{took:?}");
-    let waits = (0..100).filter(|step| timed_out(&push_whole(&mut client, 1000 + step))).count();
-    assert!(waits <= 5, "{waits} of 100 pushes waited for a node known to be stuck");
+    for (full_policy, waits_again) in [(FullPolicy::DropOldest, false), (FullPolicy::Block, true)] {
+        let start = Instant::now();
+        let mut client = Client::connect(RunOptions { deadline, full_policy, ..options(&url) }).unwrap();
+        assert!(start.elapsed() >= deadline && start.elapsed() < 10 * deadline, "{:?}", start.elapsed());
+        // Two seconds, in which it is tried some times.
+        let waits = |step| {
+            std::thread::sleep(Duration::from_millis(20));
+            let start = Instant::now();
+            assert!(push_whole(&mut client, step).is_err());
+            start.elapsed() >= deadline / 2
+        };
+        let waits = (0..100).map(waits).filter(|waited| *waited).count();
+        // A loaded machine may take this thread's core away.
+        assert!(if waits_again { (1..=5).contains(&waits) } else { waits <= 1 }, "{waits} of 100 pushes waited");
+    }
 }
 
 #[test]

@@ -228,3 +228,16 @@ fn configuration_files_of_the_deployment_are_the_defaults() {
     tuner.base().unwrap();
     assert_eq!(tuner, lamina_tuner::Config::default());
 }
+
+#[test]
+fn every_attack_names_the_test_that_holds_it() {
+    let table = std::fs::read_to_string(root().join("tests/ATTACKS.md")).unwrap();
+    let rows: Vec<&str> = table.lines().filter(|line| line.starts_with("| ") && line.ends_with("` |")).collect();
+    assert!(rows.len() >= 40, "{} attacks", rows.len());
+    let sources: Vec<String> = rust_files().into_iter().map(|(_, text)| text).collect();
+    for row in rows {
+        let test = row.trim_end_matches("` |").rsplit('`').next().unwrap();
+        let is_there = sources.iter().any(|text| text.contains(&format!("fn {test}(")));
+        assert!(is_there, "there is no test `{test}`");
+    }
+}

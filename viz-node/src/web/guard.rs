@@ -13,9 +13,12 @@ use parking_lot::Mutex;
 use std::collections::HashMap;
 use std::net::IpAddr;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// The most browsers that are let in by a token; then the node has to be restarted.
 const MOST_SESSIONS: usize = 1024;
+/// The most of a refused request that is read.
+const DRAINED: usize = 1 << 16;
 /// The session's cookie.
 const COOKIE: &str = "lamina-session";
 
@@ -146,7 +149,12 @@ pub(crate) async fn guard(
     if !is_grpc {
         match guard.admit(peer, request.headers(), request.uri()) {
             Ok(rights) => request.extensions_mut().insert(rights),
-            Err(refusal) => return refusal,
+            Err(refusal) => {
+                // A client that is still sending would take the end of the stream for a fault.
+                let drained = axum::body::to_bytes(request.into_body(), DRAINED);
+                let _ = tokio::time::timeout(Duration::from_secs(1), drained).await;
+                return refusal;
+            }
         };
     }
     next.run(request).await
