@@ -1,7 +1,7 @@
 //! Intake: live steps into the store as they arrive, the newest of them decoded and measured as processor time allows; trials to
 //! where they are measured when asked for.
 
-use crate::store::{Run, StepRow, Store};
+use crate::store::{Run, StepRow, Store, StoreError};
 use crate::trials::{Arrived, ArrivedTrial, ShownTrials};
 use lamina_codec::DecodeLimits;
 use lamina_compute::{Activity, CpuShare, Priority};
@@ -67,6 +67,11 @@ fn lock(references: &Mutex<References>) -> MutexGuard<'_, References> {
     references.lock()
 }
 
+/// Why the subscription is to begin anew.
+fn unrecorded(error: &StoreError) -> Status {
+    Status::unavailable(format!("not recorded: {error}; the steps from there on are asked for again"))
+}
+
 fn keep(references: &Mutex<References>, announcement: v1::Reference, payload: &[u8]) -> Result<(), String> {
     let run_id = announcement.run_id.clone();
     let samples = reference::decode(announcement, payload).map_err(|e| e.to_string())?;
@@ -102,28 +107,41 @@ impl Intake {
     }
 
     /// Takes one whole delivery of live steps. Blocking: writes files.
-    pub(crate) fn take_live(&self, part: Part, payload: Vec<u8>) {
-        let outcome = match part {
-            Part::Run(run) => RunInfo::try_from(run).map_err(|e| e.to_string()).and_then(|run| self.begin(run.into())),
-            Part::Reference(announcement) => keep(&self.live_references, announcement, &payload),
+    ///
+    /// # Errors
+    /// If a step cannot be recorded. The generator-node has it still: it is to be asked for again.
+    pub(crate) fn take_live(&self, part: Part, payload: Vec<u8>) -> Result<(), Status> {
+        match part {
+            Part::Run(run) => match RunInfo::try_from(run) {
+                Ok(run) => return self.begin(run.into()).map_err(|e| unrecorded(&e)),
+                Err(invalid) => self.log(Err(invalid.to_string())),
+            },
+            Part::Reference(announcement) => self.log(keep(&self.live_references, announcement, &payload)),
             Part::Frame(frame) => {
-                Frame::try_from(frame).map_err(|e| e.to_string()).and_then(|f| self.record(&f, payload))
+                let step = frame.step;
+                let checked = Frame::try_from(frame).map_err(|e| e.to_string()).and_then(|frame| {
+                    lamina_codec::check_any(&payload, &self.limits).map(|_| frame).map_err(|e| e.to_string())
+                });
+                match checked {
+                    Ok(frame) => return self.record(&frame, payload).map_err(|e| unrecorded(&e)),
+                    Err(error) => self.log(Err(format!("step {step}: {error}"))),
+                }
             }
-            Part::Chunk(_) => Ok(()),
-        };
-        self.log(outcome);
+            Part::Chunk(_) => {}
+        }
+        Ok(())
     }
 
-    fn begin(&self, run: Run) -> Result<(), String> {
+    fn begin(&self, run: Run) -> Result<(), StoreError> {
         // The same run is announced again after a connection was lost; its study goes on.
         if self.store.run().is_none_or(|known| known.id != run.id) {
             self.trials.forget_study();
         }
-        self.store.begin(run).map_err(|e| e.to_string())
+        self.store.begin(run)
     }
 
     /// Takes one whole delivery of trials.
-    pub(crate) fn take_trial(&self, part: Part, payload: Vec<u8>) {
+    pub(crate) fn take_trial(&self, part: Part, payload: Vec<u8>) -> Result<(), Status> {
         match part {
             Part::Reference(announcement) => self.log(keep(&self.trial_references, announcement, &payload)),
             Part::Frame(frame) => {
@@ -132,6 +150,7 @@ impl Intake {
             }
             Part::Run(_) | Part::Chunk(_) => {}
         }
+        Ok(())
     }
 
     fn arrived(&self, frame: Result<Frame, Invalid>, payload: Vec<u8>) -> Arrived {
@@ -149,12 +168,11 @@ impl Intake {
         }
     }
 
-    fn record(&self, frame: &Frame, payload: Vec<u8>) -> Result<(), String> {
+    fn record(&self, frame: &Frame, payload: Vec<u8>) -> Result<(), StoreError> {
         let step = frame.step;
-        lamina_codec::check_any(&payload, &self.limits).map_err(|e| format!("step {step}: {e}"))?;
         let reference = find(&self.live_references, frame);
         let (row, bytes) = (StepRow::live(frame, reference.is_some()), payload.len() as u64);
-        self.store.record(row, payload).map_err(|e| format!("step {step}: not recorded: {e}"))?;
+        self.store.record(row, payload)?;
         self.counters.frames.fetch_add(1, Ordering::Relaxed);
         self.counters.frame_bytes.fetch_add(bytes, Ordering::Relaxed);
         tracing::info!(step, bytes, "recorded");

@@ -103,7 +103,7 @@ async fn assemble(
     config: &Config,
     intake: &Arc<Intake>,
     mut deliveries: Streaming<v1::Delivery>,
-    take: fn(&Intake, Part, Vec<u8>),
+    take: fn(&Intake, Part, Vec<u8>) -> Result<(), Status>,
 ) -> Result<(), Status> {
     let mut assembler = Assembler::new(config.max_frame_bytes);
     while let Some(delivery) = deliveries.message().await? {
@@ -128,7 +128,7 @@ async fn assemble(
         if let Some((part, payload)) = whole {
             let intake = intake.clone();
             let work = move || take(&intake, part, payload);
-            tokio::task::spawn_blocking(work).await.map_err(|e| Status::internal(e.to_string()))?;
+            tokio::task::spawn_blocking(work).await.map_err(|e| Status::internal(e.to_string()))??;
         }
     }
     Ok(())
