@@ -228,7 +228,7 @@ impl fmt::Display for Contract {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let time = if self.limits.with_encoding { "time+encoding" } else { "time" };
         let parts = [
-            self.limits.size_bytes.map(|b| format!("size <= {b}B")),
+            self.limits.size_bytes.map(|b| format!("size <= {}", Bytes(b))),
             self.limits.time_ms.map(|t| format!("{time} <= {t}ms")),
             self.limits.psnr_db.map(|q| format!("psnr >= {q}dB")),
             self.cone_deg.map(|d| format!("cone <= {d}deg")),
@@ -312,10 +312,13 @@ mod tests {
     #[test]
     fn what_is_written_comes_back_and_nonsense_is_refused_with_the_remedy() {
         for text in [
-            "size <= 300000B",
+            "size <= 300kB",
+            "size <= 999B",
+            "size <= 252.501kB, maximise psnr",
+            "size <= 1.000001MB",
             "time+encoding <= 40.5ms, psnr >= 35dB, minimise size",
             "cone <= 30deg",
-            "size <= 300000B, overhead <= 5%",
+            "size <= 300kB, overhead <= 5%",
             "overhead <= 0.25%",
             "maximise psnr",
         ] {

@@ -17,6 +17,17 @@ fn number_and_unit(text: &str) -> Option<(f64, &str)> {
     (number.is_finite() && number > 0.0).then_some((number, text[end..].trim()))
 }
 
+impl std::fmt::Display for Bytes {
+    /// To the last byte: `300kB`, `252.5kB`, `1.000001MB`.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.0 {
+            bytes @ 0..1_000 => write!(f, "{bytes}B"),
+            bytes @ 1_000..1_000_000 => write!(f, "{}kB", bytes as f64 / 1e3),
+            bytes => write!(f, "{}MB", bytes as f64 / 1e6),
+        }
+    }
+}
+
 impl FromStr for Bytes {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {

@@ -18,6 +18,9 @@ export interface StepRow {
   encode_ms: number;
   supersegments: number;
   dropped_steps: number;
+  /** The limits that were in force. */
+  size_limit_bytes: number | null;
+  time_limit_ms: number | null;
   limit_kept: boolean;
   views: { angle_deg: number; psnr_db: Decibels }[];
   representation: "vdi" | "volume";

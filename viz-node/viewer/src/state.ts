@@ -124,6 +124,8 @@ export function upsert(row: StepRow): void {
   const known = store.steps[at]?.step === row.step;
   store.steps.splice(at, known ? 1 : 0, row);
   if (!known) link.lastStepAt = performance.now();
+  // Those in force are the newest step's.
+  if (at === store.steps.length - 1) store.limit = { size_bytes: row.size_limit_bytes, time_ms: row.time_limit_ms };
 }
 
 export function shownIndex(): number {

@@ -16,7 +16,7 @@ pub fn load_config<T: DeserializeOwned + Default>(path: Option<&Path>) -> Result
 }
 
 /// Log lines to standard error, `default_level` and above unless RUST_LOG says otherwise: text, or where LAMINA_LOG is `json` a JSON
-/// object a line with `timestamp`, `level` and the event's fields.
+/// object a line with `timestamp`, `level` and the event's `fields`.
 pub fn log_to_stderr(default_level: &str) {
     let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| default_level.into());
     // A second call, in a process with several nodes, keeps the first subscriber.
@@ -24,7 +24,7 @@ pub fn log_to_stderr(default_level: &str) {
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
     let log = log.with_target(false).with_ansi(color);
     let _ = if std::env::var_os("LAMINA_LOG").is_some_and(|format| format == "json") {
-        log.json().flatten_event(true).try_init()
+        log.json().try_init()
     } else {
         log.try_init()
     };
