@@ -1,6 +1,7 @@
 //! What the suites share: small scenes with known answers.
 
 pub mod browser;
+pub mod http;
 pub mod languages;
 pub mod processes;
 pub mod reference;

@@ -5,6 +5,7 @@
 use glam::DVec3;
 use lamina_client::{Brick, Client, RunOptions, VoxelSlice};
 use lamina_model::{Grid, VoxelType};
+use lamina_tests::http::curl;
 use lamina_tests::languages::{compile, library, python_with, source};
 use lamina_tests::processes::{Daemon, binary, free_port, wait_for};
 use std::collections::BTreeSet;
@@ -253,10 +254,7 @@ raises(ValueError, 'client', lambda: run.push(9, 0.0, values.cast('f', (4, 3, 2)
 
 /// Asks at the viz-node's page for something; the answer's status.
 fn steer(viz: &Daemon, request: &str) -> String {
-    let arguments =
-        ["-s", "-o", "/dev/null", "-w", "%{http_code}", "-H", "content-type: application/json", "-d", request];
-    let asked = Command::new("curl").args(arguments).arg(format!("{}/api/steer", viz.url())).output().unwrap();
-    String::from_utf8(asked.stdout).unwrap()
+    curl(&format!("{}/api/steer", viz.url()), &["--header", "content-type: application/json", "--data", request]).0
 }
 
 #[test]

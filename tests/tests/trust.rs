@@ -7,6 +7,7 @@ use lamina_model::VoxelType;
 use lamina_rpc::connect::connect;
 use lamina_rpc::credentials::{Credentials, Role};
 use lamina_rpc::v1::{self, control_client::ControlClient, frames_client::FramesClient, tuning_client::TuningClient};
+use lamina_tests::http::curl;
 use lamina_tests::processes::{Daemon, binary, free_port, run, wait_for};
 use lamina_tests::{clumps, sampled_cube};
 use std::io::{BufRead as _, BufReader, ErrorKind, Read as _, Write as _};
@@ -47,28 +48,6 @@ fn push(generator: &str, credentials: Option<&Path>, steps: u64) -> Result<(), C
     }
     client.close();
     Ok(())
-}
-
-/// What curl answers: status, then headers and body.
-fn curl(url: &str, arguments: &[&str]) -> (String, String) {
-    let output = Command::new("curl")
-        .args([
-            "--silent",
-            "--show-error",
-            "--include",
-            "--insecure",
-            "--max-time",
-            "20",
-            "--write-out",
-            "\n%{http_code}",
-        ])
-        .args(arguments)
-        .arg(url)
-        .output()
-        .unwrap();
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    let (body, status) = text.rsplit_once('\n').unwrap();
-    (status.to_owned(), body.to_owned())
 }
 
 #[test]

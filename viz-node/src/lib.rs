@@ -74,15 +74,16 @@ pub async fn run(
     let steering = steering::SteeringDesk::new(config.clone(), credentials.clone(), store.clone());
     let steering = Arc::new(steering);
     let refusals = Arc::new(web::serve::Refusals::default());
-    let web = web::Web::new(
+    let painter = Arc::new(painter::Painter::new(store.clone(), backend));
+    let web = web::Web {
         store,
-        backend,
-        intake.clone(),
+        painter,
+        intake: intake.clone(),
         negotiation,
-        steering.clone(),
-        (connected.clone(), refusals.clone()),
-    )
-    .router();
+        steering: steering.clone(),
+        connected: connected.clone(),
+        refusals: refusals.clone(),
+    };
     tracing::info!(%address, "viz-node listens");
     // An address that means "any" is completed by the generator-node.
     let own = format!("http{}://{address}", if access.is_secure() { "s" } else { "" });
@@ -102,7 +103,7 @@ pub async fn run(
         tokio::spawn(intake.follow_newest()),
         tokio::spawn(async move { subscribe::forever(&generator, || steering.follow()).await }),
     ];
-    let routes = web.merge(grpc).fallback(web::nowhere);
+    let routes = web.router().merge(grpc).fallback(web::nowhere);
     let routes = routes.layer(axum::middleware::from_fn_with_state(guard, web::guard::guard));
     web::serve::serve(Connections::accept(listener, access)?, routes, refusals, shutdown).await;
     tasks.iter().for_each(tokio::task::JoinHandle::abort);

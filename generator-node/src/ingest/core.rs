@@ -141,13 +141,9 @@ impl Core {
         }
     }
 
-    fn run(&mut self, id: &str) -> Result<&mut IngestRun, IngestError> {
+    /// The run of this id, if it is the one that is served.
+    pub(super) fn run(&mut self, id: &str) -> Result<&mut IngestRun, IngestError> {
         self.run.as_mut().filter(|r| r.id == id).ok_or_else(|| IngestError::UnknownRun(id.to_owned()))
-    }
-
-    /// True if it is this run that is served.
-    pub fn serves(&self, id: &str) -> bool {
-        self.run.as_ref().is_some_and(|r| r.id == id)
     }
 
     /// Decides on a brick, and reserves its memory if granted.

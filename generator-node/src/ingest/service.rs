@@ -309,9 +309,7 @@ impl ingest_server::Ingest for IngestService {
         request: Request<v1::SteeringSubscription>,
     ) -> Result<Response<Self::SteeringStream>, Status> {
         let v1::SteeringSubscription { run_id, numbers } = request.into_inner();
-        if !self.0.core().serves(&run_id) {
-            return Err(IngestError::UnknownRun(run_id).into());
-        }
+        self.0.core().run(&run_id)?;
         let numbers = lamina_rpc::steering::numbers(numbers).map_err(|e| invalid(&e))?;
         tracing::info!(run_id, numbers = numbers.len(), "the simulation can be steered");
         let listening = self.0.steering.listen(run_id, numbers);

@@ -337,21 +337,12 @@ impl Client {
         match opened {
             Ok((session, run_id)) => {
                 (self.session, self.run_id) = (Some(session), run_id);
-                self.listen();
+                if self.options.steering.is_some() {
+                    self.steering.follow(&self.driver, &self.run_id, &self.options, self.credentials.as_ref());
+                }
                 Ok(())
             }
             Err(status) => Err(self.failed(&status)),
-        }
-    }
-
-    /// Listens to requests, where the simulation takes them.
-    fn listen(&mut self) {
-        if self.options.steering.is_none() {
-            return;
-        }
-        let follow = self.steering.follow(&self.run_id, &self.options, self.credentials.as_ref());
-        if let Some(task) = follow.and_then(|follow| self.driver.spawn(follow)) {
-            self.steering.follows(&self.run_id, task);
         }
     }
 

@@ -31,7 +31,8 @@ pub struct RunOptions {
     /// Folder of keys that `lamina keys` made, for a generator-node at `https://`. Default: where the environment variable
     /// LAMINA_CREDENTIALS says.
     pub credentials: Option<PathBuf>,
-    /// Numbers that people who watch may change; they may also ask to pause, to go on and to stop: [`steering`](crate::Client::steering). Of one rank, which tells the others. Default: nobody can ask for anything.
+    /// Numbers that people who watch may change; they may also ask to pause, to go on and to stop:
+    /// [`steering`](crate::Client::steering). Of one rank, which tells the others. Default: nobody can ask for anything.
     pub steering: Option<Vec<SteerableNumber>>,
     /// The longest any call may take. Default 5 s.
     pub deadline: Duration,

@@ -1,8 +1,9 @@
 //! Steering: requests from people who watch the run, kept until the simulation asks for them.
 
 use crate::RunOptions;
+use crate::driver::Driver;
 use lamina_model::{Steering, SteeringRequest};
-use lamina_rpc::connect::{endpoint, innermost};
+use lamina_rpc::connect::connect;
 use lamina_rpc::credentials::{Credentials, Role};
 use lamina_rpc::v1::{self, ingest_client::IngestClient};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -34,25 +35,22 @@ impl SteeringInbox {
         self.waiting.try_iter().collect()
     }
 
-    /// What listens for `run_id`, if nothing does yet.
+    /// Listens for `run_id` on the driver's thread, in place of what listened for another run.
     pub(crate) fn follow(
-        &self,
+        &mut self,
+        driver: &Driver,
         run_id: &str,
         options: &RunOptions,
         credentials: Option<&Credentials>,
-    ) -> Option<impl Future<Output = ()> + Send + use<>> {
+    ) {
         if self.following.as_ref().is_some_and(|(followed, _)| followed == run_id) {
-            return None;
+            return;
         }
-        let inbox = self.sender.clone();
-        Some(follow(options.clone(), credentials.cloned(), run_id.to_owned(), inbox))
-    }
-
-    /// `task` listens for `run_id`, in place of the one before.
-    pub(crate) fn follows(&mut self, run_id: &str, task: AbortHandle) {
-        if let Some((_, before)) = self.following.replace((run_id.to_owned(), task)) {
+        if let Some((_, before)) = self.following.take() {
             before.abort();
         }
+        let task = follow(options.clone(), credentials.cloned(), run_id.to_owned(), self.sender.clone());
+        self.following = driver.spawn(task).map(|task| (run_id.to_owned(), task));
     }
 }
 
@@ -81,10 +79,7 @@ async fn listen(
     inbox: &Sender<Steering>,
     paused: &mut bool,
 ) -> Result<std::convert::Infallible, Status> {
-    let unusable = |e: lamina_model::Invalid| Status::unavailable(e.to_string());
-    let endpoint = endpoint(&options.generator, Role::Generator, credentials).map_err(unusable)?;
-    let endpoint = endpoint.http2_keep_alive_interval(Duration::from_secs(5));
-    let channel = endpoint.connect().await.map_err(|e| Status::unavailable(innermost(&e)))?;
+    let channel = connect(&options.generator, Role::Generator, credentials).await.map_err(Status::unavailable)?;
     let numbers = options.steering.iter().flatten().cloned().map(Into::into).collect();
     let subscription = v1::SteeringSubscription { run_id: run_id.to_owned(), numbers };
     let mut requests = IngestClient::new(channel).steering(subscription).await?.into_inner();

@@ -39,19 +39,21 @@ struct Line {
     throttle: f64,
 }
 
-static HEADER: LazyLock<String> = LazyLock::new(|| written(&Line::default()).0);
+static HEADER: LazyLock<String> = LazyLock::new(|| {
+    let mut names = written(&Line::default(), true);
+    names.truncate(names.find('\n').map_or(0, |end| end + 1));
+    names
+});
 
 /// Columns of lines from before there were volumes, and from before measuring had a share of the processor.
 const EARLIER: [usize; 2] = [15, 16];
 
-/// The header and the line of one step, each with its end.
-fn written(line: &Line) -> (String, String) {
-    let mut writer = WriterBuilder::new().from_writer(Vec::new());
+/// The line with its end, after the names of the columns if they are wanted.
+fn written(line: &Line, with_names: bool) -> String {
+    let mut writer = WriterBuilder::new().has_headers(with_names).from_writer(Vec::new());
     writer.serialize(line).expect("memory takes a flat record");
     let bytes = writer.into_inner().expect("memory is flushed");
-    let text = String::from_utf8(bytes).expect("all columns are text");
-    let end = text.find('\n').map_or(text.len(), |n| n + 1);
-    (text[..end].to_owned(), text[end..].to_owned())
+    String::from_utf8(bytes).expect("all columns are text")
 }
 
 fn rounded(x: f64, digits: i32) -> f64 {
@@ -92,7 +94,7 @@ impl StepRow {
             overhead: self.overhead.map(|o| rounded(o, 4)),
             throttle: self.throttle,
         };
-        written(&line).1
+        written(&line, false)
     }
 
     /// The step on a line of `steps.csv`; `None` if the line is not whole.

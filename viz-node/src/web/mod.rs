@@ -25,7 +25,7 @@ use futures::{Stream, StreamExt};
 use guard::Rights;
 use lamina_compute::{Activity, Priority};
 use lamina_model::{ControlPoint, Steerable, TransferFunction};
-use lamina_vdi_render::{Backend, Detail};
+use lamina_vdi_render::Detail;
 use serde::{Deserialize, Serialize};
 use serve::Refusals;
 use std::convert::Infallible;
@@ -36,31 +36,20 @@ use std::sync::mpsc::TryRecvError;
 /// What the handlers share.
 #[derive(Clone)]
 pub(crate) struct Web {
-    store: Arc<Store>,
-    painter: Arc<Painter>,
-    intake: Arc<Intake>,
-    negotiation: Arc<Negotiation>,
-    steering: Arc<SteeringDesk>,
-    connected: Arc<AtomicBool>,
-    refusals: Arc<Refusals>,
+    pub store: Arc<Store>,
+    pub painter: Arc<Painter>,
+    pub intake: Arc<Intake>,
+    pub negotiation: Arc<Negotiation>,
+    pub steering: Arc<SteeringDesk>,
+    /// The subscription to live steps stands.
+    pub connected: Arc<AtomicBool>,
+    pub refusals: Arc<Refusals>,
 }
 
 impl Web {
-    /// Serves from `store`; draws with `backend`.
-    pub(crate) fn new(
-        store: Arc<Store>,
-        backend: Backend,
-        intake: Arc<Intake>,
-        negotiation: Arc<Negotiation>,
-        steering: Arc<SteeringDesk>,
-        (connected, refusals): (Arc<AtomicBool>, Arc<Refusals>),
-    ) -> Self {
-        let painter = Arc::new(Painter::new(store.clone(), backend));
-        Self { store, painter, intake, negotiation, steering, connected, refusals }
-    }
-
     /// All routes.
     pub(crate) fn router(self) -> Router {
+        let refusals = self.refusals.clone();
         Router::new()
             .merge(assets::router())
             .route("/api/state", get(state))
@@ -74,7 +63,7 @@ impl Web {
             .route("/metrics", get(metrics::metrics))
             .with_state(self)
             .layer(axum::middleware::map_response(assets::guarded))
-            .layer(axum::middleware::from_fn(serve::limit))
+            .layer(axum::middleware::from_fn_with_state(refusals, serve::limit))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use axum::Extension;
 use axum::Router;
-use axum::extract::Request;
+use axum::extract::{Request, State};
 use axum::http::{Method, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
@@ -15,6 +15,7 @@ use parking_lot::Mutex;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
+use tower::Layer as _;
 
 /// How long the head of a request may take, from when the connection is free for it, and the body of one.
 const REQUEST: Duration = Duration::from_secs(10);
@@ -61,8 +62,8 @@ impl Allowance {
 
 /// Answers requests for the page within the connection's allowance and time.
 pub(crate) async fn limit(
+    State(refusals): State<Arc<Refusals>>,
     Extension(allowance): Extension<Arc<Allowance>>,
-    Extension(refusals): Extension<Arc<Refusals>>,
     request: Request,
     next: Next,
 ) -> Response {
@@ -80,7 +81,7 @@ pub(crate) async fn limit(
     })
 }
 
-/// Serves `routes` until `stopped`; each request has its [`Peer`](lamina_rpc::daemon::Peer) and what [`limit`] needs as extensions.
+/// Serves `routes` until `stopped`; each request has its [`Peer`](lamina_rpc::daemon::Peer) and [`Allowance`] as extensions.
 pub(crate) async fn serve(
     mut connections: Connections,
     routes: Router,
@@ -101,7 +102,7 @@ pub(crate) async fn serve(
         };
         let allowance = Arc::new(Allowance::new(Instant::now()));
         let (peer, refusals) = (connection.peer(), refusals.clone());
-        let own = routes.clone().layer(Extension(peer)).layer(Extension(allowance)).layer(Extension(refusals.clone()));
+        let own = Extension(peer).layer(Extension(allowance).layer(routes.clone()));
         let served = builder.serve_connection(TokioIo::new(connection), TowerToHyperService::new(own)).into_owned();
         let served = graceful.watch(served);
         tokio::spawn(async move {

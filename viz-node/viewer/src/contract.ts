@@ -4,7 +4,7 @@ import { fixed, kilobytes } from "./plots";
 import { refresh } from "./frame";
 import { post } from "./post";
 import { byId, store } from "./state";
-import { setText } from "./status";
+import { drawMessage, setText } from "./status";
 
 /** A limit that has a field: its part of the contract, in the field's unit. */
 interface Limit {
@@ -56,7 +56,7 @@ function withLimit(text: string, limit: Limit, value: string): string {
 
 const current = (): string => draft.text ?? store.tuner?.contract ?? "";
 
-function edit(text: string): void {
+function edit(text: string | null): void {
   Object.assign(draft, { text, message: "", refused: false });
   refresh();
 }
@@ -103,9 +103,7 @@ export function drawContract(): void {
   const changed = draft.text !== null && draft.text !== store.tuner?.contract;
   byId<HTMLButtonElement>("contract-ask").disabled = !mayAsk() || draft.asking || !changed;
   byId<HTMLButtonElement>("contract-undo").disabled = draft.text === null || draft.asking;
-  const message = byId("contract-message");
-  message.className = draft.refused ? "broken" : "";
-  setText(message, draft.message || tunerText());
+  drawMessage("contract-message", draft.message || tunerText(), draft.refused);
 }
 
 export function listenToContract(): void {
@@ -115,10 +113,7 @@ export function listenToContract(): void {
   }
   const line = byId<HTMLInputElement>("contract-line");
   line.addEventListener("input", () => edit(line.value));
-  byId("contract-undo").addEventListener("click", () => {
-    Object.assign(draft, { text: null, message: "", refused: false });
-    refresh();
-  });
+  byId("contract-undo").addEventListener("click", () => edit(null));
   byId("contract-form").addEventListener("submit", (event) => {
     event.preventDefault();
     void ask(current());

@@ -115,7 +115,7 @@ export function drawPlot(plot: Plot): void {
   captionPlot(plot, bound, broken.length);
 }
 
-const dot = (name: string, x: number, y: number, r: number): string => `<circle class="${name}" cx="${x.toFixed(1)}" cy="${y.toFixed(1)}" r="${r}"/>`;
+export const dot = (name: string, x: number, y: number, r: number): string => `<circle class="${name}" cx="${x.toFixed(1)}" cy="${y.toFixed(1)}" r="${r}"/>`;
 
 export function gridLine(y: number, width: number, label: string): string {
   return `<path class="grid" d="M${GUTTER} ${y.toFixed(1)}H${width}"/><text x="${GUTTER - 5}" y="${(y + 4).toFixed(1)}" text-anchor="end">${label}</text>`;
@@ -132,7 +132,7 @@ function hereDot(x: (step: number) => number, y: (value: number) => number, plot
   return row && value !== null ? dot("here", x(row.step), y(value), 3.5) : "";
 }
 
-const caption = (id: string) => [...byId(id).querySelectorAll("figcaption span")] as [Element, Element];
+export const caption = (id: string) => [...byId(id).querySelectorAll("figcaption span")] as [Element, Element];
 
 function captionPlot(plot: Plot, bound: number | null, broken: number): void {
   const row = shownRow();
@@ -141,42 +141,65 @@ function captionPlot(plot: Plot, bound: number | null, broken: number): void {
   detail.textContent = bound === null ? "" : `limit ${significant(bound, 4)} ${plot.unit}${broken ? `, broken ${broken}×` : ""}`;
 }
 
-/** A measured step or trial. */
-interface Mark {
-  ms: number;
+/** A measured step or trial: what it cost, and its quality. */
+export interface Mark {
+  cost: number;
   db: number;
 }
+
+/** Those of a finite PSNR. */
+export const measured = (rows: StepRow[], cost: (row: StepRow) => number): Mark[] =>
+  rows.flatMap((row) => (isNumber(row.psnr_db) ? [{ cost: cost(row), db: row.psnr_db }] : []));
+
+/** The marks that no cheaper one beats, by rising cost. */
+export function front(marks: Mark[]): Mark[] {
+  let best = -Infinity;
+  return [...marks].sort((a, b) => a.cost - b.cost || b.db - a.db).filter(({ db }) => db > best && ((best = db), true));
+}
+
+/** Quality against cost, `x` of which is given: the front, trials, steps and the shown one. */
+export function drawMarks(box: HTMLElement, x: (cost: number) => number, trials: Mark[], steps: Mark[], shown: Mark | undefined): string {
+  const [width, height] = [box.clientWidth, box.clientHeight];
+  const all = [...trials, ...steps, ...(shown ? [shown] : [])];
+  const { y, low, high } = decibelScale(all, height);
+  const at = ({ cost, db }: Mark): Point => [x(cost), y(db)];
+  // One mark a pixel: a long run's steps lie on one another.
+  const marks = (some: Mark[]) => [...new Set(some.map((mark) => at(mark).map(Math.round).join(" ")))];
+  return [
+    ...niceTicks(low, high, 3).map((tick) => gridLine(y(tick), width, String(tick))),
+    `<path class="trial" d="${marks(trials).map((mark) => `M${mark}m-2 0h4m-2-2v4`).join("")}"/>`,
+    `<path class="dot" d="${marks(steps).map((mark) => `M${mark}m-1-1h2v2h-2z`).join("")}"/>`,
+    `<path class="curve" d="${pathOf(front([...trials, ...steps]).map(at))}"/>`,
+    shown ? dot("here", ...at(shown), 3.5) : "",
+  ].join("");
+}
+
+/** Maps decibels to y, above the labels of the other axis; the range drawn. */
+export function decibelScale(marks: Mark[], height: number) {
+  const [low, high] = valueRange(marks.map(({ db }) => db), null, true);
+  const bottom = height - 17;
+  const y = (db: number) => bottom - ((db - low) / (high - low)) * (bottom - 8);
+  return { y, low, high };
+}
+
+export const costLabel = (x: number, height: number, text: string): string =>
+  `<text x="${x.toFixed(1)}" y="${height - 3}" text-anchor="middle">${text}</text>`;
 
 /** Quality against time: a mark for each measured step and each trial, a line through those that no other beats, the shown step on it or below. */
 export function drawAccuracy() {
   const box = byId("accuracy").querySelector<HTMLElement>(".plot")!;
-  const [width, height] = [box.clientWidth, box.clientHeight];
-  const measured = (all: StepRow[]) => all.flatMap((row) => (isNumber(row.psnr_db) ? [{ ms: row.generation_ms, db: row.psnr_db }] : []));
-  const [steps, trials] = [measured(store.steps), measured(store.trials)];
-  const rows = [...steps, ...trials].sort((a, b) => a.ms - b.ms);
-  const [, slowest] = valueRange(rows.map(({ ms }) => ms), null, false);
-  const [low, high] = valueRange(rows.map(({ db }) => db), null, true);
-  const bottom = height - 17;
-  const x = (ms: number) => GUTTER + (ms / slowest) * (width - 8 - GUTTER);
-  const y = (db: number) => bottom - ((db - low) / (high - low)) * (bottom - 8);
-  const at = ({ ms, db }: Mark): Point => [x(ms), y(db)];
-  let best = -Infinity;
-  const front = rows.filter(({ db }) => db > best && ((best = db), true));
-  // One mark a pixel: a long run's steps lie on one another.
-  const marks = (all: Mark[]) => [...new Set(all.map((mark) => at(mark).map(Math.round).join(" ")))];
+  const ms = (row: StepRow) => row.generation_ms;
+  const [steps, trials] = [measured(store.steps, ms), measured(store.trials, ms)];
+  const [, slowest] = valueRange([...steps, ...trials].map(({ cost }) => cost), null, false);
+  const x = (cost: number) => GUTTER + (cost / slowest) * (box.clientWidth - 8 - GUTTER);
   const row = shownRow();
-  const known = row ? measured([row])[0] : undefined;
-  box.firstElementChild!.innerHTML = [
-    ...niceTicks(low, high, 3).map((tick) => gridLine(y(tick), width, String(tick))),
-    ...niceTicks(0, slowest, 4).map((tick) => `<text x="${x(tick).toFixed(1)}" y="${height - 3}" text-anchor="middle">${tick}</text>`),
-    `<path class="trial" d="${marks(trials).map((mark) => `M${mark}m-2 0h4m-2-2v4`).join("")}"/>`,
-    `<path class="dot" d="${marks(steps).map((mark) => `M${mark}m-1-1h2v2h-2z`).join("")}"/>`,
-    `<path class="curve" d="${pathOf(front.map(at))}"/>`,
-    known ? dot("here", ...at(known), 3.5) : "",
-  ].join("");
+  const known = row ? measured([row], ms)[0] : undefined;
+  box.firstElementChild!.innerHTML =
+    niceTicks(0, slowest, 4).map((tick) => costLabel(x(tick), box.clientHeight, String(tick))).join("") +
+    drawMarks(box, x, trials, steps, known);
   const [name, detail] = caption("accuracy");
   name.innerHTML = `PSNR by time <b>${known ? decibelText(known.db) : "–"}</b> dB`;
-  detail.textContent = [known && `in ${fixed(known.ms, 1)} ms`, trials.length && `${trials.length} trials (+)`].filter(Boolean).join(", ");
+  detail.textContent = [known && `in ${fixed(known.cost, 1)} ms`, trials.length && `${trials.length} trials (+)`].filter(Boolean).join(", ");
 }
 
 /** Steps as ticks, one a pixel column at most; a step that broke the limit is taller, colored and pointed. */

@@ -28,6 +28,12 @@ export function setText(element: Element, text: string): void {
   if (element.textContent !== text) element.textContent = text;
 }
 
+/** What became of a request, in the words that stand below its panel. */
+export function drawMessage(id: string, text: string, refused: boolean): void {
+  byId(id).className = refused ? "broken" : "";
+  setText(byId(id), text);
+}
+
 export function drawRun() {
   const facts = [];
   if (store.run) facts.push(store.run.field, store.run.dims?.join(" × "), `${store.steps.length} steps`);

@@ -4,7 +4,7 @@ import type { SteerableNumber } from "./api";
 import { refresh } from "./frame";
 import { post } from "./post";
 import { byId, store } from "./state";
-import { setText } from "./status";
+import { drawMessage, setText } from "./status";
 
 const panel: { message: string; refused: boolean; stopAsked: boolean } = { message: "", refused: false, stopAsked: false };
 
@@ -69,9 +69,7 @@ export function drawSteering(): void {
   stop.disabled = !store.maySteer || stopping;
   drawNumbers(numbers);
   const state = stopping ? "asked to stop" : paused ? "asked to pause" : store.maySteer ? "" : "This browser may watch only.";
-  const message = byId("steering-message");
-  message.className = panel.refused ? "broken" : "";
-  setText(message, panel.message || state);
+  drawMessage("steering-message", panel.message || state, panel.refused);
 }
 
 export function listenToSteering(): void {

@@ -1,0 +1,28 @@
+//! Requests to a node's page.
+
+use std::process::Command;
+
+/// What curl answers: status, then headers and body.
+///
+/// # Panics
+/// If there is no curl.
+pub fn curl(url: &str, arguments: &[&str]) -> (String, String) {
+    let output = Command::new("curl")
+        .args([
+            "--silent",
+            "--show-error",
+            "--include",
+            "--insecure",
+            "--max-time",
+            "20",
+            "--write-out",
+            "\n%{http_code}",
+        ])
+        .args(arguments)
+        .arg(url)
+        .output()
+        .expect("curl");
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    let (body, status) = text.rsplit_once('\n').expect("a status");
+    (status.to_owned(), body.to_owned())
+}
