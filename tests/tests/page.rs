@@ -81,13 +81,12 @@ fn the_page_shows_the_newest_step_and_the_mouse_turns_it() {
     // A step chosen on the time line stays.
     browser.drag("#timeline", 0, 0);
     let newest = "fetch('api/state').then(r => r.json()).then(s => s.steps[s.steps.length - 1].step)";
-    // On a busy machine the chosen step's picture takes its time: by then newer steps have come.
-    let clicked = browser.js(newest).as_u64().unwrap();
-    browser.wait_js(&format!("{newest}.then(n => n > {clicked} + 2)"));
-    browser.wait_js(&format!("Number(document.querySelector('#picture').dataset.step) < {clicked}"));
-    let chosen = browser.js("document.querySelector('#picture').dataset.step");
+    browser.promised("new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(() => drawn(true))))");
+    let chosen = browser.js("document.querySelector('#timeline').getAttribute('aria-valuenow')");
+    // On a busy machine the chosen step's picture takes its time.
+    browser.wait_js(&format!("document.querySelector('#picture').dataset.step === {chosen}"));
     let before = browser.js(newest).as_u64().unwrap();
-    browser.wait_js(&format!("{newest}.then(n => n > {before})"));
+    browser.wait_js(&format!("{newest}.then(n => n > {before} + 1)"));
     assert_eq!(browser.js("document.querySelector('#picture').dataset.step"), chosen);
     assert!(chosen.as_str().unwrap().parse::<u64>().unwrap() < before, "{chosen} is not the newest");
 
