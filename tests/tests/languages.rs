@@ -94,7 +94,7 @@ fn run_each(program: &[&Path], url: &str, ranks: u32) {
         let mut command = Command::new(program[0]);
         command.args(&program[1..]).args([url, &rank.to_string(), &ranks.to_string()]);
         command.env("PMI_RANK", rank.to_string()).env("PMI_SIZE", ranks.to_string());
-        command.env("LAMINA_LIBRARY", library()).env("PYTHONPATH", source("proto/client/python"));
+        command.env("LAMINA_LIBRARY", library()).env("PYTHONPATH", source("deploy/python"));
         command.env("PYTHONDONTWRITEBYTECODE", "1");
         command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
     };
@@ -116,7 +116,7 @@ fn two_ranks_in_each_language_show_what_one_in_rust_does() {
     let c = compile(&["cc", "-std=c11"], &["proto/client/c/blob.c"], folder.path());
     let fortran = ["proto/client/fortran/lamina.f90", "proto/client/fortran/blob.f90"];
     let fortran = compile(&["gfortran"], &fortran, folder.path());
-    let python = source("proto/client/python/blob.py");
+    let python = source("deploy/python/blob.py");
     let rust = binary(&format!("examples/blob{}", std::env::consts::EXE_SUFFIX));
     for program in [&[c.as_path()][..], &[&fortran], &[&rust], &[Path::new("python3"), &python]] {
         let recorded = recorder.record(|url| run_ranks(program, url));
@@ -244,7 +244,7 @@ raises(ValueError, 'client', lambda: run.push(9, 0.0, values.cast('f', (4, 3, 2)
 ";
     let ended = Command::new("python3")
         .args(["-c", script, &format!("http://127.0.0.1:{}", free_port())])
-        .env("PYTHONPATH", source("proto/client/python"))
+        .env("PYTHONPATH", source("deploy/python"))
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .env("LAMINA_LIBRARY", library())
         .output()
@@ -268,7 +268,7 @@ fn simulations_in_each_language_hear_what_people_at_the_page_ask_for() {
         let recorder = Recorder::start(true);
         let mut command = Command::new(program[0]);
         command.args(&program[1..]).arg(recorder.generator.url());
-        command.env("LAMINA_LIBRARY", library()).env("PYTHONPATH", source("proto/client/python"));
+        command.env("LAMINA_LIBRARY", library()).env("PYTHONPATH", source("deploy/python"));
         command.env("PYTHONDONTWRITEBYTECODE", "1");
         let simulation = command.stdout(Stdio::piped()).spawn().unwrap();
         // As soon as it listens.

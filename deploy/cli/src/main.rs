@@ -4,7 +4,7 @@
 
 use clap::Parser;
 use lamina::cli::{Cli, Command};
-use lamina::{doctor, keys, offline, tune, watch};
+use lamina::{doctor, keys, offline, serve, tune, watch};
 
 fn main() -> std::process::ExitCode {
     let cli = Cli::parse();
@@ -12,6 +12,7 @@ fn main() -> std::process::ExitCode {
     let outcome = match cli.command.unwrap_or_default() {
         Command::Live(arguments) => watch::live(&arguments),
         Command::Replay(arguments) => watch::replay(&arguments),
+        Command::Serve(arguments) => serve::serve(&arguments),
         Command::Raycast(arguments) => offline::raycast(&arguments),
         Command::Generate(arguments) => offline::generate(&arguments),
         Command::Render(arguments) => offline::render(&arguments),

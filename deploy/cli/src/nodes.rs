@@ -17,6 +17,7 @@ use lamina_viz_node::store::{QualityStatus, StepRow};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use tokio::runtime::Runtime;
 use tokio::sync::watch;
@@ -25,9 +26,11 @@ use tonic::transport::{Channel, Endpoint};
 /// How the nodes are set up.
 #[derive(Debug)]
 pub struct Setup {
+    /// Where simulations connect.
+    pub listen: SocketAddr,
     /// Where the page is.
     pub viewer: SocketAddr,
-    /// Everybody who reaches the page may see it.
+    /// Everybody who reaches the addresses may use them.
     pub insecure: bool,
     /// Folder for VDIs; memory without one.
     pub store: Option<PathBuf>,
@@ -37,6 +40,8 @@ pub struct Setup {
     pub angles_deg: Option<Vec<f64>>,
     /// What casts the rays.
     pub backend: Choice,
+    /// How to show runs that do not say; `None`: chosen from the first step.
+    pub scene: Option<Scene>,
     /// Parameters before tuning, or for ever; `None`: the generator-node's own.
     pub params: Option<GenerationParams>,
     /// Sampling step of every candidate, voxels.
@@ -82,12 +87,12 @@ pub struct Nodes {
 const PATIENCE: Duration = Duration::from_secs(300);
 
 impl Nodes {
-    /// Starts them; `scene` is what the run will be shown with.
-    pub fn start(setup: Setup, scene: &Scene) -> anyhow::Result<Self> {
-        if !setup.insecure && !setup.viewer.ip().is_loopback() {
+    /// Starts them.
+    pub fn start(setup: Setup) -> anyhow::Result<Self> {
+        let nodes = [(setup.listen, "generator-node"), (setup.viewer, "viz-node")];
+        if let Some((address, node)) = nodes.iter().find(|(a, _)| !setup.insecure && !a.ip().is_loopback()) {
             bail!(
-                "{} can be reached from other hosts: give --insecure to let everybody in, or start viz-node with --credentials",
-                setup.viewer
+                "{address} can be reached from other hosts: give --insecure to let everybody in, or start {node} with --credentials"
             );
         }
         let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
@@ -99,15 +104,17 @@ impl Nodes {
         let any_port = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
 
         let config = lamina_generator_node::Config {
+            listen: setup.listen,
+            insecure: setup.insecure,
             memory_bytes: setup.memory_bytes,
             params: setup.params,
-            scene: Some(scene.clone()),
+            scene: setup.scene,
             samples: plan(setup.angles_deg),
             live_batches: if setup.measure_all { 0 } else { lamina_generator_node::Config::default().live_batches },
             ..Default::default()
         };
-        let listener = runtime.block_on(listen(any_port))?;
-        let generator = format!("http://{}", listener.local_addr()?);
+        let listener = runtime.block_on(listen(setup.listen))?;
+        let generator = format!("http://{}", reached_at(listener.local_addr()?));
         let backend = Backend::open(setup.backend)?;
         runtime.spawn(lamina_generator_node::run(config.check()?, backend, setup.share.clone(), listener, stopped()));
 
@@ -147,8 +154,16 @@ impl Nodes {
         Ok(Self { runtime, stop, tuner, store, generator, viewer })
     }
 
+    /// A flag that Ctrl-C and SIGTERM set.
+    pub fn stopped(&self) -> impl Fn() -> bool + use<> {
+        let stop = Arc::new(AtomicBool::new(false));
+        let set = stop.clone();
+        self.on_stop_signal(move || set.store(true, Ordering::Relaxed));
+        move || stop.load(Ordering::Relaxed)
+    }
+
     /// Completes on Ctrl-C or SIGTERM: `on_stop` is called from another thread.
-    pub fn on_stop_signal(&self, on_stop: impl FnOnce() + Send + 'static) {
+    fn on_stop_signal(&self, on_stop: impl FnOnce() + Send + 'static) {
         self.runtime.spawn(async {
             lamina_rpc::daemon::stop_signal().await;
             on_stop();
@@ -200,6 +215,12 @@ impl Nodes {
         self.stop.send_replace(true);
         self.runtime.shutdown_timeout(Duration::from_secs(2));
     }
+}
+
+/// Where a node that listens on `address` is reached from this host.
+fn reached_at(address: SocketAddr) -> SocketAddr {
+    let ip = if address.ip().is_unspecified() { Ipv4Addr::LOCALHOST.into() } else { address.ip() };
+    SocketAddr::new(ip, address.port())
 }
 
 /// Tells the generator-node the limits.

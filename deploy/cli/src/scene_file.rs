@@ -18,15 +18,25 @@ struct SceneFile {
     effects: Effects,
 }
 
+fn read(path: &Path) -> anyhow::Result<SceneFile> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    toml::from_str(&text).with_context(|| format!("{}: not a scene", path.display()))
+}
+
+/// The scene in `file`, where no data is known yet that could complete it.
+pub fn whole(file: &Path) -> anyhow::Result<Scene> {
+    let SceneFile { transfer, camera, background, step_voxels, effects } = read(file)?;
+    let missing = "is to be stated: there is no data yet that it could suit";
+    let name = || file.display().to_string();
+    let transfer = transfer.with_context(|| format!("{}: [transfer] {missing}", name()))?;
+    let camera = camera.with_context(|| format!("{}: camera {missing}", name()))?;
+    let step_voxels = step_voxels.unwrap_or(VdiParams::DEFAULT_STEP_VOXELS);
+    Scene { transfer, camera, background, step_voxels, effects }.check().with_context(name)
+}
+
 /// The scene in `file`, completed for `volumes`, or all of it chosen for them.
 pub fn scene_for(file: Option<&Path>, volumes: &[&Volume]) -> anyhow::Result<Scene> {
-    let stated = match file {
-        None => SceneFile::default(),
-        Some(path) => {
-            let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
-            toml::from_str(&text).with_context(|| format!("{}: not a scene", path.display()))?
-        }
-    };
+    let stated = file.map(read).transpose()?.unwrap_or_default();
     let complete = || -> Result<Scene, Invalid> {
         let first = suggest::first_of(volumes)?;
         Scene {

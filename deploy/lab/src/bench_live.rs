@@ -13,7 +13,7 @@ use lamina::source::{Example, Recorded, Source, read_options};
 use lamina::watch::{connect, push};
 use lamina_client::FullPolicy;
 use lamina_compute::{Activity, CpuLimit, CpuShare, Priority};
-use lamina_model::{Representation, TuningState, Volume};
+use lamina_model::{Representation, Scene, TuningState, Volume};
 use lamina_tuner::search::SearchGrid;
 use lamina_viz_node::store::{QualityStatus, StepRow};
 use parking_lot::Mutex;
@@ -183,7 +183,7 @@ fn coupled(arguments: &cli::BenchLive, time: Duration, burnt: &Burnt) -> anyhow:
     let (mut figures, scene) = (Figures::new(), source.scene().clone());
     let first = source.next()?.context("the series is empty")?.1;
     let share = CpuShare::new(arguments.cpu_share.unwrap_or_else(|| CpuLimit::default().doubled()))?;
-    let nodes = Nodes::start(setup(arguments, share.clone(), &first, scene.step_voxels), &scene)?;
+    let nodes = Nodes::start(setup(arguments, share.clone(), &first, scene))?;
     let mut client = connect(&*source, &first, &nodes.generator, FullPolicy::DropOldest, None)?;
     // The series from its beginning.
     let mut source = self::source(arguments)?;
@@ -233,7 +233,7 @@ fn coupled(arguments: &cli::BenchLive, time: Duration, burnt: &Burnt) -> anyhow:
     Ok((figures, took))
 }
 
-fn setup(arguments: &cli::BenchLive, share: CpuShare, first: &Volume, step_voxels: f64) -> Setup {
+fn setup(arguments: &cli::BenchLive, share: CpuShare, first: &Volume, scene: Scene) -> Setup {
     let tuning = Tuning {
         contract: arguments.contract.clone(),
         representations: Representation::ALL.to_vec(),
@@ -241,15 +241,18 @@ fn setup(arguments: &cli::BenchLive, share: CpuShare, first: &Volume, step_voxel
         retune_every: 0,
         budget: lamina_tuner::Config::default().budget,
     };
+    let any_port = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
     Setup {
+        listen: any_port,
+        viewer: any_port,
         insecure: false,
-        viewer: SocketAddr::from((Ipv4Addr::LOCALHOST, 0)),
         store: None,
         backend: lamina_compute::gpu::Choice::Auto,
         angles_deg: None,
         memory_bytes: 4 * first.size_bytes() as u64 + 12 * first.grid().voxels() as u64 + (1 << 20),
         params: None,
-        step_voxels,
+        step_voxels: scene.step_voxels,
+        scene: Some(scene),
         share,
         measure_all: false,
         tuning: Some(tuning),

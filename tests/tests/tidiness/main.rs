@@ -40,6 +40,8 @@ fn crates_point_only_where_the_layout_says() {
         ("generator-node", &["model", "compute", "raycast", "codec", "rpc", "shared-memory", "mpi"]),
         ("viz-node", &["model", "compute", "raycast", "vdi-render", "codec", "rpc"]),
         ("tuner", &["model", "rpc"]),
+        ("deploy/catalyst", &["model", "client"]),
+        ("deploy/python/native", &["model", "raycast", "vdi-render", "codec", "volume-io"]),
         ("viz-node/viewer/engine", &["model", "compute", "raycast", "vdi-render", "codec"]),
     ]);
     for (folder, allowed) in allowed {

@@ -1,4 +1,4 @@
-//! Options of the commands that watch a simulation: `live` and `replay`.
+//! Options of the commands that watch a simulation: `live`, `replay` and `serve`.
 
 use super::Raw;
 use clap::{Args, ValueEnum};
@@ -70,6 +70,19 @@ impl FromStr for StepsPerSecond {
     }
 }
 
+/// Options of `lamina serve`.
+#[derive(Debug, Args)]
+pub struct Serve {
+    /// Where simulations connect
+    #[arg(long, default_value = "127.0.0.1:7101", value_name = "IP:PORT")]
+    pub listen: SocketAddr,
+    /// Memory for time steps in the generator-node, MiB
+    #[arg(long, default_value_t = 2048, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..=1 << 30))]
+    pub memory: u64,
+    #[command(flatten)]
+    pub nodes: NodeOptions,
+}
+
 /// How a run is watched.
 #[derive(Debug, Args)]
 pub struct Watch {
@@ -77,8 +90,24 @@ pub struct Watch {
     #[arg(long, value_name = "N")]
     pub steps: Option<u64>,
     /// No viewer: every step is tuned, measured and recorded before the next is taken
-    #[arg(long)]
+    #[arg(long, conflicts_with = "cpu_share")]
     pub headless: bool,
+    /// Rays per side, with --gamma: no tuning
+    #[arg(long, value_name = "R", requires = "gamma", conflicts_with = "contract")]
+    pub resolution: Option<u32>,
+    /// Interrupt parameter, with --resolution: no tuning
+    #[arg(long, value_name = "G", requires = "resolution", allow_negative_numbers = true)]
+    pub gamma: Option<f64>,
+    /// Push to this running generator-node instead of starting the nodes here
+    #[arg(long, value_name = "http://HOST:PORT", conflicts_with_all = ["out", "headless", "contract", "resolution", "cpu_share"])]
+    pub generator: Option<String>,
+    #[command(flatten)]
+    pub nodes: NodeOptions,
+}
+
+/// How the nodes are set up that run in this process.
+#[derive(Debug, Args)]
+pub struct NodeOptions {
     /// Folder for steps.csv, VDIs, pictures and report.html
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -88,12 +117,6 @@ pub struct Watch {
     /// What every step must keep and what is best, such as "size <= 300kB, time <= 40ms"; default: size <= 300kB
     #[arg(long, value_name = "CONTRACT")]
     pub contract: Option<Contract>,
-    /// Rays per side, with --gamma: no tuning
-    #[arg(long, value_name = "R", requires = "gamma", conflicts_with = "contract")]
-    pub resolution: Option<u32>,
-    /// Interrupt parameter, with --resolution: no tuning
-    #[arg(long, value_name = "G", requires = "resolution", allow_negative_numbers = true)]
-    pub gamma: Option<f64>,
     /// What a step may be turned into: vdi, volume, or both, of which the tuner takes what is better; untuned: the first
     #[arg(long, value_name = "NAME,..", value_delimiter = ',', default_values_t = Representation::ALL)]
     pub representation: Vec<Representation>,
@@ -108,15 +131,12 @@ pub struct Watch {
     pub backend: Choice,
     /// Processor time of the nodes, viewer and tuner together: cores, such as 0.5, or percent of the machine's; default: half of
     /// the cores, at least one
-    #[arg(long, value_name = "CORES", conflicts_with_all = ["headless", "generator"], allow_negative_numbers = true)]
+    #[arg(long, value_name = "CORES", allow_negative_numbers = true)]
     pub cpu_share: Option<CpuLimit>,
-    /// Let everybody see the page who reaches its address, where that is another than this host's own
+    /// Let everybody in who reaches an address, where that is another than this host's own
     #[arg(long)]
     pub insecure: bool,
     /// Address of the viewer
     #[arg(long, default_value = "127.0.0.1:7102", value_name = "IP:PORT")]
     pub viewer: SocketAddr,
-    /// Push to this running generator-node instead of starting the nodes here
-    #[arg(long, value_name = "http://HOST:PORT", conflicts_with_all = ["out", "headless", "contract", "resolution"])]
-    pub generator: Option<String>,
 }

@@ -5,7 +5,7 @@
 mod live;
 mod offline;
 
-pub use live::{Live, Replay, StepsPerSecond, Term, Watch};
+pub use live::{Live, NodeOptions, Replay, Serve, StepsPerSecond, Term, Watch};
 pub use offline::{CodecArgument, Compare, Generate, LayoutArgument, Raycast, Render, Tune, View};
 
 use crate::dims::Dims;
@@ -33,6 +33,8 @@ pub enum Command {
     Live(Live),
     /// Replay recorded data as if it were being simulated, and watch it
     Replay(Replay),
+    /// Wait for simulations, and watch them
+    Serve(Serve),
     /// Ray-cast a volume to a picture
     Raycast(Raycast),
     /// Make the Volumetric Depth Image of a volume, or a reduced volume

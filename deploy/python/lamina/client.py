@@ -7,8 +7,7 @@
     run.close()
 
 Arrays are anything with the buffer protocol, NumPy's among them, with axes in the order x, y, z; whatever their strides
-(ghost cells, transposed views), they are read where they are, not copied. The library, liblamina_c, is looked for at the path in
-the environment variable LAMINA_LIBRARY, then where the system looks for libraries. Connect after forking, not before.
+(ghost cells, transposed views), they are read where they are, not copied. Connect after forking, not before.
 """
 
 import collections
@@ -17,6 +16,8 @@ import ctypes
 import os
 import sys
 import threading
+
+from .library import load
 
 TYPES = {"uint8": 1, "uint16": 2, "int16": 3, "float16": 4, "float32": 5, "float64": 6}
 POLICIES = {"drop oldest": 0, "drop newest": 1, "block": 2}
@@ -173,11 +174,7 @@ def _known(table, name):
 
 
 def _library():
-    name = {"darwin": "liblamina_c.dylib", "win32": "lamina_c.dll"}.get(sys.platform, "liblamina_c.so")
-    try:
-        library = ctypes.CDLL(os.environ.get("LAMINA_LIBRARY") or name)
-    except OSError as error:
-        raise OSError(f"{error}; name the library in LAMINA_LIBRARY, such as target/release/{name}") from None
+    library = load("lamina_c", "LAMINA_LIBRARY")
     library.lamina_connect.argtypes = [ctypes.POINTER(_Options), ctypes.POINTER(ctypes.c_void_p)]
     library.lamina_push.argtypes = [ctypes.c_void_p, ctypes.c_uint64, ctypes.c_double, ctypes.POINTER(_Brick)]
     library.lamina_push_bricks.argtypes = [

@@ -1,0 +1,58 @@
+//! What a run is called and where it goes: from the node `catalyst/lamina`, else from the environment.
+
+use crate::conduit::Node;
+use lamina_model::SteerableNumber;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Options; none has to be stated.
+#[derive(Debug)]
+pub(crate) struct Options {
+    /// The generator-node: `generator`, LAMINA_GENERATOR.
+    pub(crate) generator: String,
+    /// The run's name: `name`, LAMINA_NAME; else the program's.
+    pub(crate) name: String,
+    /// The channel shown: `channel`, LAMINA_CHANNEL; else the first.
+    pub(crate) channel: Option<String>,
+    /// The field shown, or the component of a vector, NAME/COMPONENT: `field`, LAMINA_FIELD; else the first of scalars.
+    pub(crate) field: Option<String>,
+    /// `credentials`, LAMINA_CREDENTIALS.
+    pub(crate) credentials: Option<PathBuf>,
+    /// The longest a call may take, seconds: `deadline`.
+    pub(crate) deadline: Option<Duration>,
+    /// Numbers that people who watch may change: `steering/NAME/{value,least,most}`; none, but `steering`: they may pause and stop.
+    pub(crate) steering: Option<Vec<SteerableNumber>>,
+}
+
+impl Options {
+    /// Those that `params` of `catalyst_initialize` and the environment state.
+    pub(crate) fn read(params: &Node) -> Self {
+        let stated = params.at("catalyst/lamina");
+        let text = |name: &str, variable: &str| {
+            let node = stated.and_then(|node| node.text_at(name));
+            node.or_else(|| std::env::var(variable).ok()).filter(|text| !text.is_empty())
+        };
+        let program = || {
+            let program = std::env::current_exe().ok()?;
+            Some(program.file_stem()?.to_string_lossy().into_owned())
+        };
+        let steering = stated.and_then(|node| node.at("steering")).map(|node| {
+            let number = |(name, of): (String, Node)| {
+                let [value, least, most] = ["value", "least", "most"].map(|part| of.number(part));
+                Some(SteerableNumber { name, value: value?, least: least?, most: most? })
+            };
+            node.children().into_iter().filter_map(number).collect()
+        });
+        Self {
+            generator: text("generator", "LAMINA_GENERATOR").unwrap_or_else(|| "http://127.0.0.1:7101".to_owned()),
+            name: text("name", "LAMINA_NAME").or_else(program).unwrap_or_else(|| "catalyst".to_owned()),
+            channel: text("channel", "LAMINA_CHANNEL"),
+            field: text("field", "LAMINA_FIELD"),
+            credentials: text("credentials", "LAMINA_CREDENTIALS").map(PathBuf::from),
+            deadline: stated
+                .and_then(|node| node.number("deadline"))
+                .and_then(|secs| Duration::try_from_secs_f64(secs).ok()),
+            steering,
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! The ranks of a run, by the MPI library that the process has; none is needed where there is one rank.
+
+use crate::conduit::Node;
+use std::ffi::{CStr, CString, c_int, c_void};
+
+type CommFromFortran = unsafe extern "C" fn(c_int) -> usize;
+type CommNumber = unsafe extern "C" fn(usize, *mut c_int) -> c_int;
+type Initialized = unsafe extern "C" fn(*mut c_int) -> c_int;
+type Allgather = unsafe extern "C" fn(*const c_void, c_int, usize, *mut c_void, c_int, usize, usize) -> c_int;
+
+/// This rank among them.
+#[derive(Debug)]
+pub(crate) struct Ranks {
+    pub(crate) rank: u32,
+    pub(crate) size: u32,
+    communicator: Option<Communicator>,
+}
+
+/// Handles are pointers or `int`; both fit a register, and are passed as one.
+#[derive(Debug)]
+struct Communicator {
+    handle: usize,
+    byte: usize,
+    allgather: Allgather,
+}
+
+fn address(name: &str) -> Option<*mut c_void> {
+    let name = CString::new(name).ok()?;
+    // SAFETY: a lookup among the libraries that are loaded.
+    let found = unsafe { libc::dlsym(libc::RTLD_DEFAULT, name.as_ptr()) };
+    (!found.is_null()).then_some(found)
+}
+
+/// The function `name`.
+///
+/// # Safety
+/// `F` is its type.
+unsafe fn function<F: Copy>(name: &str) -> Option<F> {
+    let found = address(name)?;
+    // SAFETY: a function's address, of the type that the caller answers for.
+    Some(unsafe { std::mem::transmute_copy(&found) })
+}
+
+/// `MPI_BYTE` and `MPI_COMM_WORLD` of the library that is loaded: Open MPI's are addresses, the standard's (MPI 5.0, chapter 20) and
+/// MPICH's are numbers.
+fn constants() -> Option<[usize; 2]> {
+    if let (Some(byte), Some(world)) = (address("ompi_mpi_byte"), address("ompi_mpi_comm_world")) {
+        return Some([byte as usize, world as usize]);
+    }
+    let call = address("MPI_Allgather")?;
+    // SAFETY: zeros are a Dl_info; it is filled where the address is known.
+    let mut place: libc::Dl_info = unsafe { std::mem::zeroed() };
+    // SAFETY: the address is a function's.
+    let known = unsafe { libc::dladdr(call, &raw mut place) } != 0 && !place.dli_fname.is_null();
+    // SAFETY: a path that ends with a zero, as long as the library is loaded.
+    let file = if known { unsafe { CStr::from_ptr(place.dli_fname) }.to_string_lossy() } else { "".into() };
+    Some(if file.contains("mpi_abi") { [0x247, 0x101] } else { [0x4c00_010d, 0x4400_0000] })
+}
+
+impl Ranks {
+    /// Those of the communicator that `catalyst/mpi_comm` states as a Fortran handle; of the world, where MPI is in use; else one.
+    pub(crate) fn of(params: &Node) -> Result<Self, String> {
+        let alone = Self { rank: 0, size: 1, communicator: None };
+        let stated = params.number("catalyst/mpi_comm");
+        // SAFETY: the types are MPI's, handles in a register each.
+        let functions = unsafe {
+            (
+                function::<Initialized>("MPI_Initialized"),
+                function::<CommNumber>("MPI_Comm_rank"),
+                function::<CommNumber>("MPI_Comm_size"),
+                function::<Allgather>("MPI_Allgather"),
+            )
+        };
+        let (Some(initialized), Some(rank), Some(size), Some(allgather)) = functions else {
+            return match stated {
+                None => Ok(alone),
+                Some(_) => Err("catalyst/mpi_comm is stated, but this process has no MPI library".to_owned()),
+            };
+        };
+        let mut is_on = 0;
+        // SAFETY: allowed at any time; it writes a flag.
+        unsafe { initialized(&raw mut is_on) };
+        let Some([byte, world]) = constants().filter(|_| is_on != 0) else { return Ok(alone) };
+        let handle = match stated {
+            None => world,
+            // SAFETY: MPI's type. MPICH has no such function: there a Fortran handle is the handle.
+            Some(fortran) => match unsafe { function::<CommFromFortran>("MPI_Comm_f2c") } {
+                // SAFETY: MPI is initialized; the handle is the simulation's.
+                Some(convert) => unsafe { convert(fortran as c_int) },
+                None => fortran as c_int as u32 as usize,
+            },
+        };
+        let mut numbers = [0; 2];
+        // SAFETY: MPI is initialized, and the communicator is one.
+        let codes = unsafe { [rank(handle, &raw mut numbers[0]), size(handle, &raw mut numbers[1])] };
+        if codes != [0, 0] {
+            return Err(format!("MPI_Comm_rank and MPI_Comm_size answer {codes:?}"));
+        }
+        let communicator = Some(Communicator { handle, byte, allgather });
+        Ok(Self { rank: numbers[0] as u32, size: numbers[1] as u32, communicator })
+    }
+
+    /// `bytes` of every rank, by rank. Collective: all ranks call it.
+    pub(crate) fn gather(&self, bytes: &[u8]) -> Result<Vec<Vec<u8>>, String> {
+        let Some(communicator) = self.communicator.as_ref().filter(|_| self.size > 1) else {
+            return Ok(vec![bytes.to_vec()]);
+        };
+        let lengths = communicator.gather_equal(&(bytes.len() as u64).to_le_bytes(), self.size)?;
+        let lengths: Vec<usize> = lengths.as_chunks().0.iter().map(|b| u64::from_le_bytes(*b) as usize).collect();
+        let longest = lengths.iter().copied().max().unwrap_or(0).max(1);
+        let mut padded = bytes.to_vec();
+        padded.resize(longest, 0);
+        let all = communicator.gather_equal(&padded, self.size)?;
+        Ok(all.chunks(longest).zip(lengths).map(|(part, len)| part[..len].to_vec()).collect())
+    }
+}
+
+impl Communicator {
+    /// As many bytes of each rank.
+    fn gather_equal(&self, bytes: &[u8], ranks: u32) -> Result<Vec<u8>, String> {
+        let mut all = vec![0_u8; bytes.len() * ranks as usize];
+        let (count, byte) = (bytes.len() as c_int, self.byte);
+        let (from, to) = (bytes.as_ptr().cast(), all.as_mut_ptr().cast());
+        // SAFETY: both places have room for what is counted; the handles are MPI's own.
+        match unsafe { (self.allgather)(from, count, byte, to, count, byte, self.handle) } {
+            0 => Ok(all),
+            code => Err(format!("MPI_Allgather answers {code}")),
+        }
+    }
+}

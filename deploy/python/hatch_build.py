@@ -1,0 +1,41 @@
+"""Builds the programs and libraries that the wheel brings, and names the oldest system it runs on."""
+
+import os
+import platform
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+ROOT = Path(__file__).resolve().parents[2]
+PROGRAMS = {"lamina": "lamina", "generator-node": "lamina-generator-node", "viz-node": "lamina-viz-node", "tuner": "lamina-tuner"}
+LIBRARIES = {"liblamina_c.so": "lamina-c", "liblamina_python.so": "lamina-python"}
+VIEWER = ["embed.js", "engine.wasm.gz"]
+
+
+def newest_glibc(files):
+    """The newest version of the C library's symbols that the files ask for."""
+    versions = set()
+    for file in files:
+        versions |= {tuple(map(int, found)) for found in re.findall(rb"GLIBC_(\d+)\.(\d+)", file.read_bytes())}
+    return max(versions)
+
+
+class Build(BuildHookInterface):
+    """Called by hatchling for each wheel."""
+
+    def initialize(self, version, build_data):
+        if not (sys.platform == "linux" and (ROOT / "Cargo.toml").exists()):
+            raise RuntimeError("the wheel is built on Linux, in the source tree")
+        # Together, so that the workspace's features and target folder serve again.
+        subprocess.run(["cargo", "build", "--workspace", "--release", "--locked"], cwd=ROOT, check=True)
+        target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release"
+        natives = [target / name for name in [*PROGRAMS, *LIBRARIES]]
+        major, minor = newest_glibc(natives)
+        build_data["pure_python"] = False
+        build_data["tag"] = f"py3-none-manylinux_{major}_{minor}_{platform.machine()}"
+        viewer = [ROOT / "viz-node/viewer/dist" / name for name in VIEWER]
+        for file in natives + viewer:
+            build_data["force_include"][str(file)] = f"lamina/native/{file.name}"

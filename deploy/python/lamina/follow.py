@@ -1,0 +1,226 @@
+"""`lamina watch SOURCE`: what others write, pushed step by step as it appears. Nothing is linked, no code changes.
+
+    lamina watch results/                       # .vti .nrrd .raw .h5 .vtkhdf .nc .zarr .tif .npy: each file when it is finished
+    lamina watch "results/out_*.h5" --field rho # those that match
+    lamina watch sim.zarr                       # a store whose time axis grows
+    lamina watch "diag/openpmd_%T.bp"           # an openPMD series
+    lamina watch sim.bp                         # an ADIOS2 file while it is written; sim.sst is a stream
+    lamina watch openpmd:sim.sst                # a stream of openPMD
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy
+
+from .client import TYPES, Client, Summary
+from .library import program
+from .sources import Options, Step, open_source
+
+
+# The nodes have done what they can when they say nothing for so long.
+QUIET_NODES_SECS = 10.0
+
+
+def fit(values: numpy.ndarray) -> numpy.ndarray:
+    """`values` of a type that a run may have: wider integers become double precision."""
+    if values.dtype.kind not in "biuf":
+        raise ValueError(f"values of type {values.dtype}; real numbers are needed")
+    native = values.astype(values.dtype.newbyteorder("="), copy=False)
+    if native.dtype.name in TYPES:
+        return native
+    if native.dtype == bool:
+        return native.view(numpy.uint8)
+    return native.astype(numpy.int16 if native.dtype == numpy.int8 else numpy.float64)
+
+
+class Feed:
+    """Pushes steps; opens a run at the first, and another where the grid, the type or the field changes."""
+
+    def __init__(self, generator: str, name: str, options: Options) -> None:
+        self.generator, self.name, self.options = generator, name, options
+        self.client: Client | None = None
+        self.run: tuple | None = None
+        self.pushed, self.last = 0, -1
+
+    def push(self, step: Step) -> None:
+        values = fit(step.values)
+        spacing, origin = self.options.spacing or step.spacing, self.options.origin or step.origin
+        run = step.field, values.shape, values.dtype.name, tuple(spacing), tuple(origin)
+        if run != self.run:
+            self.close()
+            self.client = Client(
+                self.name,
+                step.field,
+                values.shape,
+                values.dtype.name,
+                self.generator,
+                spacing,
+                origin,
+                # The files are there: whoever reads them waits, and the simulation does not.
+                full_policy="block",
+                deadline_secs=600.0,
+            )
+            self.run = run
+        assert self.client is not None
+        number = self.pushed if step.number is None else step.number
+        if any(stride <= 0 for stride in values.strides):
+            values = numpy.ascontiguousarray(values)
+        self.client.push(number, float(number) if step.time is None else step.time, values)
+        self.pushed, self.last = self.pushed + 1, number
+
+    def close(self) -> Summary | None:
+        if self.client is None:
+            return None
+        client, self.client = self.client, None
+        return client.close()
+
+
+def _of_its_own() -> None:
+    """Ctrl-C is this process's; the nodes are told by it, also when it is killed."""
+    os.setsid()
+    ctypes.CDLL(None).prctl(1, signal.SIGTERM)
+
+
+class Nodes:
+    """`lamina serve` as a process of its own, ended with this one."""
+
+    def __init__(self, arguments: Sequence[str]) -> None:
+        self.process = subprocess.Popen(
+            [program("lamina"), "serve", "--listen", "127.0.0.1:0", *arguments], stdout=subprocess.PIPE, text=True, preexec_fn=_of_its_own
+        )
+        assert self.process.stdout is not None
+        first = self.process.stdout.readline()
+        found = re.search(r"connect to (\S+); open (\S+)", first)
+        if not found:
+            raise OSError(f"the nodes did not start: {first or 'see above'}")
+        self.generator, self.page = found.groups()
+        self.shown, self.heard = -1, time.monotonic()
+        print(f"open {self.page}   (Ctrl-C ends)", flush=True)
+        # Its lines are ours from here on.
+        threading.Thread(target=self._forward, daemon=True).start()
+
+    def _forward(self) -> None:
+        for line in self.process.stdout or ():
+            print(line, end="", flush=True)
+            self.heard = time.monotonic()
+            if found := re.match(r"step\s+(\d+)", line):
+                self.shown = int(found.group(1))
+
+    def wait_for(self, step: int) -> None:
+        """Until it was shown, or nothing has come for some seconds."""
+        while self.shown < step and time.monotonic() - self.heard < QUIET_NODES_SECS and self.process.poll() is None:
+            time.sleep(0.05)
+
+    def stop(self) -> None:
+        self.process.terminate()
+        self.process.wait()
+
+
+def watch(
+    source: str | os.PathLike[str],
+    generator: str | None = None,
+    contract: str | None = None,
+    out: str | os.PathLike[str] | None = None,
+    viewer: str | None = None,
+    scene: str | os.PathLike[str] | None = None,
+    name: str | None = None,
+    steps: int | None = None,
+    linger: bool = False,
+    options: Options | None = None,
+) -> int:
+    """Follows `source` until it ends, `steps` steps were pushed or `options.stopped`; how many were. The nodes run here, with `contract`,
+    `scene` and the folder `out` for what is recorded, unless a generator-node runs at `generator`. `linger`: the page stays when the
+    source has ended."""
+    options = options or Options()
+    nodes = None
+    if generator is None:
+        given = {"--contract": contract, "--out": out, "--viewer": viewer, "--scene": scene}
+        nodes = Nodes([part for key, of in given.items() if of is not None for part in (key, os.fspath(of))])
+        generator = nodes.generator
+    stem = re.sub(r"[^\w.-]+", "", Path(source).name.split(".")[0]) or "watched"
+    feed = Feed(generator, name or stem, options)
+    try:
+        for step in open_source(os.fspath(source), options):
+            feed.push(step)
+            if options.stopped() or (steps is not None and feed.pushed >= steps):
+                break
+        summary = feed.close()
+        if nodes and not options.stopped():
+            nodes.wait_for(feed.last)
+        if nodes and linger and not options.stopped():
+            print(f"{os.fspath(source)} has ended after {feed.pushed} steps; the page stays until Ctrl-C", flush=True)
+            while not options.stopped() and nodes.process.poll() is None:
+                time.sleep(0.2)
+        if summary and summary.lost:
+            print(f"{summary.lost} steps were lost", file=sys.stderr)
+        return feed.pushed
+    finally:
+        feed.close()
+        if nodes:
+            nodes.stop()
+
+
+def _three(text: str) -> tuple[float, float, float]:
+    values = tuple(float(part) for part in re.split("[,x]", text))
+    if len(values) != 3:
+        raise argparse.ArgumentTypeError(f"{text}: three numbers are needed, such as 1,1,2.5")
+    return values
+
+
+def _dims(text: str) -> tuple[int, int, int]:
+    x, y, z = (int(part) for part in text.split("x"))
+    return x, y, z
+
+
+def _axes(text: str) -> str:
+    if sorted(text) != ["x", "y", "z"]:
+        raise argparse.ArgumentTypeError(f"{text}: an order of x, y and z is needed, such as zyx")
+    return text
+
+
+def command(arguments: Sequence[str]) -> int:
+    """The command line; its exit status."""
+    parser = argparse.ArgumentParser("lamina watch", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add = parser.add_argument
+    add("source", metavar="SOURCE", help="folder, pattern of files, store, series or stream")
+    add("--field", metavar="NAME", help="array to show, where there are several")
+    add("--contract", metavar="CONTRACT", help='such as "size <= 300kB, psnr >= 35dB"')
+    add("--out", metavar="DIR", help="folder for what is recorded")
+    add("--scene", metavar="FILE", help="scene file (TOML) that states camera and transfer function")
+    add("--viewer", metavar="IP:PORT", help="address of the page; default: 127.0.0.1:7102")
+    add("--generator", metavar="URL", help="push to this running generator-node instead of starting the nodes here")
+    add("--name", help="name of the run; default: the source's")
+    add("--steps", type=int, metavar="N", help="stop after N steps")
+    add("--quiet", type=float, default=float("inf"), metavar="SECS", help="so long without a new step ends the run; default: never")
+    add("--axes", type=_axes, default="zyx", help="axes of arrays that do not say, slowest first; default: zyx")
+    add("--spacing", type=_three, metavar="X,Y,Z", help="distance of neighbors, instead of the source's")
+    add("--origin", type=_three, metavar="X,Y,Z", help="position of the first value, instead of the source's")
+    add("--dims", type=_dims, metavar="NXxNYxNZ", help="points a side of raw files")
+    add("--dtype", metavar="TYPE", help="type of raw files, such as uint8")
+    add("--exit", action="store_true", help="end with the source; else the page stays")
+    of = parser.parse_args(arguments)
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    options = Options(of.field, of.axes, of.spacing, of.origin, of.quiet, of.dims, of.dtype, stop.is_set)
+    given = {key: getattr(of, key) for key in ("generator", "contract", "out", "viewer", "scene", "name", "steps")}
+    try:
+        pushed = watch(of.source, linger=not of.exit, options=options, **given)
+    except (OSError, ValueError, KeyError, RuntimeError, ImportError) as error:
+        where = "" if str(error).startswith(of.source) else f"{of.source}: "
+        print(f"error: {where}{error}", file=sys.stderr)
+        return 1
+    print(f"pushed {pushed} steps", flush=True)
+    return 0

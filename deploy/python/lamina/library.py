@@ -1,0 +1,28 @@
+"""Where the native libraries and programs of the package are."""
+
+import ctypes
+import os
+import sys
+from pathlib import Path
+
+# A wheel brings them here.
+INSTALLED = Path(__file__).parent / "native"
+
+
+def load(name, variable):
+    """The library `name`: at the path in the environment variable `variable`, or as installed, or where the system looks for it."""
+    file = {"darwin": f"lib{name}.dylib", "win32": f"{name}.dll"}.get(sys.platform, f"lib{name}.so")
+    installed = INSTALLED / file
+    try:
+        return ctypes.CDLL(os.environ.get(variable) or (str(installed) if installed.exists() else file))
+    except OSError as error:
+        raise OSError(f"{error}; name the library in {variable}, such as target/release/{file}") from None
+
+
+def program(name):
+    """Path of the program `name`: as installed, in the folder LAMINA_BIN, or as the shell finds it."""
+    folder = os.environ.get("LAMINA_BIN")
+    if folder:
+        return os.path.join(folder, name)
+    installed = INSTALLED / name
+    return str(installed) if installed.exists() else name

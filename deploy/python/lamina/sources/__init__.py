@@ -1,0 +1,111 @@
+"""Where steps come from that others write: files as they are finished, and streams. Each source is an iterator of `Step`.
+
+`files` reads one step of a file, by its ending; `folder` finds files that are finished; `growing` follows an array that gains steps;
+`openpmd_series` and `adios_stream` follow those through their own libraries."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy
+
+
+@dataclass
+class Step:
+    """A step as it was read. `values`: axes x, y, z, of any strides."""
+
+    values: numpy.ndarray
+    field: str = "scalar"
+    time: float | None = None
+    number: int | None = None
+    spacing: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass
+class Options:
+    """What the user says of a source that it does not say itself."""
+
+    field: str | None = None
+    """Array to read, where there are several."""
+    axes: str = "zyx"
+    """Order of the axes of arrays that do not say, slowest first."""
+    spacing: tuple[float, float, float] | None = None
+    origin: tuple[float, float, float] | None = None
+    quiet_secs: float = float("inf")
+    """So long without a new step ends the run."""
+    dims: tuple[int, int, int] | None = None
+    """Of raw files, with their type."""
+    dtype: str | None = None
+    stopped: Callable[[], bool] = dataclasses.field(default=lambda: False)
+    """Asked while nothing is new."""
+
+
+class NotReady(Exception):
+    """The file is not finished, or not one of this kind."""
+
+
+def library(name: str, extra: str) -> Any:
+    """The module `name`, which comes with an extra of the package."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise ImportError(f"{error}; pip install 'lamina-insitu[{extra}]'") from None
+
+
+def by_axes(array: numpy.ndarray, axes: str) -> numpy.ndarray:
+    """`array` with its axes in the order x, y, z."""
+    if array.ndim != 3 or sorted(axes) != ["x", "y", "z"]:
+        raise ValueError(f"an array of {array.ndim} axes, read as \"{axes}\"; three are needed: x, y and z")
+    return array.transpose([axes.index(axis) for axis in "xyz"])
+
+
+def choose(names: list[str], wanted: str | None, where: str) -> str:
+    """The name wanted, whole or its last part; the first, where none is."""
+    if not names:
+        raise NotReady(f"{where}: no array of three axes")
+    if wanted is None:
+        return names[0]
+    found = [name for name in names if name == wanted] or [name for name in names if re.split("[/.]", name)[-1] == wanted]
+    if not found:
+        raise ValueError(f"{where}: no field \"{wanted}\"; there are {', '.join(names)}")
+    return found[0]
+
+
+def uniform(points: numpy.ndarray, axis: str) -> tuple[float, float]:
+    """First and spacing of coordinates, which must be evenly spaced."""
+    points = numpy.asarray(points, numpy.float64)
+    if len(points) < 2:
+        return (float(points[0]) if len(points) else 0.0), 1.0
+    spacing = (points[-1] - points[0]) / (len(points) - 1)
+    if not (spacing > 0 and numpy.allclose(numpy.diff(points), spacing, rtol=1e-3, atol=0)):
+        raise ValueError(f"coordinates along {axis} are not evenly spaced upwards; resample the field to a uniform grid")
+    return float(points[0]), float(spacing)
+
+
+def open_source(source: str, options: Options) -> Iterator[Step]:
+    """The steps of `source`: a folder, a file or series that is being written, or a stream."""
+    from . import adios_stream, files, folder, growing, openpmd_series
+
+    if source.startswith("openpmd:"):
+        return openpmd_series.steps(source.removeprefix("openpmd:"), options)
+    path = Path(source)
+    if re.search(r"%\d*T", source):
+        return openpmd_series.steps(source, options)
+    if path.suffix in (".bp", ".bp4", ".bp5") and openpmd_series.says_so(path):
+        return openpmd_series.steps(source, options)
+    if path.suffix in (".bp", ".bp4", ".bp5", ".sst"):
+        return adios_stream.steps(source, options)
+    if growing.has_time(path):
+        return growing.steps(path, options)
+    if path.is_dir() and path.suffix not in files.READERS:
+        return folder.steps(path, options)
+    if path.exists() or any(path.parent.glob(path.name)):
+        return folder.steps(path, options)
+    raise FileNotFoundError(f"{source}: neither a file or folder nor a pattern that some match; a series of openPMD has %T in its name")

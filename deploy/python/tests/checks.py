@@ -1,0 +1,431 @@
+"""The installed package: checks.py ROOT FOLDER [NAME..]. Each door is given the same six steps, written by the library of its format
+while it is watched; what is recorded is held to the closed form and to the pictures of the .vti door."""
+
+import csv
+import json
+import math
+import os
+import re
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy
+
+import lamina
+
+ROOT, FOLDER, ONLY = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3:]
+ANGLE = math.radians(30)
+DIMS, SPACING, ORIGIN, STEPS = (40, 36, 32), (0.05, 0.05, 0.05), (-1.0, -0.9, -0.8), 6
+# Colors from the range of the data, no matter which step comes first.
+SCENE = """
+camera = { position = [2.4, 1.2, 3.2], target = [0.0, 0.0, 0.0], up = [0.0, 1.0, 0.0], fov_y_deg = 35.0 }
+[transfer]
+range = { lo = 0.0, hi = 1.0, scale = "linear" }
+unit_length = 0.05
+points = [
+  { at = 0.0, color = [0.1, 0.1, 0.6], opacity = 0.002 },
+  { at = 0.5, color = [0.9, 0.5, 0.2], opacity = 0.08 },
+  { at = 1.0, color = [1.0, 1.0, 0.9], opacity = 0.6 },
+]
+"""
+
+
+def blob(step):
+    """A blob that drifts: axes x, y, z, x slowest in memory."""
+    x, y, z = numpy.meshgrid(*(o + s * numpy.arange(n) for o, s, n in zip(ORIGIN, SPACING, DIMS)), indexing="ij")
+    return (1.0 / (1.0 + 9.0 * ((x - 0.1 * step) ** 2 + y**2 + z**2))).astype(numpy.float32)
+
+
+def as_zyx(step):
+    return numpy.ascontiguousarray(blob(step).transpose())
+
+
+def write_vti(path, step):
+    """XML image data with an appended raw array, as VTK writes it."""
+    extent = " ".join(f"0 {n - 1}" for n in DIMS)
+    data = as_zyx(step).tobytes()
+    head = (
+        f'<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">'
+        f'<ImageData WholeExtent="{extent}" Origin="{ORIGIN[0]} {ORIGIN[1]} {ORIGIN[2]}" Spacing="{SPACING[0]} {SPACING[1]} {SPACING[2]}">'
+        f'<Piece Extent="{extent}"><PointData><DataArray type="Float32" Name="rho" format="appended" offset="0"/></PointData></Piece>'
+        f'</ImageData><AppendedData encoding="raw">_'
+    )
+    path.write_bytes(head.encode() + len(data).to_bytes(8, "little") + data + b"</AppendedData></VTKFile>")
+
+
+class Vti:
+    source = "vti"
+
+    def write(self, folder):
+        for step in range(STEPS):
+            write_vti(folder / f"out_{step:03}.vti", step)
+            yield
+
+
+class Hdf5:
+    """Scales give the grid, as netCDF-4 has it."""
+
+    source = "hdf5/run_*.h5"
+
+    def write(self, folder):
+        import h5py
+
+        for step in range(STEPS):
+            with h5py.File(folder / f"run_{step}.h5", "w") as file:
+                data = file.create_dataset("fields/rho", data=as_zyx(step), chunks=(8, 18, 20), compression="gzip")
+                data.attrs["time"] = 0.5 * step
+                for n, axis in enumerate("zyx"):
+                    k = "xyz".index(axis)
+                    scale = file.create_dataset(axis, data=ORIGIN[k] + SPACING[k] * numpy.arange(DIMS[k]))
+                    scale.make_scale(axis)
+                    data.dims[n].attach_scale(scale)
+            yield
+
+
+class VtkHdf:
+    source = "vtkhdf"
+
+    def write(self, folder):
+        import h5py
+
+        for step in range(STEPS):
+            with h5py.File(folder / f"step{step}.vtkhdf", "w") as file:
+                group = file.create_group("VTKHDF")
+                group.attrs["Version"] = (1, 0)
+                group.attrs.create("Type", b"ImageData", dtype=h5py.string_dtype("ascii", 9))
+                group.attrs["WholeExtent"] = [0, DIMS[0] - 1, 0, DIMS[1] - 1, 0, DIMS[2] - 1]
+                group.attrs["Origin"], group.attrs["Spacing"] = ORIGIN, SPACING
+                group.create_dataset("PointData/rho", data=as_zyx(step))
+            yield
+
+
+def dataset(step):
+    import xarray
+
+    coords = {axis: ORIGIN[k] + SPACING[k] * numpy.arange(DIMS[k]) for k, axis in enumerate("xyz")}
+    return xarray.Dataset({"rho": (("time", "z", "y", "x"), as_zyx(step)[None])}, {**coords, "time": [0.5 * step]})
+
+
+class NetCdf:
+    """A file a step, without a time axis."""
+
+    source = "netcdf"
+
+    def write(self, folder):
+        for step in range(STEPS):
+            dataset(step).isel(time=0).to_netcdf(folder / f"s{step}.nc", engine="h5netcdf")
+            yield
+
+
+class Zarr:
+    """One store that grows."""
+
+    source = "zarr/sim.zarr"
+
+    def write(self, folder):
+        for step in range(STEPS):
+            path = folder / "sim.zarr"
+            dataset(step).to_zarr(path, consolidated=False, **({"append_dim": "time"} if path.exists() else {}))
+            yield
+
+
+class Tiff:
+    source, options, spacing = "tiff", ["--spacing", "0.05,0.05,0.05", "--origin=-1.0,-0.9,-0.8"], (0.05,) * 3
+
+    def write(self, folder):
+        import tifffile
+
+        for step in range(STEPS):
+            tifffile.imwrite(folder / f"stack{step}.tif", as_zyx(step))
+            yield
+
+
+class Npy:
+    """x slowest, and said so."""
+
+    source, options = "npy", ["--axes", "xyz", "--spacing", "0.05,0.05,0.05", "--origin=-1.0,-0.9,-0.8"]
+
+    def write(self, folder):
+        for step in range(STEPS):
+            numpy.save(folder / f"a{step}.npy", blob(step))
+            yield
+
+
+class OpenPmd:
+    extension, source = "h5", "openpmd_h5/data_%T.h5"
+
+    def write(self, folder):
+        import openpmd_api as io
+
+        series = io.Series(str(folder / f"data_%T.{self.extension}"), io.Access.create)
+        for step in range(STEPS):
+            write_iteration(io, series, step)
+            yield
+        series.close()
+
+
+class OpenPmdBp(OpenPmd):
+    extension, source = "bp", "openpmd_bp/data_%T.bp"
+
+
+def write_iteration(io, series, step):
+    """Stored z, y, x; grid in millimeters."""
+    iteration = series.write_iterations()[step]
+    iteration.time, iteration.dt, iteration.time_unit_SI = 0.5 * step, 0.5, 1.0
+    mesh = iteration.meshes["rho"]
+    mesh.axis_labels, mesh.grid_unit_SI = ["z", "y", "x"], 1e-3
+    mesh.grid_spacing = [1e3 * s for s in SPACING[::-1]]
+    mesh.grid_global_offset = [1e3 * o for o in ORIGIN[::-1]]
+    values = as_zyx(step)
+    component = mesh[io.Mesh_Record_Component.SCALAR]
+    component.reset_dataset(io.Dataset(values.dtype, values.shape))
+    component.position = [0.0, 0.0, 0.0]
+    component[()] = values
+    iteration.close()
+
+
+class OpenPmdStream:
+    """Through ADIOS2's SST, from this process to the one that watches."""
+
+    source, stream = "openpmd:openpmd_sst/live.sst", True
+
+    def write(self, folder):
+        import openpmd_api as io
+
+        config = {"adios2": {"engine": {"parameters": {"DataTransport": "WAN", "OpenTimeoutSecs": "60"}}}}
+        series = io.Series(str(folder / "live.sst"), io.Access.create, json.dumps(config))
+        for step in range(STEPS):
+            write_iteration(io, series, step)
+            yield
+        series.close()
+
+
+class Adios:
+    """A BP5 file that is watched while it is written."""
+
+    source, engine = "adios_bp/sim.bp", "BP5"
+    options = ["--spacing", "0.05,0.05,0.05", "--origin=-1.0,-0.9,-0.8"]
+    parameters: dict = {}
+    stream = True
+
+    def write(self, folder):
+        import adios2
+
+        io = adios2.Adios().declare_io("simulation")
+        io.set_engine(self.engine)
+        io.set_parameters(self.parameters)
+        name = str(folder / Path(self.source).name).removesuffix(".sst")
+        with adios2.Stream(io, name, "w") as stream:
+            for step in range(STEPS):
+                stream.begin_step()
+                values = as_zyx(step)
+                stream.write("rho", values, values.shape, [0, 0, 0], values.shape)
+                stream.write("time", numpy.array(0.5 * step))
+                stream.end_step()
+                yield
+
+
+class AdiosStream(Adios):
+    source, engine, parameters = "adios_sst/sim.sst", "SST", {"DataTransport": "WAN", "OpenTimeoutSecs": "60"}
+
+
+DOORS = {
+    "vti": Vti,
+    "hdf5": Hdf5,
+    "vtkhdf": VtkHdf,
+    "netcdf": NetCdf,
+    "zarr": Zarr,
+    "tiff": Tiff,
+    "npy": Npy,
+    "openpmd-h5": OpenPmd,
+    "openpmd-bp": OpenPmdBp,
+    "openpmd-sst": OpenPmdStream,
+    "adios-bp": Adios,
+    "adios-sst": AdiosStream,
+}
+
+
+def psnr(a, b):
+    error = float(numpy.mean((a.astype(numpy.float64) - b) ** 2))
+    return math.inf if error == 0 else 10 * math.log10(1 / error)
+
+
+def watched(name, door):
+    """Watches the door's source while it is written; the recorded run, and the seconds from the command to the first recorded step."""
+    scheme, path = ("openpmd:", door.source[8:]) if door.source.startswith("openpmd:") else ("", door.source)
+    source, out = FOLDER / path, FOLDER / "record" / name
+    folder = source if "." not in source.name else source.parent
+    folder.mkdir(parents=True, exist_ok=True)
+    steps = door.write(folder)
+    stream = getattr(door, "stream", False)
+    if not stream:
+        next(steps)
+    command = ["lamina", "watch", scheme + str(source), "--out", str(out), "--scene", str(FOLDER / "scene.toml"), "--exit", "--quiet", "3"]
+    command += ["--viewer", "127.0.0.1:0", "--contract", "size <= 60kB, psnr >= 30dB", *getattr(door, "options", [])]
+    begun = time.monotonic()
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    first = []
+    lines = []
+
+    def follow():
+        for line in process.stdout:
+            lines.append(line)
+            if line.startswith("step ") and not first:
+                first.append(time.monotonic() - begun)
+
+    reader = threading.Thread(target=follow)
+    reader.start()
+    try:
+        # A stream's writer may wait for its reader.
+        for _ in steps:
+            time.sleep(0.4)
+        process.wait(120)
+    finally:
+        process.kill()
+        reader.join()
+    assert process.returncode == 0, "".join(lines)
+    return lamina.read(out), (first or [math.nan])[0], "".join(lines)
+
+
+def check_doors():
+    print(f"{'door':12} {'steps':>5} {'first after, s':>14} {'largest, kB':>11} {'off by':>9} {'from .vti, dB':>13}")
+    reference = None
+    for name, door in DOORS.items():
+        if ONLY and name not in ONLY and name != "vti":
+            continue
+        run, first, said = watched(name, door())
+        assert run.steps == list(range(STEPS)), (name, run.steps, said)
+        rows = run.table
+        sizes = [int(row["size_bytes"]) for row in rows]
+        assert max(sizes) <= 60_000, (name, sizes)
+        step = run[STEPS - 1]
+        picture = step.render(azimuth=25, size=256)
+        reference = picture if reference is None else reference
+        assert picture.std() > 0.02, f"{name}: the picture shows nothing"
+        if isinstance(step, lamina.Reduced):
+            # On its own lattice over the same box the closed form holds to the error bound, where its points are those of the data.
+            assert numpy.allclose(step.origin, ORIGIN, atol=1e-5), (name, step.origin)
+            end = [o + s * (n - 1) for o, s, n in zip(step.origin, step.spacing, step.units.shape)]
+            assert numpy.allclose(end, [o + s * (n - 1) for o, s, n in zip(ORIGIN, SPACING, DIMS)], atol=1e-5), (name, end)
+            off = numpy.abs(step.array - blob(STEPS - 1)).max() if step.units.shape == DIMS else math.nan
+        else:
+            off = math.nan
+        same = psnr(picture, reference)
+        print(f"{name:12} {len(run):5} {first:14.1f} {max(sizes) / 1e3:11.1f} {off:9.5f} {same:13.1f}", flush=True)
+        assert same >= 60, (name, same)
+        if name not in ("tiff", "npy", "vti", "vtkhdf"):
+            times = [float(row["time"]) for row in rows]
+            assert numpy.allclose(times, [0.5 * n for n in range(STEPS)]), (name, times)
+
+
+def check_reader():
+    """Arrays against the closed form, pictures against the command line's, lists against the independent reader."""
+    path = FOLDER / "one.vti"
+    write_vti(path, 1)
+    volume = lamina.read(path)
+    assert numpy.array_equal(volume.array, blob(1)) and volume.field == "rho"
+    assert numpy.allclose(volume.spacing, SPACING) and numpy.allclose(volume.origin, ORIGIN)
+    encoded = {"vdi": FOLDER / "one.vdi", "volume": FOLDER / "one.lvol"}
+    for kind, file in encoded.items():
+        size = ["--scene", str(FOLDER / "scene.toml"), "--resolution", "48", "--gamma", "0.02"]
+        subprocess.run(["lamina", "generate", str(path), "--representation", kind, *size, "--out", str(file)], check=True, capture_output=True)
+    vdi, reduced = lamina.read(encoded["vdi"]), lamina.read(encoded["volume"])
+    assert isinstance(vdi, lamina.Vdi) and isinstance(reduced, lamina.Reduced)
+    # The independent reader of the format page gives the same lists.
+    said = subprocess.run([sys.executable, str(ROOT / "tests/read_vdi.py"), str(encoded["vdi"]), "--segments"], check=True, capture_output=True)
+    independent = json.loads(said.stdout)
+    lists = independent["list"]
+    counts = numpy.diff(vdi.offsets)
+    rays = numpy.repeat(numpy.arange(len(counts)), counts)
+    mine = numpy.column_stack([rays, vdi.depths])
+    assert numpy.array_equal(mine, numpy.array([row[:3] for row in lists])), "lists differ from the independent reader's"
+    # A reduced volume of all points is the data within its bound: 2 % of the range, all of which is shown.
+    assert reduced.units.shape == DIMS and numpy.abs(reduced.array - blob(1)).max() <= 0.02
+    for opened, file in ((vdi, encoded["vdi"]), (reduced, encoded["volume"])):
+        subprocess.run(["lamina", "render", str(file), "--view", "30", "--size", "200", "--out", str(FOLDER / "view.png")], check=True, capture_output=True)
+        pixels = read_png(FOLDER / "view.png")
+        x, y, z = opened.camera["position"]
+        turned = {**opened.camera, "position": [x * math.cos(ANGLE) + z * math.sin(ANGLE), y, z * math.cos(ANGLE) - x * math.sin(ANGLE)]}
+        mine = numpy.rint(opened.render(camera=turned, size=200).clip(0, 1) * 255)
+        assert psnr(mine / 255, pixels / 255) > 60, psnr(mine / 255, pixels / 255)
+    page = lamina.view(vdi)
+    assert "lamina-step" in page.html and "<iframe" in page._repr_html_()
+    page.save(FOLDER / "view.html")
+    assert "lamina-engine" in lamina.view(path).html
+    for broken, words in ((FOLDER / "none.vti", "none.vti"), (FOLDER / "bad.vdi", "bad.vdi")):
+        (FOLDER / "bad.vdi").write_bytes(b"LVDI and then nothing")
+        try:
+            lamina.read(broken)
+            raise AssertionError(f"{broken} was read")
+        except ValueError as error:
+            assert words in str(error), error
+    print("reader: arrays, lists, pictures, view")
+
+
+def read_png(path):
+    """Rows of an RGB8 PNG, unfiltered (PNG specification, section 9)."""
+    import struct
+    import zlib
+
+    data, at, packed = path.read_bytes(), 8, b""
+    while at < len(data):
+        (length,) = struct.unpack(">I", data[at : at + 4])
+        kind, body = data[at + 4 : at + 8], data[at + 8 : at + 8 + length]
+        if kind == b"IHDR":
+            width, height = struct.unpack(">II", body[:8])
+        packed += body if kind == b"IDAT" else b""
+        at += 12 + length
+    raw = numpy.frombuffer(zlib.decompress(packed), numpy.uint8).reshape(height, 1 + 3 * width)
+    rows = numpy.zeros((height, 3 * width), numpy.int64)
+    for n in range(height):
+        kind, line = raw[n, 0], raw[n, 1:].astype(numpy.int64)
+        above = rows[n - 1] if n else numpy.zeros(3 * width, numpy.int64)
+        for k in range(3 * width):
+            left, corner = (rows[n, k - 3], above[k - 3]) if k >= 3 else (0, 0)
+            estimate = left + above[k] - corner
+            nearest = min((abs(estimate - v), m) for m, v in enumerate((left, above[k], corner)))[1]
+            guess = (0, left, above[k], (left + above[k]) // 2, (left, above[k], corner)[nearest])[kind]
+            rows[n, k] = (line[k] + guess) % 256
+    return rows.reshape(height, width, 3)
+
+
+def check_client():
+    """The example of a simulation, through what is installed."""
+    serve = subprocess.Popen(
+        ["lamina", "serve", "--listen", "127.0.0.1:0", "--viewer", "127.0.0.1:0", "--out", str(FOLDER / "served")], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        address = serve.stdout.readline().split("connect to ")[1].split(";")[0]
+        environment = {key: of for key, of in os.environ.items() if key != "PYTHONPATH"}
+        # From another folder, so that the installed package is imported.
+        (FOLDER / "blob.py").write_text((ROOT / "deploy/python/blob.py").read_text())
+        subprocess.run([sys.executable, str(FOLDER / "blob.py"), address, "0", "1"], check=True, env=environment)
+        reading, pushing = re.findall(r"```python\n(.*?)```", (ROOT / "deploy/python/README.md").read_text(), re.S)
+        rows, deadline = [], time.monotonic() + 60
+        while not rows and time.monotonic() < deadline:
+            time.sleep(0.1)
+            rows = [row for table in (FOLDER / "served").glob("*/steps.csv") for row in csv.DictReader(table.open())]
+        assert rows, "no step of the example was recorded"
+        # The examples of the README, on this run and this node.
+        exec(pushing.replace("http://127.0.0.1:7101", address), {})
+        write_vti(FOLDER / "field.vti", 0)
+        places = {'"record"': repr(str(FOLDER / "served")), '"field.vti"': repr(str(FOLDER / "field.vti"))}
+        names: dict = {}
+        exec(re.sub('"record"|"field.vti"', lambda found: places[found.group()], reading), names)
+        assert names["picture"].shape == (512, 512, 3) and names["volume"].array.shape == DIMS
+    finally:
+        serve.terminate()
+        serve.wait()
+    print(f"client: {len(rows)} steps of the example recorded by lamina serve")
+
+
+(FOLDER / "scene.toml").write_text(SCENE)
+assert Path(lamina.__file__).is_relative_to(sys.prefix), f"{lamina.__file__} is not the installed package"
+subprocess.run([sys.executable, "-m", "lamina", "--version"], check=True, capture_output=True)
+if not ONLY:
+    check_reader()
+    check_client()
+check_doors()
