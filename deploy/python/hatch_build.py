@@ -39,3 +39,5 @@ class Build(BuildHookInterface):
         viewer = [ROOT / "viz-node/viewer/dist" / name for name in VIEWER]
         for file in natives + viewer:
             build_data["force_include"][str(file)] = f"lamina/native/{file.name}"
+        # By the name that Catalyst looks for.
+        build_data["force_include"][str(target / "libcatalyst_lamina.so")] = "lamina/native/libcatalyst-lamina.so"

@@ -6,7 +6,7 @@ use crate::options::Options;
 use crate::partition::{IndexBox, disjoint};
 use crate::ranks::Ranks;
 use glam::DVec3;
-use lamina_client::{Brick, Client, ClientError, Receipt, RunOptions, VoxelSlice};
+use lamina_client::{Brick, Client, ClientError, Receipt, RunOptions, VoxelSlice, dense, span};
 use lamina_model::{Grid, SteeringRequest, VoxelType};
 
 /// A point off the lattice of the run by more than this part of the spacing lies on another.
@@ -176,10 +176,10 @@ impl Run {
             if part.dims().iter().any(|points| *points <= 0) {
                 continue;
             }
-            let skipped: [usize; 3] = std::array::from_fn(|axis| (part.start[axis] - whole.start[axis]) as usize);
-            let (voxels, strides) = voxels(domain, converted.as_deref(), skipped, self.voxel_type)?;
-            let start = part.start.map(|n| n as usize);
-            bricks.push(Brick::new(start, part.dims().map(|n| n as usize), voxels).with_strides(strides));
+            let skipped = std::array::from_fn(|axis| (part.start[axis] - whole.start[axis]) as usize);
+            let dims = part.dims().map(|n| n as usize);
+            let (voxels, strides) = voxels(domain, converted.as_deref(), skipped, dims, self.voxel_type)?;
+            bricks.push(Brick::new(part.start.map(|n| n as usize), dims, voxels).with_strides(strides));
         }
         match self.client.push_bricks(step, time, &bricks) {
             Ok(Receipt::Admitted(_) | Receipt::Dropped) => Ok(()),
@@ -212,39 +212,39 @@ fn converted(domain: &Domain, voxel_type: VoxelType) -> Option<Vec<f64>> {
     Some(values)
 }
 
-/// The voxels from point `skipped` of the domain on, and how far neighbors lie apart.
+/// The voxels of the box of `dims` points from point `skipped` of the domain on, and how far neighbors lie apart.
 fn voxels<'a>(
     domain: &'a Domain,
     converted: Option<&'a [f64]>,
     skipped: [usize; 3],
+    dims: [usize; 3],
     voxel_type: VoxelType,
 ) -> Result<(VoxelSlice<'a>, [usize; 3]), String> {
-    let dense = [1, domain.dims[0], domain.dims[0] * domain.dims[1]];
+    let offset = |strides: [usize; 3]| skipped.iter().zip(strides).map(|(n, stride)| n * stride).sum::<usize>();
+    let reach = |strides| span(dims, strides).map_err(|e| e.to_string());
     let copied = match (&domain.values, converted) {
         (Values::Resampled(values), _) => Some(&values[..]),
         (_, converted) => converted,
     };
-    let offset = |strides: [usize; 3]| skipped.iter().zip(strides).map(|(n, stride)| n * stride).sum::<usize>();
     if let Some(values) = copied {
         if voxel_type != VoxelType::F64 {
             return Err("values are of another type than at the first step".to_owned());
         }
-        return Ok((VoxelSlice::F64(&values[offset(dense)..]), dense));
+        let strides = dense(domain.dims);
+        return Ok((VoxelSlice::F64(&values[offset(strides)..][..reach(strides)?]), strides));
     }
     let Values::InPlace { array, first, strides } = &domain.values else { unreachable!("resampled values are copied") };
     let apart = array.stride_bytes / array.element.size_bytes();
     let strides = strides.map(|stride| stride * apart);
-    let start = first * apart + offset(strides);
-    Ok((slice(array, start, apart), strides))
+    Ok((slice(array, first * apart + offset(strides), reach(strides)?), strides))
 }
 
-/// Elements `start` to the last one that Conduit says is there.
-fn slice<'a>(array: &Array, start: usize, apart: usize) -> VoxelSlice<'a> {
-    let len = (array.len - 1) * apart + 1 - start;
+/// `len` elements in memory from number `start` on: the mesh has checked that they lie within what Conduit says is there.
+fn slice<'a>(array: &Array, start: usize, len: usize) -> VoxelSlice<'a> {
     /// The same of one type.
     macro_rules! of {
         ($variant:ident, $scalar:ty) => {{
-            // SAFETY: Conduit says that `len` elements lie there until the call ends; they are aligned, as was checked.
+            // SAFETY: Conduit says that the elements lie there until the call ends; they are aligned, as was checked.
             VoxelSlice::$variant(unsafe { std::slice::from_raw_parts(array.first.cast::<$scalar>().add(start), len) })
         }};
     }

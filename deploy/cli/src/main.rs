@@ -4,7 +4,7 @@
 
 use clap::Parser;
 use lamina::cli::{Cli, Command};
-use lamina::{doctor, keys, offline, serve, tune, watch};
+use lamina::{doctor, follow, keys, offline, serve, tune, watch};
 
 fn main() -> std::process::ExitCode {
     let cli = Cli::parse();
@@ -13,6 +13,7 @@ fn main() -> std::process::ExitCode {
         Command::Live(arguments) => watch::live(&arguments),
         Command::Replay(arguments) => watch::replay(&arguments),
         Command::Serve(arguments) => serve::serve(&arguments),
+        Command::Watch(arguments) => follow::follow(&arguments),
         Command::Raycast(arguments) => offline::raycast(&arguments),
         Command::Generate(arguments) => offline::generate(&arguments),
         Command::Render(arguments) => offline::render(&arguments),

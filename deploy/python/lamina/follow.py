@@ -144,6 +144,8 @@ def watch(
     `scene` and the folder `out` for what is recorded, unless a generator-node runs at `generator`. `linger`: the page stays when the
     source has ended."""
     options = options or Options()
+    # A source that is not there is refused before anything is started.
+    found = open_source(os.fspath(source), options)
     nodes = None
     if generator is None:
         given = {"--contract": contract, "--out": out, "--viewer": viewer, "--scene": scene}
@@ -152,7 +154,7 @@ def watch(
     stem = re.sub(r"[^\w.-]+", "", Path(source).name.split(".")[0]) or "watched"
     feed = Feed(generator, name or stem, options)
     try:
-        for step in open_source(os.fspath(source), options):
+        for step in found:
             feed.push(step)
             if options.stopped() or (steps is not None and feed.pushed >= steps):
                 break

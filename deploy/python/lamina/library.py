@@ -26,3 +26,8 @@ def program(name):
         return os.path.join(folder, name)
     installed = INSTALLED / name
     return str(installed) if installed.exists() else name
+
+
+def catalyst_path():
+    """Folder of the implementation of Catalyst, for CATALYST_IMPLEMENTATION_PATHS."""
+    return str(INSTALLED)

@@ -13,6 +13,7 @@ use clap::{Args, Parser, Subcommand};
 use lamina_compute::gpu::Choice;
 use lamina_model::VoxelType;
 use lamina_rpc::credentials::Role;
+use std::ffi::OsString;
 use std::path::PathBuf;
 
 /// Watch a running simulation at a price you name.
@@ -35,6 +36,8 @@ pub enum Command {
     Replay(Replay),
     /// Wait for simulations, and watch them
     Serve(Serve),
+    /// Follow files and streams that others write, by the Python package: deploy/python/README.md
+    Watch(Follow),
     /// Ray-cast a volume to a picture
     Raycast(Raycast),
     /// Make the Volumetric Depth Image of a volume, or a reduced volume
@@ -78,6 +81,14 @@ pub struct Keys {
     /// A name or address by which browsers reach the page, besides this host's; may be given again
     #[arg(long, value_name = "HOST")]
     pub host: Vec<String>,
+}
+
+/// What the Python package is given.
+#[derive(Debug, Args)]
+pub struct Follow {
+    /// SOURCE and options; `lamina watch SOURCE --help` lists them
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, required = true, value_name = "SOURCE")]
+    pub arguments: Vec<OsString>,
 }
 
 /// Properties of a raw file that the file itself does not state.

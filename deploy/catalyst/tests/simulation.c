@@ -1,0 +1,143 @@
+/* A blob that drifts, instrumented for Catalyst 2 and for nothing else: simulation LAYOUT STEPS RAW_FILE. The ranks of MPI_COMM_WORLD share
+ * the 40 x 36 x 32 sample points along z. The last step is written to RAW_FILE by rank 0 (x fastest, single precision). */
+#include <catalyst.h>
+#include <mpi.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { NX = 40, NY = 36, NZ = 32 };
+static const double H = 0.05, X0 = -1.0, Y0 = -0.9, Z0 = -0.8;
+
+static float density(int i, int j, int k, int step) {
+    double x = X0 + H * i - 0.1 * step, y = Y0 + H * j, z = Z0 + H * k;
+    return (float)(1.0 / (1.0 + 9.0 * (x * x + y * y + z * z)));
+}
+
+/* Points `first` to before `beyond` along z, inside of `pad` layers of ghosts on each side of x and y. */
+static float *points(int first, int beyond, int pad, int step) {
+    int nx = NX + 2 * pad, ny = NY + 2 * pad;
+    float *values = malloc(sizeof(float) * (size_t)nx * ny * (beyond - first));
+    for (int k = first; k < beyond; k++)
+        for (int j = -pad; j < NY + pad; j++)
+            for (int i = -pad; i < NX + pad; i++) {
+                int inside = i >= 0 && j >= 0 && i < NX && j < NY;
+                values[i + pad + (size_t)nx * (j + pad + (size_t)ny * (k - first))] = inside ? density(i, j, k, step) : -1.0f;
+            }
+    return values;
+}
+
+static void set(conduit_node *node, const char *path, double value) { conduit_node_set_path_float64(node, path, value); }
+
+static void axis(conduit_node *mesh, const char *path, int count, double first, double uneven) {
+    double *at = malloc(sizeof(double) * (size_t)count);
+    for (int n = 0; n < count; n++) at[n] = first + H * n + uneven * H * ((n % 2) - 0.5) * (n > 0 && n < count - 1);
+    conduit_node_set_path_float64_ptr(mesh, path, at, count);
+    free(at);
+}
+
+/* One domain of a Blueprint mesh over points `first` to before `beyond` along z; of cells where `cells`. */
+static void domain(conduit_node *mesh, int first, int beyond, const char *layout, float *values, int pad) {
+    int cells = strcmp(layout, "cells") == 0, rectilinear = strcmp(layout, "rectilinear") == 0;
+    int strided = pad > 0;
+    /* Of cells whose centers are the sample points. */
+    double shift = cells ? -0.5 * H : 0.0;
+    if (rectilinear) {
+        conduit_node_set_path_char8_str(mesh, "coordsets/coords/type", "rectilinear");
+        axis(mesh, "coordsets/coords/values/x", NX, X0, 0.0);
+        axis(mesh, "coordsets/coords/values/y", NY, Y0, 0.0);
+        axis(mesh, "coordsets/coords/values/z", beyond - first, Z0 + H * first, 0.0);
+    } else {
+        conduit_node_set_path_char8_str(mesh, "coordsets/coords/type", "uniform");
+        set(mesh, "coordsets/coords/dims/i", NX + cells);
+        set(mesh, "coordsets/coords/dims/j", NY + cells);
+        set(mesh, "coordsets/coords/dims/k", beyond - first + cells);
+        set(mesh, "coordsets/coords/origin/x", X0 + shift);
+        set(mesh, "coordsets/coords/origin/y", Y0 + shift);
+        set(mesh, "coordsets/coords/origin/z", Z0 + shift + H * first);
+        set(mesh, "coordsets/coords/spacing/dx", H);
+        set(mesh, "coordsets/coords/spacing/dy", H);
+        set(mesh, "coordsets/coords/spacing/dz", H);
+    }
+    conduit_node_set_path_char8_str(mesh, "topologies/mesh/type", rectilinear ? "rectilinear" : "uniform");
+    conduit_node_set_path_char8_str(mesh, "topologies/mesh/coordset", "coords");
+    conduit_node_set_path_char8_str(mesh, "fields/rho/association", cells ? "element" : "vertex");
+    conduit_node_set_path_char8_str(mesh, "fields/rho/topology", "mesh");
+    long count = (long)(NX + 2 * pad) * (NY + 2 * pad) * (beyond - first);
+    conduit_node_set_path_external_float32_ptr(mesh, "fields/rho/values", values, count);
+    if (strided) {
+        double offsets[3] = {pad, pad, 0}, strides[3] = {1, NX + 2 * pad, (double)(NX + 2 * pad) * (NY + 2 * pad)};
+        conduit_node_set_path_float64_ptr(mesh, "fields/rho/offsets", offsets, 3);
+        conduit_node_set_path_float64_ptr(mesh, "fields/rho/strides", strides, 3);
+    }
+}
+
+int main(int argc, char **argv) {
+    MPI_Init(&argc, &argv);
+    if (argc != 4) return fprintf(stderr, "simulation LAYOUT STEPS RAW_FILE\n"), 2;
+    const char *layout = argv[1];
+    int rank, ranks, steps = atoi(argv[2]), status = 0;
+    MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+    MPI_Comm_size(MPI_COMM_WORLD, &ranks);
+    /* Vertices of a face belong to both of its domains, a halo of two layers to both of its ranks. */
+    int cells = strcmp(layout, "cells") == 0, halo = strcmp(layout, "halo") == 0 ? 2 : 0, pad = strcmp(layout, "ghosts") == 0 ? 2 : 0;
+    int first = NZ * rank / ranks, beyond = NZ * (rank + 1) / ranks;
+    first = first - halo > 0 ? first - halo : 0;
+    beyond = beyond + (cells ? 0 : 1) + halo < NZ ? beyond + (cells ? 0 : 1) + halo : NZ;
+
+    conduit_node *params = conduit_node_create();
+    conduit_node_set_path_int32(params, "catalyst/mpi_comm", MPI_Comm_c2f(MPI_COMM_WORLD));
+    conduit_node_set_path_char8_str(params, "catalyst/lamina/name", layout);
+    set(params, "catalyst/lamina/steering/viscosity/value", 0.1);
+    set(params, "catalyst/lamina/steering/viscosity/least", 0.0);
+    set(params, "catalyst/lamina/steering/viscosity/most", 1.0);
+    status |= catalyst_initialize(params);
+    conduit_node_destroy(params);
+
+    for (int step = 0; step < steps; step++) {
+        int several = strcmp(layout, "multimesh") == 0 || strcmp(layout, "amrmesh") == 0;
+        int middle = several ? (first + beyond) / 2 : beyond;
+        float *lower = points(first, several ? middle + 1 : beyond, pad, step), *upper = several ? points(middle, beyond, 0, step) : NULL;
+        conduit_node *run = conduit_node_create();
+        conduit_node_set_path_int64(run, "catalyst/state/timestep", step);
+        set(run, "catalyst/state/time", 0.5 * step);
+        conduit_node_set_path_char8_str(run, "catalyst/channels/grid/type", several ? layout : "mesh");
+        if (!several) {
+            domain(conduit_node_fetch(run, "catalyst/channels/grid/data"), first, beyond, layout, lower, pad);
+        } else {
+            conduit_node *data = conduit_node_fetch(run, "catalyst/channels/grid/data");
+            domain(conduit_node_fetch(data, "lower"), first, middle + 1, layout, lower, 0);
+            domain(conduit_node_fetch(data, "upper"), middle, beyond, layout, upper, 0);
+            if (strcmp(layout, "amrmesh") == 0) {
+                /* A finer level, which is not shown. */
+                domain(conduit_node_fetch(data, "finer"), first, middle + 1, layout, lower, 0);
+                conduit_node_set_path_int64(data, "lower/state/level", 0);
+                conduit_node_set_path_int64(data, "upper/state/level", 0);
+                conduit_node_set_path_int64(data, "finer/state/level", 1);
+            }
+        }
+        status |= catalyst_execute(run);
+        conduit_node_destroy(run);
+        free(lower);
+        free(upper);
+        usleep(250000);
+    }
+    conduit_node *results = conduit_node_create();
+    status |= catalyst_results(results);
+    if (rank == 0) {
+        if (conduit_node_has_path(results, "lamina/steering/numbers/viscosity"))
+            printf("viscosity %g\n", conduit_node_fetch_path_as_float64(results, "lamina/steering/numbers/viscosity"));
+        float *all = points(0, NZ, 0, steps - 1);
+        FILE *file = fopen(argv[3], "wb");
+        if (!file || fwrite(all, sizeof(float), NX * NY * NZ, file) != NX * NY * NZ || fclose(file)) return 3;
+        free(all);
+    }
+    conduit_node_destroy(results);
+    conduit_node *last = conduit_node_create();
+    status |= catalyst_finalize(last);
+    conduit_node_destroy(last);
+    MPI_Finalize();
+    printf("rank %d: statuses %d\n", rank, status);
+    return status;
+}
