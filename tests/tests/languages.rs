@@ -221,7 +221,7 @@ raises(ConnectionError, 'not reachable', lambda: run.push(0, 0.0, values.cast('f
 raises(ValueError, '-1 is negative', lambda: run.push(-1, 0.0, values.cast('f', (4, 3, 2))))
 raises(ValueError, 'negative', lambda: run.push(1, 0.0, values.cast('f', (4, 3, 2)), start=(0, -1, 0)))
 raises(ValueError, '2 numbers', lambda: run.push(1, 0.0, values.cast('f', (4, 3, 2)), start=(0, 0)))
-scalar, b, three = ctypes.c_float(1), lamina._Buffer(), ctypes.c_ssize_t * 3
+scalar, b, three = ctypes.c_float(1), lamina.client._Buffer(), ctypes.c_ssize_t * 3
 shape, strides = three(4, 3, 2), three(0, 0, 4)
 b.buf, b.len, b.itemsize, b.ndim, b.format = ctypes.addressof(scalar), 96, 4, 3, b'f'
 b.shape, b.strides = ctypes.cast(shape, type(b.shape)), ctypes.cast(strides, type(b.strides))
