@@ -110,8 +110,11 @@ impl Search<'_> {
             let (bytes, cost) = match self.step.measure(&params, self.options, self.laps) {
                 Ok(measured) => measured,
                 Err(error) => {
-                    tracing::warn!(step, %error, "trying other parameters");
                     if let Err(why) = &mut self.best {
+                        // A step that no reduced volume can stand for refuses them all.
+                        if why.as_ref().is_none_or(|before| before.to_string() != error.to_string()) {
+                            tracing::warn!(step, %error, "trying other parameters");
+                        }
                         *why = Some(error);
                     }
                     continue;

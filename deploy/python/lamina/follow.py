@@ -19,14 +19,15 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy
 
 from .client import TYPES, Client, Summary
 from .library import program
-from .sources import Options, Step, open_source
+from .sources import Options, Step, Unfit, open_source
+from .sources.folder import pass_over
 
 
 # The nodes have done what they can when they say nothing for so long.
@@ -36,7 +37,7 @@ QUIET_NODES_SECS = 10.0
 def fit(values: numpy.ndarray) -> numpy.ndarray:
     """`values` of a type that a run may have: wider integers become double precision."""
     if values.dtype.kind not in "biuf":
-        raise ValueError(f"values of type {values.dtype}; real numbers are needed")
+        raise Unfit(f"values of type {values.dtype}; real numbers are needed")
     native = values.astype(values.dtype.newbyteorder("="), copy=False)
     if native.dtype.name in TYPES:
         return native
@@ -48,8 +49,8 @@ def fit(values: numpy.ndarray) -> numpy.ndarray:
 class Feed:
     """Pushes steps; opens a run at the first, and another where the grid, the type or the field changes."""
 
-    def __init__(self, generator: str, name: str, options: Options) -> None:
-        self.generator, self.name, self.options = generator, name, options
+    def __init__(self, generator: str, name: str, options: Options, settle: Callable[[int], None]) -> None:
+        self.generator, self.name, self.options, self.settle = generator, name, options, settle
         self.client: Client | None = None
         self.run: tuple | None = None
         self.pushed, self.last = 0, -1
@@ -84,7 +85,10 @@ class Feed:
         if self.client is None:
             return None
         client, self.client = self.client, None
-        return client.close()
+        summary = client.close()
+        # Another run would take the node over.
+        self.settle(self.last)
+        return summary
 
 
 def _of_its_own() -> None:
@@ -115,12 +119,14 @@ class Nodes:
         for line in self.process.stdout or ():
             print(line, end="", flush=True)
             self.heard = time.monotonic()
-            if found := re.match(r"step\s+(\d+)", line):
+            if line.startswith("watching "):
+                self.shown = -1
+            elif found := re.match(r"step\s+(\d+)", line):
                 self.shown = int(found.group(1))
 
-    def wait_for(self, step: int) -> None:
+    def wait_for(self, step: int, stopped: Callable[[], bool]) -> None:
         """Until it was shown, or nothing has come for some seconds."""
-        while self.shown < step and time.monotonic() - self.heard < QUIET_NODES_SECS and self.process.poll() is None:
+        while not stopped() and self.shown < step and time.monotonic() - self.heard < QUIET_NODES_SECS and self.process.poll() is None:
             time.sleep(0.05)
 
     def stop(self) -> None:
@@ -152,15 +158,16 @@ def watch(
         nodes = Nodes([part for key, of in given.items() if of is not None for part in (key, os.fspath(of))])
         generator = nodes.generator
     stem = re.sub(r"[^\w.-]+", "", Path(source).name.split(".")[0]) or "watched"
-    feed = Feed(generator, name or stem, options)
+    feed = Feed(generator, name or stem, options, lambda last: nodes.wait_for(last, options.stopped) if nodes else None)
     try:
         for step in found:
-            feed.push(step)
+            try:
+                feed.push(step)
+            except Unfit as error:
+                pass_over(f"step {step.number}", error)
             if options.stopped() or (steps is not None and feed.pushed >= steps):
                 break
         summary = feed.close()
-        if nodes and not options.stopped():
-            nodes.wait_for(feed.last)
         if nodes and linger and not options.stopped():
             print(f"{os.fspath(source)} has ended after {feed.pushed} steps; the page stays until Ctrl-C", flush=True)
             while not options.stopped() and nodes.process.poll() is None:

@@ -51,6 +51,10 @@ class NotReady(Exception):
     """The file is not finished, or not one of this kind."""
 
 
+class Unfit(ValueError):
+    """What was read is no step, and time will not make it one."""
+
+
 def library(name: str, extra: str) -> Any:
     """The module `name`, which comes with an extra of the package."""
     try:
@@ -62,7 +66,7 @@ def library(name: str, extra: str) -> Any:
 def by_axes(array: numpy.ndarray, axes: str) -> numpy.ndarray:
     """`array` with its axes in the order x, y, z."""
     if array.ndim != 3 or sorted(axes) != ["x", "y", "z"]:
-        raise ValueError(f"an array of {array.ndim} axes, read as \"{axes}\"; three are needed: x, y and z")
+        raise Unfit(f"an array of {array.ndim} axes, read as \"{axes}\"; three are needed: x, y and z")
     return array.transpose([axes.index(axis) for axis in "xyz"])
 
 
@@ -74,7 +78,7 @@ def choose(names: list[str], wanted: str | None, where: str) -> str:
         return names[0]
     found = [name for name in names if name == wanted] or [name for name in names if re.split("[/.]", name)[-1] == wanted]
     if not found:
-        raise ValueError(f"{where}: no field \"{wanted}\"; there are {', '.join(names)}")
+        raise Unfit(f"{where}: no field \"{wanted}\"; there are {', '.join(names)}")
     return found[0]
 
 
@@ -85,7 +89,7 @@ def uniform(points: numpy.ndarray, axis: str) -> tuple[float, float]:
         return (float(points[0]) if len(points) else 0.0), 1.0
     spacing = (points[-1] - points[0]) / (len(points) - 1)
     if not (spacing > 0 and numpy.allclose(numpy.diff(points), spacing, rtol=1e-3, atol=0)):
-        raise ValueError(f"coordinates along {axis} are not evenly spaced upwards; resample the field to a uniform grid")
+        raise Unfit(f"coordinates along {axis} are not evenly spaced upwards; resample the field to a uniform grid")
     return float(points[0]), float(spacing)
 
 

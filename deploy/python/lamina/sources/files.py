@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy
 
 from ..reader import Volume, read
-from . import NotReady, Options, Step, by_axes, choose, library, uniform
+from . import NotReady, Options, Step, Unfit, by_axes, choose, library, uniform
 
 
 def native(path: Path, options: Options) -> Step:
@@ -69,7 +69,7 @@ def _vtkhdf(group, path: Path, options: Options) -> Step:
     kind = group.attrs["Type"]
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
     if kind != "ImageData":
-        raise ValueError(f"{path}: a VTKHDF {kind}; ImageData can be watched: resample it, such as by vtkResampleToImage")
+        raise Unfit(f"{path}: a VTKHDF {kind}; ImageData can be watched: resample it, such as by vtkResampleToImage")
     spacing, origin, extent = (numpy.asarray(group.attrs[name], float) for name in ("Spacing", "Origin", "WholeExtent"))
     arrays = {name: (group[data][name], data == "CellData") for data in ("PointData", "CellData") if data in group for name in group[data]}
     name = choose([name for name, (of, _) in arrays.items() if of.ndim == 3], options.field, str(path))

@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from . import Options, Step, files
+from . import Options, Step, Unfit, files
 
 # A file that has not changed for so long is taken to be finished, and one that cannot be read is looked at again for so long.
 SETTLED_SECS, UNREADABLE_SECS, POLL_SECS = 0.3, 10.0, 0.1
@@ -23,6 +23,11 @@ def number_of(path: Path) -> int | None:
     """The last number in the name."""
     numbers = numbered(path)[0]
     return numbers[-1] if numbers else None
+
+
+def pass_over(what: object, error: Exception) -> None:
+    """Says that a step is not shown, and why."""
+    print(f"{what}: passed over: {str(error).removeprefix(f'{what}: ')}", file=sys.stderr, flush=True)
 
 
 def state(path: Path) -> tuple[int, int]:
@@ -65,9 +70,10 @@ def steps(source: Path, options: Options) -> Iterator[Step]:
             except ImportError:
                 raise
             except Exception as error:
-                if quiet < UNREADABLE_SECS and isinstance(error, (OSError, ValueError, files.NotReady, KeyError)):
+                may_change = isinstance(error, (OSError, ValueError, files.NotReady, KeyError)) and not isinstance(error, Unfit)
+                if may_change and quiet < UNREADABLE_SECS:
                     break
-                print(f"{path}: passed over: {error}", file=sys.stderr, flush=True)
+                pass_over(path, error)
                 done.add(path)
                 continue
             done.add(path)
