@@ -12,6 +12,7 @@ pub mod stdout;
 pub mod cli;
 pub mod dims;
 pub mod doctor;
+pub mod export;
 pub mod follow;
 pub mod in_process;
 pub mod keys;

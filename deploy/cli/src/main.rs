@@ -4,7 +4,7 @@
 
 use clap::Parser;
 use lamina::cli::{Cli, Command};
-use lamina::{doctor, follow, keys, offline, serve, tune, watch};
+use lamina::{doctor, export, follow, keys, offline, serve, tune, watch};
 
 fn main() -> std::process::ExitCode {
     let cli = Cli::parse();
@@ -17,6 +17,7 @@ fn main() -> std::process::ExitCode {
         Command::Raycast(arguments) => offline::raycast(&arguments),
         Command::Generate(arguments) => offline::generate(&arguments),
         Command::Render(arguments) => offline::render(&arguments),
+        Command::Export(arguments) => export::export(&arguments),
         Command::Compare(arguments) => offline::compare(&arguments),
         Command::Tune(arguments) => tune::tune(&arguments),
         Command::Keys(arguments) => keys::keys(&arguments),

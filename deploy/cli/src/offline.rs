@@ -6,12 +6,15 @@ use crate::scene_file::scene_for;
 use crate::source::{read_options, with_colors};
 use anyhow::{Context, ensure};
 use lamina_codec::{Codec, CodecError, DecodeLimits, EncodeOptions, Layout};
-use lamina_model::{GenerationParams, Invalid, Representation, Scene, Segmentation, VdiParams, Volume, psnr};
+use lamina_model::{
+    GenerationParams, Intermediate, Invalid, Representation, Scene, Segmentation, VdiParams, Volume, psnr,
+};
 use lamina_raycast::{Backend, Field};
 use lamina_vdi_render::{Detail, Drawable};
 use lamina_volume_io::Series;
 use std::fs::File;
 use std::io::Read;
+use std::path::Path;
 use std::time::Instant;
 
 /// The volume and scene that an input names.
@@ -109,19 +112,24 @@ pub(crate) fn params(
     }
 }
 
-/// `lamina render`.
-pub fn render(arguments: &cli::Render) -> anyhow::Result<()> {
-    picture_file::check(&arguments.view.out)?;
-    let name = arguments.input.display();
+/// The recorded step in a file.
+pub(crate) fn read_recorded(path: &Path) -> anyhow::Result<Intermediate> {
+    let name = path.display();
     let (unreadable, limits) = (|| format!("{name}: cannot be read"), DecodeLimits::default());
-    let (mut file, mut bytes) = (File::open(&arguments.input).with_context(unreadable)?, Vec::new());
+    let (mut file, mut bytes) = (File::open(path).with_context(unreadable)?, Vec::new());
     // Something else may be large.
     file.by_ref().take(4).read_to_end(&mut bytes).with_context(unreadable)?;
     if let Err(error @ CodecError::NotAVdi) = lamina_codec::decode_any(&bytes, &limits) {
         return Err(error).with_context(|| name.to_string());
     }
     file.read_to_end(&mut bytes).with_context(unreadable)?;
-    let shown = Drawable::new(lamina_codec::decode_any(&bytes, &limits).with_context(|| name.to_string())?);
+    lamina_codec::decode_any(&bytes, &limits).with_context(|| name.to_string())
+}
+
+/// `lamina render`.
+pub fn render(arguments: &cli::Render) -> anyhow::Result<()> {
+    picture_file::check(&arguments.view.out)?;
+    let shown = Drawable::new(read_recorded(&arguments.input)?);
     let (camera, size) = (shown.camera().rotated_about_y(arguments.view.view)?, arguments.view.size);
     let backend = lamina_vdi_render::Backend::open(arguments.backend)?;
     let start = Instant::now();

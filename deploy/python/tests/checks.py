@@ -365,6 +365,36 @@ def check_reader():
     print("reader: arrays, lists, pictures, view")
 
 
+def check_exports():
+    """What `lamina export` writes: image data opened by VTK, a Cinema database held to its specification (D)."""
+    import vtk
+    from vtk.util.numpy_support import vtk_to_numpy
+
+    options = ["--steps", "3", "--headless", "--cells", "40", "--representation", "volume", "--out", str(FOLDER / "blast")]
+    subprocess.run(["lamina", "live", *options], check=True, capture_output=True)
+    series, cinema = FOLDER / "series.pvd", FOLDER / "series.cdb"
+    subprocess.run(["lamina", "export", str(FOLDER / "blast"), "--out", str(series)], check=True, capture_output=True)
+    views = ["--azimuths", "4", "--elevations=-20,20", "--size", "64"]
+    subprocess.run(["lamina", "export", str(FOLDER / "blast"), "--out", str(cinema), *views], check=True, capture_output=True)
+    run = lamina.read(FOLDER / "blast/vdi")
+    for n in run.steps:
+        reader = vtk.vtkXMLImageDataReader()
+        reader.SetFileName(str(FOLDER / f"series_steps/step_{n:06}.vti"))
+        reader.Update()
+        image = reader.GetOutput()
+        array = image.GetPointData().GetArray("density")
+        values = vtk_to_numpy(array).reshape(image.GetDimensions(), order="F")
+        assert numpy.allclose(values, run[n].array, rtol=1e-5) and numpy.allclose(image.GetSpacing(), run[n].spacing)
+    assert len(lamina.read(series)) == 3
+    table = list(csv.reader((cinema / "data.csv").open()))
+    assert table[0] == ["step", "time", "phi", "theta", "FILE"] and len(table) == 1 + 3 * 4 * 2, table[:2]
+    assert all((cinema / row[4]).is_file() for row in table[1:]) and len({tuple(row[:4]) for row in table}) == len(table)
+    name = next(row[4] for row in table[1:] if (row[0], float(row[2]), float(row[3])) == ("2", 90.0, 20.0))
+    mine = numpy.rint(run[2].render(azimuth=90, elevation=20, size=64).clip(0, 1) * 255)
+    assert psnr(mine / 255, read_png(cinema / name) / 255) > 60
+    print("exports: .pvd and .vti opened by VTK, a Cinema database by its specification")
+
+
 def read_png(path):
     """Rows of an RGB8 PNG, unfiltered (PNG specification, section 9)."""
     import struct
@@ -428,4 +458,5 @@ subprocess.run([sys.executable, "-m", "lamina", "--version"], check=True, captur
 if not ONLY:
     check_reader()
     check_client()
+    check_exports()
 check_doors()

@@ -6,7 +6,7 @@ mod live;
 mod offline;
 
 pub use live::{Live, NodeOptions, Replay, Serve, StepsPerSecond, Term, Watch};
-pub use offline::{CodecArgument, Compare, Generate, LayoutArgument, Raycast, Render, Tune, View};
+pub use offline::{CodecArgument, Compare, Export, Generate, LayoutArgument, Raycast, Render, Tune, View};
 
 use crate::dims::Dims;
 use clap::{Args, Parser, Subcommand};
@@ -44,6 +44,8 @@ pub enum Command {
     Generate(Generate),
     /// Render a Volumetric Depth Image, or a reduced volume, from another angle
     Render(Render),
+    /// Write what was recorded for other tools: VTK image data, a Cinema database
+    Export(Export),
     /// Compare two pictures; the last line is `psnr_db <number>`
     Compare(Compare),
     /// Find the best parameters of a volume under a contract

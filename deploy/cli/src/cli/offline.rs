@@ -106,6 +106,29 @@ pub struct Render {
     pub view: View,
 }
 
+/// Options of `lamina export`.
+#[derive(Debug, Args)]
+pub struct Export {
+    /// A recorded step, or the folder of a recorded run
+    #[arg(value_name = "STEP|RUN")]
+    pub input: PathBuf,
+    /// A .vti file for a reduced volume, a .pvd for a run of them; a .cdb folder for a Cinema database of pictures
+    #[arg(long, value_name = "FILE.vti|FILE.pvd|DIR.cdb")]
+    pub out: PathBuf,
+    /// Of a Cinema database: cameras around the data
+    #[arg(long, default_value_t = 12, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=360))]
+    pub azimuths: u32,
+    /// Of a Cinema database: elevations of the cameras, degrees
+    #[arg(long, default_value = "0", value_name = "DEG,..", value_delimiter = ',', allow_hyphen_values = true)]
+    pub elevations: Vec<f64>,
+    /// Of a Cinema database: pixels per side of a picture
+    #[arg(long, default_value_t = 512, value_name = "PIXELS")]
+    pub size: u32,
+    /// What draws: auto (a GPU if there is a real one), cpu or gpu
+    #[arg(long, default_value_t)]
+    pub backend: Choice,
+}
+
 /// Options of `lamina compare`.
 #[derive(Debug, Args)]
 pub struct Compare {
