@@ -34,6 +34,7 @@ use overhead::Overhead;
 use pipeline::Steps;
 use std::{sync::Arc, time::Duration};
 use tokio::net::TcpListener;
+use tokio::sync::watch;
 use tonic::service::interceptor::InterceptedService;
 use tonic::transport::server::Router;
 use tonic_health::server::HealthReporter;
@@ -110,6 +111,9 @@ fn ingest(config: &Config, overhead: Arc<Overhead>) -> Ingest {
     )
 }
 
+/// How long a node that is to stop works on steps that it has admitted.
+const DRAIN: Duration = Duration::from_secs(10);
+
 /// A server that takes bricks in, and its health.
 async fn router(ingest: Arc<Ingest>) -> (Router, HealthReporter) {
     type Service = v1::ingest_server::IngestServer<IngestService>;
@@ -147,7 +151,23 @@ async fn run_pipeline(
         overhead,
         publisher: publisher.clone(),
     }));
-    let pipeline = tokio::spawn(pipeline::run(steps, node.clone(), config.reference_every, config.live_batches));
+    let (stop, stopped) = watch::channel(false);
+    let pipeline = pipeline::run(steps, node.clone(), config.reference_every, config.live_batches, stopped);
+    let pipeline = tokio::spawn(pipeline);
+    let drained = {
+        let ingest = ingest.clone();
+        async move {
+            shutdown.await;
+            // What was admitted is shown; nothing new is.
+            ingest.stop();
+            stop.send_replace(true);
+            let aborted = pipeline.abort_handle();
+            if tokio::time::timeout(DRAIN, pipeline).await.is_err() {
+                tracing::warn!("steps were left that took longer than {DRAIN:?}");
+                aborted.abort();
+            }
+        }
+    };
 
     type Frames = v1::frames_server::FramesServer<publish::FramesService>;
     type Control = v1::control_server::ControlServer<control::ControlService>;
@@ -162,9 +182,7 @@ async fn run_pipeline(
         ))
         .add_service(Control::with_interceptor(control::ControlService(node), AllowRoles(&[Role::Tuner])));
     tracing::info!(address = %listener.local_addr().map_or_else(|_| config.listen.to_string(), |a| a.to_string()), "generator-node listens");
-    let served = serve(router, listener, access, shutdown).await;
-    pipeline.abort();
-    served
+    serve(router, listener, access, Box::pin(drained)).await
 }
 
 /// Lets simulations on this host share memory with the node, if the configuration and the system allow it.

@@ -12,6 +12,7 @@ use lamina_model::{GenerationParams, Grid, Invalid, RunInfo, Scene, StepReport};
 use lamina_raycast::Field;
 use parking_lot::Mutex;
 use std::sync::Arc;
+use tokio::sync::watch;
 
 /// The pipeline's own memory from step to step.
 struct Pipeline {
@@ -74,13 +75,23 @@ impl Arrived {
     }
 }
 
-/// Turns steps into frames for ever.
-pub(crate) async fn run(steps: Steps, node: Arc<NodeState>, reference_every: u64, live_batches: u32) {
+/// Turns steps into frames, until `stop` is true and none is left.
+pub(crate) async fn run(
+    steps: Steps,
+    node: Arc<NodeState>,
+    reference_every: u64,
+    live_batches: u32,
+    mut stop: watch::Receiver<bool>,
+) {
     let pipeline =
         Pipeline { node: node.clone(), reference_every, live_batches, run: None, start: None, rung: Rung::default() };
     let pipeline = Arc::new(Mutex::new(pipeline));
     loop {
-        steps.wait().await;
+        tokio::select! {
+            biased;
+            () = steps.wait() => {}
+            _ = stop.wait_for(|stop| *stop) => return,
+        }
         let permit = node.share.acquire(Priority::LiveStep).await;
         // By now a newer one may be there.
         let Some(step) = steps.take() else { continue };

@@ -1,6 +1,7 @@
 //! Intake: live steps into the store as they arrive, the newest of them decoded and measured as processor time allows; trials to
 //! where they are measured when asked for.
 
+use crate::histogram::Histogram;
 use crate::store::{Run, StepRow, Store, StoreError};
 use crate::trials::{Arrived, ArrivedTrial, ShownTrials};
 use lamina_codec::DecodeLimits;
@@ -20,7 +21,6 @@ use tonic::Status;
 const REFERENCES: usize = 8;
 
 /// Counters for `/metrics`.
-#[derive(Default)]
 pub(crate) struct Counters {
     /// Live frames recorded.
     pub frames: AtomicU64,
@@ -34,6 +34,35 @@ pub(crate) struct Counters {
     pub connections: AtomicU64,
     /// Live steps whose quality was not measured for want of processor time.
     pub unmeasured: AtomicU64,
+    /// Encoded bytes of live steps.
+    pub size_bytes: Histogram,
+    /// Generation times of live steps, seconds.
+    pub generation_secs: Histogram,
+    /// Encoding times of live steps, seconds.
+    pub encode_secs: Histogram,
+    /// Quality of measured live steps, decibels.
+    pub psnr_db: Histogram,
+}
+
+/// A factor of two or so apart, from a millisecond to a minute.
+const SECONDS: [f64; 14] = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 15.0, 60.0];
+
+impl Default for Counters {
+    fn default() -> Self {
+        let zero = || AtomicU64::new(0);
+        Self {
+            frames: zero(),
+            frame_bytes: zero(),
+            trials: zero(),
+            refused: zero(),
+            connections: zero(),
+            unmeasured: zero(),
+            size_bytes: Histogram::new(&[1e4, 2e4, 5e4, 1e5, 2e5, 5e5, 1e6, 2e6, 5e6, 1e7, 1e8]),
+            generation_secs: Histogram::new(&SECONDS),
+            encode_secs: Histogram::new(&SECONDS),
+            psnr_db: Histogram::new(&[20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 60.0, 70.0, 80.0, 100.0]),
+        }
+    }
 }
 
 /// Recorded, and to be decoded and measured.
@@ -172,6 +201,9 @@ impl Intake {
         let step = frame.step;
         let reference = find(&self.live_references, frame);
         let (row, bytes) = (StepRow::live(frame, reference.is_some()), payload.len() as u64);
+        self.counters.size_bytes.observe(bytes as f64);
+        self.counters.generation_secs.observe(row.generation_ms / 1e3);
+        self.counters.encode_secs.observe(row.encode_ms / 1e3);
         self.store.record(row, payload)?;
         self.counters.frames.fetch_add(1, Ordering::Relaxed);
         self.counters.frame_bytes.fetch_add(bytes, Ordering::Relaxed);
@@ -217,6 +249,7 @@ impl Intake {
             match permit.run(Activity::Measure, measure).await {
                 Ok(Ok(estimate)) => {
                     tracing::info!(step, psnr_db = estimate.quality.psnr_db(), "measured");
+                    self.counters.psnr_db.observe(estimate.quality.psnr_db());
                     self.log(self.store.measured(step, &estimate).map_err(|e| e.to_string()));
                 }
                 Ok(Err(error)) => self.log(Err(format!("step {step}: {error}"))),

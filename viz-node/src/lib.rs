@@ -4,6 +4,7 @@
 //! reduced volumes.
 
 pub mod config;
+mod histogram;
 mod intake;
 mod negotiation;
 pub mod painter;
@@ -83,6 +84,7 @@ pub async fn run(
         steering: steering.clone(),
         connected: connected.clone(),
         refusals: refusals.clone(),
+        access: access.clone(),
     };
     tracing::info!(%address, "viz-node listens");
     // An address that means "any" is completed by the generator-node.

@@ -21,7 +21,7 @@ fn main() -> std::process::ExitCode {
         Command::Compare(arguments) => offline::compare(&arguments),
         Command::Tune(arguments) => tune::tune(&arguments),
         Command::Keys(arguments) => keys::keys(&arguments),
-        Command::Doctor => doctor::doctor(),
+        Command::Doctor(arguments) => doctor::doctor(&arguments),
     };
     lamina_rpc::daemon::exit_code(outcome)
 }

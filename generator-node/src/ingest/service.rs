@@ -12,6 +12,7 @@ use lamina_shared_memory::{KEPT_SLOTS, Rings, SharedBytes};
 use parking_lot::{Mutex, MutexGuard};
 use std::pin::Pin;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tokio::sync::{Notify, mpsc};
 use tonic::{Code, Request, Response, Status, Streaming};
@@ -27,6 +28,8 @@ pub struct Ingest {
     ready: Notify,
     shared: Option<SharedMemory>,
     steering: Arc<SteeringRelay>,
+    /// No brick is taken any more.
+    stopping: AtomicBool,
     /// Members of the group that this node is of, and, of its root, the door to them.
     members: u32,
     door: Option<Arc<dyn AssignMember>>,
@@ -66,6 +69,7 @@ impl Ingest {
             ready: Notify::new(),
             shared,
             steering: Arc::default(),
+            stopping: AtomicBool::new(false),
             members: 1,
             door: None,
         }
@@ -75,6 +79,11 @@ impl Ingest {
     #[must_use]
     pub(crate) fn of_group(self, members: u32, door: Option<Arc<dyn AssignMember>>) -> Self {
         Self { members, door, ..self }
+    }
+
+    /// Takes no more bricks: what is whole is worked off before the node ends.
+    pub(crate) fn stop(&self) {
+        self.stopping.store(true, Ordering::Relaxed);
     }
 
     /// What viz-nodes ask the simulation for.
@@ -181,6 +190,9 @@ async fn take_brick(
     let Some(v1::PushPart { part: Some(Part::Header(header)) }) = parts.message().await? else {
         return Err(Status::invalid_argument("push: the first message must be a brick header"));
     };
+    if ingest.stopping.load(Ordering::Relaxed) {
+        return Err(Status::unavailable("this generator-node is stopping"));
+    }
     let admitted = tokio::select! {
         admitted = ingest.admit(&header) => admitted?,
         () = answers.closed() => return Ok(()),

@@ -1,6 +1,7 @@
 //! Connections to nodes: addresses, credentials, keep-alive, and the cause of a failure.
 
 use crate::credentials::{CREDENTIALS_VARIABLE, Credentials, Role};
+use crate::protocol::user_agent;
 use lamina_model::Invalid;
 use std::fmt;
 use std::time::Duration;
@@ -58,7 +59,7 @@ pub fn endpoint(address: &str, server: Role, credentials: Option<&Credentials>) 
     let invalid = |reason: String| Invalid::new("address", reason);
     let secure = NodeAddress::read("address", address)?.secure;
     let endpoint = Endpoint::from_shared(address.to_owned()).map_err(|e| invalid(e.to_string()))?;
-    let endpoint = endpoint.tcp_nodelay(true);
+    let endpoint = endpoint.user_agent(user_agent()).map_err(|e| invalid(e.to_string()))?.tcp_nodelay(true);
     if !secure {
         return Ok(endpoint);
     }

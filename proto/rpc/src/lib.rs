@@ -7,6 +7,7 @@ pub mod credentials;
 #[cfg(feature = "daemon")]
 pub mod daemon;
 pub mod launcher;
+pub mod protocol;
 pub mod reference;
 pub mod steering;
 

@@ -138,6 +138,7 @@ const MESSAGE_FILES: &[&str] = &[
     "viz-node/src/web/requests.rs",
     "tuner/src/control_loop.rs",
     "tuner/src/provisional.rs",
+    "deploy/cli/src/doctor/cluster.rs",
     "deploy/cli/src/nodes.rs",
     "deploy/cli/src/run_folder.rs",
 ];

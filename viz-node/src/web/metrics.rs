@@ -7,6 +7,7 @@ use axum::response::IntoResponse;
 use lamina_compute::{Activity, Priority, Usage};
 use std::fmt::Write;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::UNIX_EPOCH;
 
 /// All figures of this viz-node.
 pub(super) async fn metrics(State(web): State<Web>) -> impl IntoResponse {
@@ -59,6 +60,14 @@ pub(super) async fn metrics(State(web): State<Web>) -> impl IntoResponse {
             say("psnr_db", "gauge", "Pooled PSNR of the newest step.", psnr_db.into());
         }
     }
+    if let Some(end) = web.access.certificate_end().and_then(|end| end.duration_since(UNIX_EPOCH).ok()) {
+        let help = "When the node's certificate expires.";
+        say("certificate_expiry_timestamp_seconds", "gauge", help, end.as_secs_f64());
+    }
+    c.size_bytes.write(&mut text, "step_size_bytes", "Encoded bytes of recorded steps.");
+    c.generation_secs.write(&mut text, "step_generation_seconds", "Generation times of recorded steps.");
+    c.encode_secs.write(&mut text, "step_encode_seconds", "Encoding times of recorded steps.");
+    c.psnr_db.write(&mut text, "step_psnr_db", "Pooled PSNR of measured steps.");
     say_usage(&mut text, &share.usage());
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text.replace(" inf\n", " +Inf\n"))
 }

@@ -25,6 +25,7 @@ use futures::{Stream, StreamExt};
 use guard::Rights;
 use lamina_compute::{Activity, Priority};
 use lamina_model::{ControlPoint, Steerable, TransferFunction};
+use lamina_rpc::daemon::Access;
 use lamina_vdi_render::Detail;
 use serde::{Deserialize, Serialize};
 use serve::Refusals;
@@ -44,6 +45,8 @@ pub(crate) struct Web {
     /// The subscription to live steps stands.
     pub connected: Arc<AtomicBool>,
     pub refusals: Arc<Refusals>,
+    /// Who may connect, by which certificate.
+    pub access: Access,
 }
 
 impl Web {
@@ -116,8 +119,21 @@ impl From<StudyStatus> for StudyState {
     }
 }
 
+/// Most steps that a page is given when it opens: what a plot can show, and a few megabytes.
+const SHOWN_STEPS: usize = 8192;
+
+/// Of many steps the newest half of [`SHOWN_STEPS`], and of those before evenly as many.
+fn thinned<T>(rows: Vec<T>) -> Vec<T> {
+    if rows.len() <= SHOWN_STEPS {
+        return rows;
+    }
+    let older = rows.len() - SHOWN_STEPS / 2;
+    let every = older.div_ceil(SHOWN_STEPS / 2);
+    rows.into_iter().enumerate().filter(|(n, _)| *n >= older || n.is_multiple_of(every)).map(|(_, row)| row).collect()
+}
+
 async fn state(State(web): State<Web>, Extension(rights): Extension<Rights>) -> Json<PageState> {
-    let steps = web.store.rows();
+    let steps = thinned(web.store.rows());
     let last = steps.last();
     let limit =
         ShownLimit { size_bytes: last.and_then(|r| r.size_limit_bytes), time_ms: last.and_then(|r| r.time_limit_ms) };
@@ -279,5 +295,23 @@ async fn image(State(web): State<Web>, Query(query): Query<ImageQuery>) -> Respo
         Ok(Err(PaintError::Invalid(e))) => (StatusCode::BAD_REQUEST, e.to_string()).into_response(),
         Ok(Err(PaintError::Store(e))) => (StatusCode::NOT_FOUND, e.to_string()).into_response(),
         Err(e) => (StatusCode::INTERNAL_SERVER_ERROR, e.to_string()).into_response(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_many_steps_a_page_is_given_the_newest_and_some_of_each_time_before() {
+        assert_eq!(thinned((0..SHOWN_STEPS).collect::<Vec<_>>()).len(), SHOWN_STEPS);
+        for count in [SHOWN_STEPS + 1, 20_000, 1_000_000] {
+            let shown = thinned((0..count).collect::<Vec<_>>());
+            assert!(shown.len() <= SHOWN_STEPS, "{} of {count}", shown.len());
+            assert_eq!(shown[0], 0);
+            assert!(shown.iter().rev().zip((0..count).rev()).take(SHOWN_STEPS / 2).all(|(a, b)| *a == b));
+            let gaps: Vec<usize> = shown.windows(2).map(|w| w[1] - w[0]).collect();
+            assert!(gaps.iter().all(|gap| *gap <= count.div_ceil(SHOWN_STEPS / 2)), "{count}");
+        }
     }
 }

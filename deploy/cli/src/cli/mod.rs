@@ -15,6 +15,7 @@ use lamina_model::VoxelType;
 use lamina_rpc::credentials::Role;
 use std::ffi::OsString;
 use std::path::PathBuf;
+use std::str::FromStr;
 
 /// Watch a running simulation at a price you name.
 ///
@@ -52,8 +53,8 @@ pub enum Command {
     Tune(Tune),
     /// Make the keys with which nodes and simulations know each other
     Keys(Keys),
-    /// Say what this machine offers
-    Doctor,
+    /// Say what this machine offers, or what is amiss between it and the nodes of a cluster
+    Doctor(Doctor),
 }
 
 impl Default for Command {
@@ -83,6 +84,33 @@ pub struct Keys {
     /// A name or address by which browsers reach the page, besides this host's; may be given again
     #[arg(long, value_name = "HOST")]
     pub host: Vec<String>,
+}
+
+/// Options of `lamina doctor`.
+#[derive(Debug, Args)]
+pub struct Doctor {
+    /// Nodes to reach from here, such as generator=https://node-17:7101,viewer=https://head:7102
+    #[arg(long, value_name = "ROLE=URL,..", value_delimiter = ',')]
+    pub cluster: Vec<ClusterNode>,
+    /// Folder of keys to show them; default: where LAMINA_CREDENTIALS says
+    #[arg(long, value_name = "DIR", requires = "cluster")]
+    pub credentials: Option<PathBuf>,
+}
+
+/// A node, and what it is to be.
+#[derive(Debug, Clone)]
+pub struct ClusterNode {
+    pub role: Role,
+    pub address: String,
+}
+
+impl FromStr for ClusterNode {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (role, address) = text.split_once('=').ok_or("write ROLE=URL, such as generator=http://node-17:7101")?;
+        Ok(Self { role: role.parse().map_err(|e| format!("{e}"))?, address: address.to_owned() })
+    }
 }
 
 /// What the Python package is given.

@@ -4,9 +4,11 @@ use super::NodeError;
 use super::server_tls::ServerTls;
 use crate::connect::{NodeAddress, host_name};
 use crate::credentials::{Credentials, Role};
+use crate::protocol::check_user_agent;
 use std::net::{IpAddr, SocketAddr};
 use std::path::Path;
 use std::sync::Arc;
+use std::time::SystemTime;
 use tonic::{Request, Status};
 
 /// Whom a node lets in.
@@ -40,6 +42,14 @@ impl Access {
             return Ok((Self::Anybody, None));
         }
         if address.ip().is_loopback() { Ok((Self::SameUser, None)) } else { Err(NodeError::Open { address }) }
+    }
+
+    /// When the node's certificate expires, if it has one.
+    pub fn certificate_end(&self) -> Option<SystemTime> {
+        match self {
+            Self::Certificates(tls) => Some(tls.valid_until()),
+            Self::SameUser | Self::Anybody => None,
+        }
     }
 
     /// Whether connections are secured by TLS.
@@ -101,7 +111,7 @@ impl Peer {
     }
 }
 
-/// Refuses calls of peers that none of its roles allows.
+/// Refuses calls of peers that none of its roles allows, or that speak another version of the contracts.
 #[derive(Debug, Clone, Copy)]
 pub struct AllowRoles(pub &'static [Role]);
 
@@ -109,6 +119,8 @@ impl tonic::service::Interceptor for AllowRoles {
     fn call(&mut self, request: Request<()>) -> Result<Request<()>, Status> {
         let peer = peer_of(&request).ok_or_else(|| Status::internal("a connection of unknown origin"))?;
         peer.check(self.0).map_err(Status::permission_denied)?;
+        let agent = request.metadata().get("user-agent").and_then(|agent| agent.to_str().ok()).unwrap_or_default();
+        check_user_agent(agent).map_err(Status::failed_precondition)?;
         Ok(request)
     }
 }

@@ -95,6 +95,9 @@ impl Connections {
     }
 }
 
+/// Threads that look up whose connections are.
+static LOOKUPS: Semaphore = Semaphore::const_new(4);
+
 /// Finds out who is there.
 async fn enter(stream: TcpStream, address: SocketAddr, access: &Access) -> io::Result<(Stream, Peer)> {
     let peer = |identity| Peer { address, identity };
@@ -102,6 +105,8 @@ async fn enter(stream: TcpStream, address: SocketAddr, access: &Access) -> io::R
         Access::Anybody => Ok((Stream::Plain(stream), peer(Identity::Trusted))),
         Access::SameUser => {
             let local = stream.local_addr()?;
+            // However many come at once: each reads the table on a thread.
+            let _turn = LOOKUPS.acquire().await.map_err(io::Error::other)?;
             let identity = tokio::task::spawn_blocking(move || local_identity(address, local)).await?;
             Ok((Stream::Plain(stream), peer(identity)))
         }

@@ -20,7 +20,14 @@ const NOTICE: Duration = Duration::from_secs(30 * 24 * 3600);
 /// A node's credentials as they were last read. New files are taken up by the next connection.
 pub struct ServerTls {
     credentials: Credentials,
-    current: Mutex<(Option<SystemTime>, Arc<ServerConfig>)>,
+    current: Mutex<Current>,
+}
+
+/// What was read, and when its files were written.
+struct Current {
+    written: Option<SystemTime>,
+    config: Arc<ServerConfig>,
+    valid_until: SystemTime,
 }
 
 impl fmt::Debug for ServerTls {
@@ -35,7 +42,8 @@ impl ServerTls {
     /// # Errors
     /// If they cannot be used, or the certificate has expired.
     pub(super) fn open(credentials: Credentials) -> Result<Self, CredentialsError> {
-        let current = (changed_at(&credentials), Arc::new(load(&credentials)?));
+        let (config, valid_until) = load(&credentials)?;
+        let current = Current { written: changed_at(&credentials), config: Arc::new(config), valid_until };
         Ok(Self { credentials, current: Mutex::new(current) })
     }
 
@@ -43,18 +51,24 @@ impl ServerTls {
     pub(super) fn config(&self) -> Arc<ServerConfig> {
         let mut current = self.current.lock();
         let changed = changed_at(&self.credentials);
-        if changed != current.0 {
+        if changed != current.written {
             match load(&self.credentials) {
-                Ok(config) => {
+                Ok((config, valid_until)) => {
                     tracing::info!(folder = %self.credentials.folder().display(), "new credentials");
-                    current.1 = Arc::new(config);
+                    current.config = Arc::new(config);
+                    current.valid_until = valid_until;
                 }
                 // Its authority may not be there yet.
                 Err(error) => tracing::warn!("{error}; the ones before stay in use"),
             }
-            current.0 = changed;
+            current.written = changed;
         }
-        current.1.clone()
+        current.config.clone()
+    }
+
+    /// When the node's certificate expires.
+    pub(super) fn valid_until(&self) -> SystemTime {
+        self.current.lock().valid_until
     }
 }
 
@@ -64,11 +78,11 @@ fn changed_at(credentials: &Credentials) -> Option<SystemTime> {
 }
 
 /// Certificates of peers are asked for and checked, not demanded: which service needs one says [`super::AllowRoles`].
-fn load(credentials: &Credentials) -> Result<ServerConfig, CredentialsError> {
+fn load(credentials: &Credentials) -> Result<(ServerConfig, SystemTime), CredentialsError> {
     let Files { authority, certificate, key } = credentials.read()?;
     let path = |name: &str| credentials.folder().join(name);
     let chain = certificates(&path("cert.pem"), &certificate)?;
-    check_validity(&path("cert.pem"), &chain)?;
+    let valid_until = check_validity(&path("cert.pem"), &chain)?;
     let key = PrivateKeyDer::from_pem_slice(&key).map_err(|e| CredentialsError::new(&path("key.pem"), e))?;
     let mut roots = RootCertStore::empty();
     roots.add_parsable_certificates(certificates(&path("ca.pem"), &authority)?);
@@ -85,7 +99,7 @@ fn load(credentials: &Credentials) -> Result<ServerConfig, CredentialsError> {
         .with_single_cert(chain, key)
         .map_err(|e| failed(&e))?;
     config.alpn_protocols = vec![b"h2".to_vec(), b"http/1.1".to_vec()];
-    Ok(config)
+    Ok((config, valid_until))
 }
 
 fn certificates(path: &Path, pem: &[u8]) -> Result<Vec<CertificateDer<'static>>, CredentialsError> {
@@ -97,8 +111,8 @@ fn certificates(path: &Path, pem: &[u8]) -> Result<Vec<CertificateDer<'static>>,
     Ok(certificates)
 }
 
-/// Refuses a certificate that has expired, and warns of one that soon will have.
-fn check_validity(path: &Path, chain: &[CertificateDer]) -> Result<(), CredentialsError> {
+/// Refuses a certificate that has expired, and warns of one that soon will have; its end.
+fn check_validity(path: &Path, chain: &[CertificateDer]) -> Result<SystemTime, CredentialsError> {
     let end = chain.first().and_then(|first| valid_until(first));
     let end = end.ok_or_else(|| CredentialsError::new(path, "states no time until which it is valid"))?;
     match end.duration_since(SystemTime::now()) {
@@ -109,7 +123,7 @@ fn check_validity(path: &Path, chain: &[CertificateDer]) -> Result<(), Credentia
         }
         Ok(_) => {}
     }
-    Ok(())
+    Ok(end)
 }
 
 /// The end of a certificate's validity (RFC 5280, section 4.1).

@@ -1,12 +1,18 @@
-//! `lamina doctor`: what this machine offers.
+//! `lamina doctor`: what this machine offers, and what it reaches.
 
+mod cluster;
+
+use crate::cli;
 use std::net::{Ipv4Addr, TcpListener};
 
 /// Ports that the nodes use by default.
 const PORTS: [(u16, &str); 3] = [(7101, "generator-node"), (7102, "viz-node and viewer"), (7103, "tuner")];
 
 /// Prints one line a finding.
-pub fn doctor() -> anyhow::Result<()> {
+pub fn doctor(arguments: &cli::Doctor) -> anyhow::Result<()> {
+    if !arguments.cluster.is_empty() {
+        return cluster::check(&arguments.cluster, arguments.credentials.as_deref());
+    }
     say!("lamina     {}", env!("CARGO_PKG_VERSION"));
     say!("cores      {}", std::thread::available_parallelism().map_or(1, usize::from));
     say!("vectors    {}", vector_units());
