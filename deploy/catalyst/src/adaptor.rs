@@ -1,8 +1,8 @@
 //! A run: opened at the first step, when the domains of all ranks are known.
 
-use crate::conduit::{Array, Element, Node};
+use crate::conduit::{Element, Node, NodeArray};
 use crate::mesh::{self, Domain, Values};
-use crate::options::Options;
+use crate::options::CatalystOptions;
 use crate::partition::{IndexBox, disjoint};
 use crate::ranks::Ranks;
 use glam::DVec3;
@@ -14,9 +14,9 @@ const ON_LATTICE: f64 = 1e-2;
 
 /// The simulation as Catalyst sees it.
 pub(crate) struct Adaptor {
-    options: Options,
+    options: CatalystOptions,
     ranks: Ranks,
-    run: Option<Run>,
+    run: Option<OpenRun>,
     /// The ranks know each other's domains: there is no second collective call.
     gathered: bool,
     /// Calls of `catalyst_execute`, which number steps that have no number.
@@ -29,7 +29,7 @@ pub(crate) struct Adaptor {
 }
 
 /// An open run.
-struct Run {
+struct OpenRun {
     client: Client,
     field: String,
     origin: [f64; 3],
@@ -42,7 +42,7 @@ struct Run {
 impl Adaptor {
     /// By the parameters of `catalyst_initialize`.
     pub(crate) fn new(params: &Node) -> Result<Self, String> {
-        let (options, ranks) = (Options::read(params), Ranks::of(params)?);
+        let (options, ranks) = (CatalystOptions::read(params), Ranks::of(params)?);
         let numbers = options.steering.iter().flatten().map(|number| (number.name.clone(), number.value)).collect();
         Ok(Self { options, ranks, run: None, gathered: false, calls: 0, lost: 0, paused: false, stop: false, numbers })
     }
@@ -122,7 +122,7 @@ impl Adaptor {
         run.deadline = self.options.deadline.unwrap_or(run.deadline);
         let client = Client::connect(run).map_err(|e| e.to_string())?;
         let parts = (boxes != shares).then_some(parts);
-        self.run = Some(Run { client, field, origin, spacing, parts, voxel_type });
+        self.run = Some(OpenRun { client, field, origin, spacing, parts, voxel_type });
         Ok(())
     }
 
@@ -157,7 +157,7 @@ impl Adaptor {
     }
 }
 
-impl Run {
+impl OpenRun {
     fn push(&mut self, step: u64, time: f64, domains: &[Domain]) -> Result<(), String> {
         let mut bricks = Vec::new();
         let converted: Vec<Option<Vec<f64>>> = domains.iter().map(|d| converted(d, self.voxel_type)).collect();
@@ -240,7 +240,7 @@ fn voxels<'a>(
 }
 
 /// `len` elements in memory from number `start` on: the mesh has checked that they lie within what Conduit says is there.
-fn slice<'a>(array: &Array, start: usize, len: usize) -> VoxelSlice<'a> {
+fn slice<'a>(array: &NodeArray, start: usize, len: usize) -> VoxelSlice<'a> {
     /// The same of one type.
     macro_rules! of {
         ($variant:ident, $scalar:ty) => {{

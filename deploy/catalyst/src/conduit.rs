@@ -63,7 +63,7 @@ const CHAR8_STR: i64 = 13;
 
 /// Numbers in the simulation's memory.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Array {
+pub(crate) struct NodeArray {
     pub(crate) element: Element,
     pub(crate) first: *const u8,
     pub(crate) len: usize,
@@ -71,7 +71,7 @@ pub(crate) struct Array {
     pub(crate) stride_bytes: usize,
 }
 
-impl Array {
+impl NodeArray {
     /// Element `n`; none beyond the last.
     pub(crate) fn get(&self, n: usize) -> Option<f64> {
         if n >= self.len {
@@ -216,7 +216,7 @@ impl Node {
     }
 
     /// The numbers it holds.
-    pub(crate) fn array(&self) -> Option<Array> {
+    pub(crate) fn array(&self) -> Option<NodeArray> {
         // SAFETY: as in `at`.
         let (id, len, stride) = unsafe {
             let dtype = (self.conduit.dtype)(self.node);
@@ -227,7 +227,7 @@ impl Node {
         let stride_bytes = usize::try_from(stride).ok()?;
         // SAFETY: as in `at`; there is a first element.
         let first = unsafe { (self.conduit.element_ptr)(self.node, 0) }.cast::<u8>();
-        (!first.is_null()).then_some(Array { element, first, len, stride_bytes })
+        (!first.is_null()).then_some(NodeArray { element, first, len, stride_bytes })
     }
 
     /// The number at `path`.

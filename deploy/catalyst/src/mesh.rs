@@ -2,7 +2,7 @@
 //!
 //! A field's values are x fastest, as Blueprint has them, any stride apart; offsets and strides of a field amid ghosts are taken.
 
-use crate::conduit::{Array, Element, Node};
+use crate::conduit::{Element, Node, NodeArray};
 
 /// A field's values on one domain.
 #[derive(Debug)]
@@ -19,7 +19,7 @@ pub(crate) struct Domain {
 #[derive(Debug)]
 pub(crate) enum Values {
     /// In the simulation's memory, elements from one neighbor to the next.
-    InPlace { array: Array, first: usize, strides: [usize; 3] },
+    InPlace { array: NodeArray, first: usize, strides: [usize; 3] },
     /// Resampled, x fastest.
     Resampled(Vec<f64>),
 }
@@ -118,14 +118,14 @@ fn domain(mesh: &Node, name: &str, wanted: Option<&str>) -> Result<(Domain, Stri
 }
 
 /// A grid without values.
-struct Lattice {
+struct SamplePoints {
     origin: [f64; 3],
     spacing: [f64; 3],
     dims: [usize; 3],
 }
 
-impl Lattice {
-    fn with(self, field: &Node, array: Array, name: &str) -> Result<Domain, String> {
+impl SamplePoints {
+    fn with(self, field: &Node, array: NodeArray, name: &str) -> Result<Domain, String> {
         let Self { origin, spacing, dims } = self;
         let three = |path: &str| -> Option<[usize; 3]> {
             let numbers = field.at(path)?.array()?;
@@ -153,7 +153,7 @@ impl Lattice {
 }
 
 /// Sample points of `points` vertices per axis, or of the cells between them.
-fn sampled(mut lattice: Lattice, of_cells: bool, name: &str) -> Result<Lattice, String> {
+fn sampled(mut lattice: SamplePoints, of_cells: bool, name: &str) -> Result<SamplePoints, String> {
     if of_cells {
         for axis in 0..3 {
             lattice.dims[axis] = lattice.dims[axis].saturating_sub(1);
@@ -162,13 +162,13 @@ fn sampled(mut lattice: Lattice, of_cells: bool, name: &str) -> Result<Lattice, 
     }
     let finite = lattice.origin.iter().chain(&lattice.spacing).all(|v| v.is_finite());
     if lattice.dims.contains(&0) || !finite || lattice.spacing.iter().any(|s| *s <= 0.0) {
-        let Lattice { origin, spacing, dims } = lattice;
+        let SamplePoints { origin, spacing, dims } = lattice;
         return Err(format!("{name}: {dims:?} sample points, {spacing:?} apart, from {origin:?} are no volume"));
     }
     Ok(lattice)
 }
 
-fn uniform(coordset: &Node, of_cells: bool, name: &str) -> Result<Lattice, String> {
+fn uniform(coordset: &Node, of_cells: bool, name: &str) -> Result<SamplePoints, String> {
     let mut dims = [0; 3];
     for (axis, index) in ["i", "j", "k"].into_iter().enumerate() {
         let points = coordset.number(&format!("dims/{index}"));
@@ -177,10 +177,10 @@ fn uniform(coordset: &Node, of_cells: bool, name: &str) -> Result<Lattice, Strin
     }
     let origin = AXES.map(|axis| coordset.number(&format!("origin/{axis}")).unwrap_or(0.0));
     let spacing = AXES.map(|axis| coordset.number(&format!("spacing/d{axis}")).unwrap_or(1.0));
-    sampled(Lattice { origin, spacing, dims }, of_cells, name)
+    sampled(SamplePoints { origin, spacing, dims }, of_cells, name)
 }
 
-fn rectilinear(coordset: &Node, of_cells: bool, array: Array, field: &Node, name: &str) -> Result<Domain, String> {
+fn rectilinear(coordset: &Node, of_cells: bool, array: NodeArray, field: &Node, name: &str) -> Result<Domain, String> {
     let mut points: Vec<Vec<f64>> = Vec::new();
     for axis in AXES {
         let numbers = coordset.at(&format!("values/{axis}")).and_then(|n| n.array());
@@ -196,7 +196,8 @@ fn rectilinear(coordset: &Node, of_cells: bool, array: Array, field: &Node, name
         let (first, last) = ends(axis);
         if dims[axis] > 1 { (last - first) / (dims[axis] - 1) as f64 } else { 1.0 }
     });
-    let lattice = sampled(Lattice { origin: std::array::from_fn(|axis| ends(axis).0), spacing, dims }, false, name)?;
+    let lattice =
+        sampled(SamplePoints { origin: std::array::from_fn(|axis| ends(axis).0), spacing, dims }, false, name)?;
     let ascend = points.iter().all(|p| p.windows(2).all(|w| w[0] < w[1]));
     if !ascend {
         return Err(format!("{name}: coordinates do not ascend"));

@@ -5,9 +5,9 @@ use lamina_model::SteerableNumber;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Options; none has to be stated.
+/// CatalystOptions; none has to be stated.
 #[derive(Debug)]
-pub(crate) struct Options {
+pub(crate) struct CatalystOptions {
     /// The generator-node: `generator`, LAMINA_GENERATOR.
     pub(crate) generator: String,
     /// The run's name: `name`, LAMINA_NAME; else the program's.
@@ -24,7 +24,7 @@ pub(crate) struct Options {
     pub(crate) steering: Option<Vec<SteerableNumber>>,
 }
 
-impl Options {
+impl CatalystOptions {
     /// Those that `params` of `catalyst_initialize` and the environment state.
     pub(crate) fn read(params: &Node) -> Self {
         let stated = params.at("catalyst/lamina");

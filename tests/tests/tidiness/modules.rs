@@ -16,7 +16,7 @@ struct SourceFile {
 struct CrateModules(BTreeMap<ModulePath, SourceFile>);
 
 /// Crates of the product, tests aside.
-const CRATES: [&str; 16] = [
+const CRATES: [&str; 18] = [
     "proto/model",
     "proto/message",
     "proto/codec",
@@ -33,6 +33,8 @@ const CRATES: [&str; 16] = [
     "deploy/report",
     "deploy/volume-io",
     "deploy/blast",
+    "deploy/catalyst",
+    "deploy/python/native",
 ];
 
 /// Names that several crates give to their own part of one thing: the configuration and the arguments of each daemon, the levels

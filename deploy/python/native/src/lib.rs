@@ -4,7 +4,7 @@
 
 mod opened;
 
-use opened::{Opened, Request};
+use opened::{OpenedFile, Request};
 use std::cell::RefCell;
 use std::error::Error;
 use std::ffi::{CStr, CString, c_char};
@@ -36,12 +36,12 @@ pub extern "C" fn lamina_read_error() -> *const c_char {
 /// # Safety
 /// `request` ends with a zero; `opened` may be written.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lamina_read_open(request: *const c_char, opened: *mut *mut Opened) -> i32 {
+pub unsafe extern "C" fn lamina_read_open(request: *const c_char, opened: *mut *mut OpenedFile) -> i32 {
     guarded(|| {
         // SAFETY: by the function's own condition.
         let request = unsafe { CStr::from_ptr(request) };
         let request: Request = serde_json::from_slice(request.to_bytes())?;
-        let file = Box::new(Opened::open(&request)?);
+        let file = Box::new(OpenedFile::open(&request)?);
         // SAFETY: by the function's own condition.
         unsafe { *opened = Box::into_raw(file) };
         Ok(())
@@ -53,7 +53,7 @@ pub unsafe extern "C" fn lamina_read_open(request: *const c_char, opened: *mut *
 /// # Safety
 /// `opened` came from [`lamina_read_open`] and is not closed.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lamina_read_description(opened: *const Opened) -> *const c_char {
+pub unsafe extern "C" fn lamina_read_description(opened: *const OpenedFile) -> *const c_char {
     // SAFETY: by the function's own condition.
     unsafe { &*opened }.description().as_ptr()
 }
@@ -64,7 +64,7 @@ pub unsafe extern "C" fn lamina_read_description(opened: *const Opened) -> *cons
 /// `opened` as above; `name` ends with a zero; `size` bytes at `to` may be written.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lamina_read_array(
-    opened: *const Opened,
+    opened: *const OpenedFile,
     name: *const c_char,
     to: *mut u8,
     size: usize,
@@ -85,7 +85,7 @@ pub unsafe extern "C" fn lamina_read_array(
 /// `opened` as above; `camera` ends with a zero; 12 x `width` x `height` bytes at `to` may be written.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lamina_read_picture(
-    opened: *mut Opened,
+    opened: *mut OpenedFile,
     camera: *const c_char,
     width: u32,
     height: u32,
@@ -133,7 +133,7 @@ pub unsafe extern "C" fn lamina_read_orbit(
 /// # Safety
 /// `opened` came from [`lamina_read_open`], and is not used again.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lamina_read_close(opened: *mut Opened) {
+pub unsafe extern "C" fn lamina_read_close(opened: *mut OpenedFile) {
     // SAFETY: by the function's own condition.
     drop(unsafe { Box::from_raw(opened) });
 }

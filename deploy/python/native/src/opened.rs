@@ -64,13 +64,13 @@ enum Content {
 
 /// The open file; prepared for drawing at its first picture.
 #[derive(Debug)]
-pub struct Opened {
+pub struct OpenedFile {
     content: Content,
     description: CString,
     drawable: Option<Drawable>,
 }
 
-impl Opened {
+impl OpenedFile {
     /// Reads and decodes.
     pub fn open(request: &Request) -> Result<Self, Box<dyn Error>> {
         let name = request.path.extension().map(|e| e.to_string_lossy().to_lowercase());

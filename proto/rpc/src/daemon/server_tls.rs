@@ -20,11 +20,11 @@ const NOTICE: Duration = Duration::from_secs(30 * 24 * 3600);
 /// A node's credentials as they were last read. New files are taken up by the next connection.
 pub struct ServerTls {
     credentials: Credentials,
-    current: Mutex<Current>,
+    current: Mutex<LoadedTls>,
 }
 
 /// What was read, and when its files were written.
-struct Current {
+struct LoadedTls {
     written: Option<SystemTime>,
     config: Arc<ServerConfig>,
     valid_until: SystemTime,
@@ -43,7 +43,7 @@ impl ServerTls {
     /// If they cannot be used, or the certificate has expired.
     pub(super) fn open(credentials: Credentials) -> Result<Self, CredentialsError> {
         let (config, valid_until) = load(&credentials)?;
-        let current = Current { written: changed_at(&credentials), config: Arc::new(config), valid_until };
+        let current = LoadedTls { written: changed_at(&credentials), config: Arc::new(config), valid_until };
         Ok(Self { credentials, current: Mutex::new(current) })
     }
 
