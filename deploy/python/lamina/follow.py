@@ -1,6 +1,6 @@
 """`lamina watch SOURCE`: what others write, pushed step by step as it appears. Nothing is linked, no code changes.
 
-    lamina watch results/                       # .vti .nrrd .raw .h5 .vtkhdf .nc .zarr .tif .npy: each file when it is finished
+    lamina watch results/                       # .vti .nrrd .raw .h5 .vtkhdf .nc .zarr .tif .npy, AMReX plotfiles: each when it is finished
     lamina watch "results/out_*.h5" --field rho # those that match
     lamina watch sim.zarr                       # a store whose time axis grows
     lamina watch "diag/openpmd_%T.bp"           # an openPMD series
@@ -216,6 +216,7 @@ def command(arguments: Sequence[str]) -> int:
     add("--axes", type=_axes, default="zyx", help="axes of arrays that do not say, slowest first; default: zyx")
     add("--spacing", type=_three, metavar="X,Y,Z", help="distance of neighbors, instead of the source's")
     add("--origin", type=_three, metavar="X,Y,Z", help="position of the first value, instead of the source's")
+    add("--level", type=int, metavar="N", help="level of an adaptive mesh whose cells are shown; default: the finest")
     add("--dims", type=_dims, metavar="NXxNYxNZ", help="points a side of raw files")
     add("--dtype", metavar="TYPE", help="type of raw files, such as uint8")
     add("--exit", action="store_true", help="end with the source; else the page stays")
@@ -223,7 +224,7 @@ def command(arguments: Sequence[str]) -> int:
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    options = Options(of.field, of.axes, of.spacing, of.origin, of.quiet, of.dims, of.dtype, stop.is_set)
+    options = Options(of.field, of.axes, of.spacing, of.origin, of.quiet, of.dims, of.dtype, of.level, stop.is_set)
     given = {key: getattr(of, key) for key in ("generator", "contract", "out", "viewer", "scene", "name", "steps")}
     try:
         pushed = watch(of.source, linger=not of.exit, options=options, **given)

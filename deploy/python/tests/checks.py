@@ -154,6 +154,55 @@ class Npy:
             yield
 
 
+class Amrex:
+    """Plotfiles of two levels, the finer over the whole; cells whose centers are the points."""
+
+    source, options = "amrex", ["--field", "rho"]
+
+    def write(self, folder):
+        for step in range(STEPS):
+            write_plotfile(folder / f"plt{step:05}", step)
+            yield
+
+
+def write_plotfile(path, step, first=0):
+    """As AMReX writes it (HyperCLaw-V1.1): two components, boxes of at most half the domain a side, the second level twice as fine."""
+    domains = [[n // 2 for n in DIMS], list(DIMS)]
+    low = [o - 0.5 * s for o, s in zip(ORIGIN, SPACING)]
+    high = [l + s * n for l, s, n in zip(low, SPACING, DIMS)]
+    text = lambda numbers: "(" + ",".join(str(n) for n in numbers) + ")"
+    box = lambda a, b: f"({text(a)} {text(b)} (0,0,0))"
+    fine = blob(step).astype(numpy.float64)
+    coarse = fine.reshape(domains[0][0], 2, domains[0][1], 2, domains[0][2], 2).mean((1, 3, 5))
+    lines = ["HyperCLaw-V1.1", "2", "other", "rho", "3", repr(0.5 * step), "1", " ".join(map(repr, low)), " ".join(map(repr, high)), "2"]
+    lines += [" ".join(box([0, 0, 0], [n - 1 for n in d]) for d in domains), f"{step} {step}"]
+    lines += [" ".join(repr((h - l) / n) for l, h, n in zip(low, high, d)) for d in domains] + ["0", "0"]
+    path.mkdir()
+    for level, (values, d) in enumerate(((coarse, domains[0]), (fine, domains[1]))):
+        # The finer level covers all but the first cells along x.
+        begin = first if level else 0
+        cuts = [[begin, (begin + d[0]) // 2, d[0]], [0, d[1] // 2, d[1]], [0, d[2]]]
+        found = [
+            ([cuts[0][i], cuts[1][j], cuts[2][0]], [cuts[0][i + 1] - 1, cuts[1][j + 1] - 1, cuts[2][1] - 1]) for i in range(2) for j in range(2)
+        ]
+        folder = path / f"Level_{level}"
+        folder.mkdir()
+        entries = []
+        with open(folder / "Cell_D_00000", "wb") as file:
+            for a, b in found:
+                entries.append(f"FabOnDisk: Cell_D_00000 {file.tell()}")
+                file.write(f"FAB ((8, (64 11 52 0 1 12 0 1023)),(8, (8 7 6 5 4 3 2 1))){box(a, b)} 2\n".encode())
+                part = values[tuple(slice(p, q + 1) for p, q in zip(a, b))]
+                for component in (numpy.zeros_like(part), part):
+                    file.write(component.tobytes(order="F"))
+        (folder / "Cell_H").write_text("\n".join(["1", "1", "2", "0", f"({len(found)} 0", *(box(a, b) for a, b in found), ")", str(len(found)), *entries, ""]))
+        lines += [f"{level} {len(found)} {0.5 * step!r}", str(step)]
+        for a, b in found:
+            lines += [f"{low[k] + a[k] * (high[k] - low[k]) / d[k]!r} {low[k] + (b[k] + 1) * (high[k] - low[k]) / d[k]!r}" for k in range(3)]
+        lines.append(f"Level_{level}/Cell")
+    (path / "Header").write_text("\n".join(lines) + "\n")
+
+
 class OpenPmd:
     extension, source = "h5", "openpmd_h5/data_%T.h5"
 
@@ -240,6 +289,7 @@ DOORS = {
     "zarr": Zarr,
     "tiff": Tiff,
     "npy": Npy,
+    "amrex": Amrex,
     "openpmd-h5": OpenPmd,
     "openpmd-bp": OpenPmdBp,
     "openpmd-sst": OpenPmdStream,
@@ -422,6 +472,22 @@ def read_png(path):
     return rows.reshape(height, width, 3)
 
 
+def check_levels():
+    """Where the finer level of a plotfile has no box, the coarser one's cells are repeated; a level can be named."""
+    from lamina.sources import Options, files
+
+    write_plotfile(FOLDER / "plt", 3, first=8)
+    fine = blob(3)
+    coarse = fine.astype(numpy.float64).reshape(DIMS[0] // 2, 2, DIMS[1] // 2, 2, DIMS[2] // 2, 2).mean((1, 3, 5)).astype(numpy.float32)
+    expected = fine.copy()
+    expected[:8] = coarse.repeat(2, 0).repeat(2, 1).repeat(2, 2)[:8]
+    read = files.read_file(FOLDER / "plt", Options(field="rho"))
+    assert numpy.array_equal(read.values, expected) and read.time == 1.5 and numpy.allclose(read.origin, ORIGIN)
+    read = files.read_file(FOLDER / "plt", Options(field="rho", level=0))
+    assert numpy.array_equal(read.values, coarse) and numpy.allclose(read.spacing, [2 * s for s in SPACING])
+    print("levels: a plotfile's, filled from coarser ones")
+
+
 def check_client():
     """The example of a simulation, through what is installed."""
     serve = subprocess.Popen(
@@ -457,6 +523,7 @@ assert Path(lamina.__file__).is_relative_to(sys.prefix), f"{lamina.__file__} is 
 subprocess.run([sys.executable, "-m", "lamina", "--version"], check=True, capture_output=True)
 if not ONLY:
     check_reader()
+    check_levels()
     check_client()
     check_exports()
 check_doors()

@@ -43,6 +43,8 @@ class Options:
     dims: tuple[int, int, int] | None = None
     """Of raw files, with their type."""
     dtype: str | None = None
+    level: int | None = None
+    """Of an adaptive mesh: the level whose cells are shown; the finest, if none is named."""
     stopped: Callable[[], bool] = dataclasses.field(default=lambda: False)
     """Asked while nothing is new."""
 
@@ -53,6 +55,17 @@ class NotReady(Exception):
 
 class Unfit(ValueError):
     """What was read is no step, and time will not make it one."""
+
+
+def check_size(size_bytes: int, where: str) -> None:
+    """Refuses what the memory here cannot hold before it is read: a small file may claim to be large."""
+    try:
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        free = 1024 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+    except (OSError, StopIteration, ValueError):
+        return
+    if size_bytes > free:
+        raise Unfit(f"{where}: {size_bytes / 1e9:.1f} GB, more than the {free / 1e9:.1f} GB of memory that are free; write smaller steps")
 
 
 def library(name: str, extra: str) -> Any:
@@ -108,8 +121,6 @@ def open_source(source: str, options: Options) -> Iterator[Step]:
         return adios_stream.steps(source, options)
     if growing.has_time(path):
         return growing.steps(path, options)
-    if path.is_dir() and path.suffix not in files.READERS:
-        return folder.steps(path, options)
     if path.exists() or any(path.parent.glob(path.name)):
         return folder.steps(path, options)
     raise FileNotFoundError(f"{source}: neither a file or folder nor a pattern that some match; a series of openPMD has %T in its name")

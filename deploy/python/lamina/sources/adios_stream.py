@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy
 
-from . import Options, Step, by_axes, choose, library
+from . import Options, Step, by_axes, check_size, choose, library
 
 # A writer may take so long to a step until we ask whether anybody still wants it.
 WAIT_SECS = 1.0
@@ -41,6 +42,7 @@ def _step(stream, source: str, options: Options) -> Step:
     found = stream.available_variables()
     shapes = {name: [int(n) for n in of["Shape"].split(",") if n.strip()] for name, of in found.items()}
     name = choose(sorted(name for name, shape in shapes.items() if len(shape) == 3), options.field, source)
+    check_size(8 * math.prod(shapes[name]), f"{source}: {name}")
     values = stream.read(name, start=[0, 0, 0], count=shapes[name])
     step = Step(by_axes(numpy.asarray(values), options.axes), name)
     step.number = int(stream.engine.current_step())

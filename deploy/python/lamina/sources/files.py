@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy
 
 from ..reader import Volume, read
-from . import NotReady, Options, Step, Unfit, by_axes, choose, library, uniform
+from . import NotReady, Options, Step, Unfit, by_axes, check_size, choose, library, uniform
+from .amrex import is_plotfile, plotfile
 
 
 def native(path: Path, options: Options) -> Step:
@@ -27,6 +28,7 @@ def npy(path: Path, options: Options) -> Step:
 def tiff(path: Path, options: Options) -> Step:
     """A stack of pages, the first at z = 0."""
     with library("tifffile", "tiff").TiffFile(path) as file:
+        check_size(file.series[0].nbytes if file.series else 0, str(path))
         array = file.asarray()
         spacing = (file.imagej_metadata or {}).get("spacing", 1.0)
     return Step(by_axes(array, options.axes), spacing=(1.0, 1.0, float(spacing)))
@@ -46,6 +48,7 @@ def hdf5(path: Path, options: Options) -> Step:
         file.visititems(lambda name, of: names.append(name) if isinstance(of, h5py.Dataset) and of.ndim == 3 else None)
         name = choose(names, options.field, str(path))
         data = file[name]
+        check_size(data.nbytes, f"{path}: {name}")
         step = Step(by_axes(data[()], options.axes), name, _time(data, file))
         scales = [data.dims[n][0][()] if len(data.dims[n]) else None for n in range(3)]
         if all(scale is not None and scale.ndim == 1 for scale in scales):
@@ -74,6 +77,7 @@ def _vtkhdf(group, path: Path, options: Options) -> Step:
     arrays = {name: (group[data][name], data == "CellData") for data in ("PointData", "CellData") if data in group for name in group[data]}
     name = choose([name for name, (of, _) in arrays.items() if of.ndim == 3], options.field, str(path))
     data, is_of_cells = arrays[name]
+    check_size(data.nbytes, f"{path}: {name}")
     first = origin + (extent[::2] + 0.5 * is_of_cells) * spacing
     return Step(data[()].transpose(), name, _time(group), spacing=tuple(spacing), origin=tuple(first))
 
@@ -97,8 +101,15 @@ READERS: dict[str, Callable[[Path, Options], Step]] = {
 }
 
 
+def is_known(path: Path) -> bool:
+    """Whether it has an ending that is read, or is a plotfile."""
+    return path.suffix.lower() in READERS or is_plotfile(path)
+
+
 def read_file(path: Path, options: Options) -> Step:
     """The step in `path`."""
+    if is_plotfile(path):
+        return plotfile(path, options)
     if path.suffix.lower() not in READERS:
         raise ValueError(f"{path}: none of {', '.join(READERS)}")
     return READERS[path.suffix.lower()](path, options)

@@ -39,8 +39,8 @@ def state(path: Path) -> tuple[int, int]:
 
 def candidates(source: Path) -> list[Path]:
     """Files of known endings in a folder, or those that match a pattern."""
-    found = source.glob("*") if source.is_dir() and source.suffix not in files.READERS else source.parent.glob(source.name)
-    return sorted((path for path in found if path.suffix.lower() in files.READERS and not path.name.startswith(".")), key=numbered)
+    found = source.glob("*") if source.is_dir() and not files.is_known(source) else source.parent.glob(source.name)
+    return sorted((path for path in found if files.is_known(path) and not path.name.startswith(".")), key=numbered)
 
 
 def steps(source: Path, options: Options) -> Iterator[Step]:

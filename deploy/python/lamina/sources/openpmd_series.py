@@ -3,6 +3,7 @@ own."""
 
 from __future__ import annotations
 
+import math
 import re
 import time
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ from typing import Any
 
 import numpy
 
-from . import NotReady, Options, Step, by_axes, choose, library
+from . import NotReady, Options, Step, by_axes, check_size, choose, library
 
 POLL_SECS = 0.2
 
@@ -43,6 +44,7 @@ def _step(iteration: Any, number: int, series: Any, options: Options, where: str
     components = _components(iteration)
     name = choose(sorted(components), options.field, where)
     mesh, component = components[name]
+    check_size(8 * math.prod(component.shape), f"{where}: {name}")
     data = component.load_chunk()
     series.flush()
     # Labels name the axes of the array as it is stored, slowest first; a stream may not bring them.
