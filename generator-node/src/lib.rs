@@ -26,7 +26,7 @@ use lamina_compute::CpuShare;
 use lamina_mpi::{Inbox, Outbox};
 use lamina_raycast::Backend;
 use lamina_rpc::credentials::Role;
-use lamina_rpc::daemon::{Access, AllowRoles, NodeError, Shutdown, serve};
+use lamina_rpc::daemon::{Access, AllowRoles, MOST_STREAMS, NodeError, Shutdown, serve};
 use lamina_rpc::v1::group_message::Kind;
 use lamina_rpc::{MAX_MESSAGE_BYTES, v1};
 use lamina_shared_memory::{Receiver, Rings};
@@ -123,6 +123,7 @@ async fn router(ingest: Arc<Ingest>) -> (Router, HealthReporter) {
         // A peer that vanished without a word gives its reservations back.
         .http2_keepalive_interval(Some(Duration::from_secs(10)))
         .http2_keepalive_timeout(Some(Duration::from_secs(10)))
+        .max_concurrent_streams(MOST_STREAMS)
         .add_service(health_service)
         .add_service(InterceptedService::new(
             Service::new(IngestService(ingest)).max_decoding_message_size(MAX_MESSAGE_BYTES),

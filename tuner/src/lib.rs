@@ -25,7 +25,7 @@ pub use contract::Contract;
 pub use utility::Utility;
 
 use lamina_rpc::credentials::Role;
-use lamina_rpc::daemon::{Access, AllowRoles, NodeError, Shutdown, serve};
+use lamina_rpc::daemon::{Access, AllowRoles, MOST_STREAMS, NodeError, Shutdown, serve};
 use lamina_rpc::v1::tuning_server::TuningServer;
 use std::sync::Arc;
 use tokio::net::TcpListener;
@@ -42,7 +42,7 @@ pub async fn run(config: Config, listener: TcpListener, shutdown: Shutdown) -> R
     let status = Arc::new(status::Status::default());
     let (health, health_service) = tonic_health::server::health_reporter();
     health.set_serving::<TuningServer<status::StatusService>>().await;
-    let router = tonic::transport::Server::builder().add_service(health_service).add_service(
+    let router = tonic::transport::Server::builder().max_concurrent_streams(MOST_STREAMS).add_service(health_service).add_service(
         TuningServer::with_interceptor(status::StatusService(status.clone()), AllowRoles(&[Role::Viewer])),
     );
     tracing::info!(%address, "tuner listens");

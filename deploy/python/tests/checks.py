@@ -488,6 +488,41 @@ def check_levels():
     print("levels: a plotfile's, filled from coarser ones")
 
 
+def check_hostile():
+    """What is no step is passed over by name, and what comes after it is shown; small files that claim to be large are not read."""
+    import h5py
+    import zarr
+
+    folder = FOLDER / "hostile"
+    folder.mkdir()
+    numpy.save(folder / "a0.npy", blob(0))
+    (folder / "a1.npy").write_bytes(b"\x93NUMPY and then nothing")
+    numpy.save(folder / "a2.npy", numpy.ones((4, 4)))
+    numpy.save(folder / "a3.npy", numpy.ones((4, 4, 4), complex))
+    numpy.save(folder / "a4.npy", numpy.array([[[{"pickled": 1}]]], dtype=object), allow_pickle=True)
+    with h5py.File(folder / "a5.h5", "w") as file:
+        file.create_dataset("rho", (100_000,) * 3, "f4", chunks=(64,) * 3, compression="gzip")
+    zarr.open_group(folder / "a6.zarr", mode="w").create_array("rho", shape=(100_000,) * 3, dtype="f4", chunks=(64,) * 3, dimension_names="zyx")
+    (folder / "a7.vti").write_text("<VTKFile><ImageData WholeExtent='0 99999 0 99999 0 99999'>")
+    (folder / "a8.tif").write_bytes(b"II*\0\xff\xff\xff\xff")
+    (folder / "a9").mkdir()
+    (folder / "a9/Level_0").mkdir()
+    (folder / "a9/Header").write_text("HyperCLaw-V1.1\n1\nrho\n3\n0.0\n0\n0 0 0\n1 1 1\n\n((0,0,0) (99999,99999,99999) (0,0,0))\n0\n1 1 1\n0\n0\n0 0 0.0\n0\nLevel_0/Cell\n")
+    numpy.save(folder / "b10.npy", blob(1))
+    for path in [*folder.rglob("*"), folder]:
+        # Of an hour ago: nobody is writing them.
+        os.utime(path, (time.time() - 3600,) * 2)
+    command = ["lamina", "watch", str(folder), "--out", str(FOLDER / "record/hostile"), "--viewer", "127.0.0.1:0", "--exit", "--quiet", "2", "--axes", "xyz"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=200)
+    assert done.returncode == 0, done.stderr
+    for name in ("a1.npy", "a2.npy", "a4.npy", "a5.h5", "a6.zarr", "a7.vti", "a8.tif", "a9"):
+        assert any(f"hostile/{name}: passed over" in line for line in done.stderr.splitlines()), (name, done.stderr)
+    assert "complex128" in done.stderr and done.stderr.count("GB of memory") >= 3, done.stderr
+    # The first and the last are one run: what lies between changes neither its grid nor its type.
+    assert lamina.read(FOLDER / "record/hostile").steps == [0, 10], done.stdout
+    print("hostile: nine files that are no steps passed over by name, two that are shown")
+
+
 def check_client():
     """The example of a simulation, through what is installed."""
     serve = subprocess.Popen(
@@ -524,6 +559,7 @@ subprocess.run([sys.executable, "-m", "lamina", "--version"], check=True, captur
 if not ONLY:
     check_reader()
     check_levels()
+    check_hostile()
     check_client()
     check_exports()
 check_doors()

@@ -10,7 +10,7 @@ use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
 use hyper_util::server::graceful::GracefulShutdown;
 use hyper_util::service::TowerToHyperService;
-use lamina_rpc::daemon::Connections;
+use lamina_rpc::daemon::{Connections, MOST_STREAMS};
 use parking_lot::Mutex;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -21,8 +21,6 @@ use tower::Layer as _;
 const REQUEST: Duration = Duration::from_secs(10);
 /// How often a connection of HTTP/2 is asked whether it is alive, and how long it may take to answer.
 const ALIVE: Duration = Duration::from_secs(10);
-/// Streams of a connection of HTTP/2 at a time.
-const STREAMS: u32 = 256;
 /// Requests a second of a connection, and how many may come at once. A page that is drawn here asks for some thirty a second.
 const RATE: f64 = 200.0;
 const BURST: f64 = 400.0;
@@ -91,7 +89,7 @@ pub(crate) async fn serve(
     let mut builder = Builder::new(TokioExecutor::new());
     builder.http1().timer(TokioTimer::new()).header_read_timeout(REQUEST);
     let mut http2 = builder.http2();
-    http2.timer(TokioTimer::new()).max_concurrent_streams(STREAMS);
+    http2.timer(TokioTimer::new()).max_concurrent_streams(MOST_STREAMS);
     http2.keep_alive_interval(ALIVE).keep_alive_timeout(ALIVE);
     let graceful = GracefulShutdown::new();
     tokio::pin!(stopped);

@@ -58,9 +58,9 @@ def steps(source: Path, options: Options) -> Iterator[Step]:
             except FileNotFoundError:
                 continue
             if seen.get(path, (None, 0.0))[0] != is_now:
+                # What was there before has been as it is for that long.
                 age = time.time() - is_now[1] / 1e9
-                # What was there before is finished already.
-                seen[path] = is_now, now - (SETTLED_SECS if age > SETTLED_SECS else 0.0)
+                seen[path] = is_now, now - max(age, 0.0)
             quiet = now - seen[path][1]
             if quiet < SETTLED_SECS:
                 # Later files wait, so that steps come in order.
@@ -75,6 +75,7 @@ def steps(source: Path, options: Options) -> Iterator[Step]:
                     break
                 pass_over(path, error)
                 done.add(path)
+                newest = time.monotonic()
                 continue
             done.add(path)
             number = number_of(path)

@@ -13,7 +13,7 @@ pub use config::{exit_code, load_config, log_to_stderr};
 pub use connections::{Connection, Connections};
 pub use heartbeat::with_heartbeat;
 pub use random::random;
-pub use serve::{Shutdown, listen, serve, stop_signal};
+pub use serve::{MOST_STREAMS, Shutdown, listen, serve, stop_signal};
 
 use std::net::SocketAddr;
 

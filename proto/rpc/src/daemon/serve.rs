@@ -13,6 +13,9 @@ pub async fn listen(address: SocketAddr) -> Result<TcpListener, NodeError> {
     TcpListener::bind(address).await.map_err(|reason| NodeError::Listen { address, reason })
 }
 
+/// Most streams of a connection at a time; a peer that asks for more waits.
+pub const MOST_STREAMS: u32 = 256;
+
 /// How long connections may finish what they are doing after a stop was asked for.
 const GRACE: Duration = Duration::from_secs(1);
 

@@ -1,0 +1,17 @@
+//! Volume files; the first byte chooses the ending.
+#![no_main]
+
+use lamina_volume_io::{Options, RawSpec, Series};
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|data: &[u8]| {
+    let Some((kind, bytes)) = data.split_first() else { return };
+    let ending = ["vti", "nrrd", "nhdr", "pvd", "raw", "raw.gz"][usize::from(*kind) % 6];
+    let path = std::path::PathBuf::from(format!("/dev/shm/lamina-fuzz-{}.{ending}", std::process::id()));
+    std::fs::write(&path, bytes).expect("/dev/shm can be written");
+    let raw = if ending.starts_with("raw") { RawSpec { dims: Some([4, 3, 2]), ..RawSpec::default() } } else { RawSpec::default() };
+    if let Ok(series) = Series::open(&path, &Options { raw, field: None }) {
+        let _ = series.read(0);
+    }
+    let _ = std::fs::remove_file(&path);
+});
