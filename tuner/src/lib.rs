@@ -42,9 +42,13 @@ pub async fn run(config: Config, listener: TcpListener, shutdown: Shutdown) -> R
     let status = Arc::new(status::Status::default());
     let (health, health_service) = tonic_health::server::health_reporter();
     health.set_serving::<TuningServer<status::StatusService>>().await;
-    let router = tonic::transport::Server::builder().max_concurrent_streams(MOST_STREAMS).add_service(health_service).add_service(
-        TuningServer::with_interceptor(status::StatusService(status.clone()), AllowRoles(&[Role::Viewer])),
-    );
+    let router = tonic::transport::Server::builder()
+        .max_concurrent_streams(MOST_STREAMS)
+        .add_service(health_service)
+        .add_service(TuningServer::with_interceptor(
+            status::StatusService(status.clone()),
+            AllowRoles(&[Role::Viewer]),
+        ));
     tracing::info!(%address, "tuner listens");
     let tuning = tokio::spawn(control_loop::run(config, credentials, base, status));
     // At once: a study would take the other nodes' going for a fault.
