@@ -1,4 +1,4 @@
-"""The blob of deploy/python/blob.py in two bricks of rank 0, and none of rank 1: bricks.py URL RANK 2."""
+"""The blob of deploy/python/examples/blob.py in two bricks of rank 0, and none of rank 1: bricks.py URL RANK 2."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The blob of deploy/python/blob.py by one rank, computed into the node's own memory: buffers.py URL."""
+"""The blob of deploy/python/examples/blob.py by one rank, computed into the node's own memory: buffers.py URL."""
 
 import sys
 

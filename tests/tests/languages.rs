@@ -116,7 +116,7 @@ fn two_ranks_in_each_language_show_what_one_in_rust_does() {
     let c = compile(&["cc", "-std=c11"], &["proto/client/c/blob.c"], folder.path());
     let fortran = ["proto/client/fortran/lamina.f90", "proto/client/fortran/blob.f90"];
     let fortran = compile(&["gfortran"], &fortran, folder.path());
-    let python = source("deploy/python/blob.py");
+    let python = source("deploy/python/examples/blob.py");
     let rust = binary(&format!("examples/blob{}", std::env::consts::EXE_SUFFIX));
     for program in [&[c.as_path()][..], &[&fortran], &[&rust], &[Path::new("python3"), &python]] {
         let recorded = recorder.record(|url| run_ranks(program, url));

@@ -532,7 +532,7 @@ def check_client():
         address = serve.stdout.readline().split("connect to ")[1].split(";")[0]
         environment = {key: of for key, of in os.environ.items() if key != "PYTHONPATH"}
         # From another folder, so that the installed package is imported.
-        (FOLDER / "blob.py").write_text((ROOT / "deploy/python/blob.py").read_text())
+        (FOLDER / "blob.py").write_text((ROOT / "deploy/python/examples/blob.py").read_text())
         subprocess.run([sys.executable, str(FOLDER / "blob.py"), address, "0", "1"], check=True, env=environment)
         reading, pushing = re.findall(r"```python\n(.*?)```", (ROOT / "deploy/python/README.md").read_text(), re.S)
         rows, deadline = [], time.monotonic() + 60
