@@ -29,9 +29,11 @@ class Build(BuildHookInterface):
     def initialize(self, version, build_data):
         if not (sys.platform == "linux" and (ROOT / "Cargo.toml").exists()):
             raise RuntimeError("the wheel is built on Linux, in the source tree")
-        # Together, so that the workspace's features and target folder serve again.
-        subprocess.run(["cargo", "build", "--workspace", "--release", "--locked"], cwd=ROOT, check=True)
-        target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release"
+        built = os.environ.get("LAMINA_BIN") or Path(os.environ.get("CARGO_TARGET_DIR", "target")) / "release"
+        target = ROOT / built
+        if "LAMINA_BIN" not in os.environ:
+            # Together, so that the workspace's features and target folder serve again.
+            subprocess.run(["cargo", "build", "--workspace", "--release", "--locked"], cwd=ROOT, check=True)
         natives = [target / name for name in [*PROGRAMS, *LIBRARIES]]
         major, minor = newest_glibc(natives)
         build_data["pure_python"] = False
