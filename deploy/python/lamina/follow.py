@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import ctypes
+import itertools
 import os
 import re
 import signal
@@ -152,15 +153,22 @@ def watch(
     options = options or Options()
     # A source that is not there is refused before anything is started.
     found = open_source(os.fspath(source), options)
+    print(f"waiting for the first step of {os.fspath(source)}", flush=True)
+    first = next(found, None)
+    if first is None:
+        return 0
     nodes = None
     if generator is None:
-        given = {"--contract": contract, "--out": out, "--viewer": viewer, "--scene": scene}
+        # Room for two steps that wait beside one that is worked on, as `lamina replay` has.
+        memory = str(max(2048, (4 * first.values.nbytes + 20 * first.values.size >> 20) + 64))
+        given = {"--contract": contract, "--out": out, "--viewer": viewer, "--scene": scene, "--memory": memory}
         nodes = Nodes([part for key, of in given.items() if of is not None for part in (key, os.fspath(of))])
         generator = nodes.generator
     stem = re.sub(r"[^\w.-]+", "", Path(source).name.split(".")[0]) or "watched"
     feed = Feed(generator, name or stem, options, lambda last: nodes.wait_for(last, options.stopped) if nodes else None)
     try:
-        for step in found:
+        for step in itertools.chain([first], found):
+            first = None
             try:
                 feed.push(step)
             except Unfit as error:

@@ -16,7 +16,9 @@ SETTLED_SECS, UNREADABLE_SECS, POLL_SECS = 0.3, 10.0, 0.1
 
 def numbered(path: Path) -> tuple[list[int], str]:
     """Order of files: by the numbers in their names."""
-    return [int(digits) for digits in re.findall(r"\d+", path.name.split(".")[0])], path.name
+    # Of "x_0007_64x64x64_float32.raw" the shape and the type are none.
+    name = re.sub(r"\d+x\d+x\d+|(u?int|float)\d+", "", path.name.split(".")[0])
+    return [int(digits) for digits in re.findall(r"\d+", name)], path.name
 
 
 def number_of(path: Path) -> int | None:
