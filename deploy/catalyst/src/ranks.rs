@@ -83,8 +83,11 @@ impl Ranks {
         let Some([byte, world]) = constants().filter(|_| is_on != 0) else { return Ok(alone) };
         let handle = match stated {
             None => world,
-            // SAFETY: MPI's type. MPICH has no such function: there a Fortran handle is the handle.
-            Some(fortran) => match unsafe { function::<CommFromFortran>("MPI_Comm_f2c") } {
+            // SAFETY: MPI's types. Where there is no such function, as in MPICH, a Fortran handle is the handle.
+            Some(fortran) => match unsafe {
+                let of_fortran = function::<CommFromFortran>("MPI_Comm_f2c");
+                of_fortran.or_else(|| function::<CommFromFortran>("MPI_Comm_fromint"))
+            } {
                 // SAFETY: MPI is initialized; the handle is the simulation's.
                 Some(convert) => unsafe { convert(fortran as c_int) },
                 None => fortran as c_int as u32 as usize,
