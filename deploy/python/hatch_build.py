@@ -10,8 +10,7 @@ from pathlib import Path
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 ROOT = Path(__file__).resolve().parents[2]
-PROGRAMS = {"lamina": "lamina", "generator-node": "lamina-generator-node", "viz-node": "lamina-viz-node", "tuner": "lamina-tuner"}
-LIBRARIES = {"liblamina_c.so": "lamina-c", "liblamina_python.so": "lamina-python"}
+NATIVES = ["lamina", "generator-node", "viz-node", "tuner", "liblamina_c.so", "liblamina_python.so"]
 VIEWER = ["embed.js", "engine.wasm.gz"]
 
 
@@ -34,7 +33,7 @@ class Build(BuildHookInterface):
         if "LAMINA_BIN" not in os.environ:
             # Together, so that the workspace's features and target folder serve again.
             subprocess.run(["cargo", "build", "--workspace", "--release", "--locked"], cwd=ROOT, check=True)
-        natives = [target / name for name in [*PROGRAMS, *LIBRARIES]]
+        natives = [target / name for name in NATIVES]
         major, minor = newest_glibc(natives)
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-manylinux_{major}_{minor}_{platform.machine()}"

@@ -108,7 +108,7 @@ impl Adaptor {
         let before: usize = placed[..self.ranks.rank as usize].iter().map(Vec::len).sum();
         let mine = before..before + domains.len();
         let parts = boxes[mine.clone()].iter().copied().zip(shares[mine].iter().copied()).collect();
-        let voxel_type = all().find_map(|p| voxel_type(p.element)).ok_or("no type of voxels")?;
+        let voxel_type = first.voxel_type;
         let dims = hull.dims().map(|points| points as usize);
         let grid = Grid::new(dims, DVec3::from(spacing), DVec3::from(origin)).map_err(|e| e.to_string())?;
         let field = field.clone().or_else(|| self.options.field.clone()).unwrap_or_else(|| "field".to_owned());
@@ -197,7 +197,7 @@ fn converted(domain: &Domain, voxel_type: VoxelType) -> Option<Vec<f64>> {
     let Values::InPlace { array, first, strides } = &domain.values else { return None };
     let aligned = array.stride_bytes.is_multiple_of(array.element.size_bytes())
         && (array.first as usize).is_multiple_of(array.element.size_bytes());
-    if aligned && self::voxel_type(array.element) == Some(voxel_type) && array.element == domain.element() {
+    if aligned && array.element.voxel_type() == Some(voxel_type) {
         return None;
     }
     let [x, y, z] = domain.dims;
@@ -249,22 +249,11 @@ fn slice<'a>(array: &NodeArray, start: usize, len: usize) -> VoxelSlice<'a> {
         }};
     }
     match array.element {
-        Element::U8 | Element::I8 => of!(U8, u8),
+        Element::U8 => of!(U8, u8),
         Element::U16 => of!(U16, u16),
         Element::I16 => of!(I16, i16),
         Element::F32 => of!(F32, f32),
         _ => of!(F64, f64),
-    }
-}
-
-fn voxel_type(element: Element) -> Option<VoxelType> {
-    match element {
-        Element::U8 => Some(VoxelType::U8),
-        Element::U16 => Some(VoxelType::U16),
-        Element::I16 => Some(VoxelType::I16),
-        Element::F32 => Some(VoxelType::F32),
-        Element::F64 => Some(VoxelType::F64),
-        _ => None,
     }
 }
 
@@ -274,22 +263,23 @@ struct Placed {
     origin: [f64; 3],
     spacing: [f64; 3],
     dims: [usize; 3],
-    element: Element,
+    voxel_type: VoxelType,
 }
 
 impl Placed {
     fn of(domain: &Domain) -> Self {
-        Self { origin: domain.origin, spacing: domain.spacing, dims: domain.dims, element: domain.element() }
+        Self { origin: domain.origin, spacing: domain.spacing, dims: domain.dims, voxel_type: domain.voxel_type() }
     }
 }
 
-const ELEMENTS: [Element; 5] = [Element::U8, Element::U16, Element::I16, Element::F32, Element::F64];
+/// Types by the numbers that ranks tell each other.
+const TYPES: [VoxelType; 5] = [VoxelType::U8, VoxelType::U16, VoxelType::I16, VoxelType::F32, VoxelType::F64];
 
 /// Ten numbers a domain.
 fn placed_bytes(domains: &[Domain]) -> Vec<u8> {
     let numbers = domains.iter().flat_map(|domain| {
-        let element = ELEMENTS.iter().position(|e| *e == domain.element()).unwrap_or(4) as f64;
-        [domain.origin, domain.spacing, domain.dims.map(|d| d as f64)].concat().into_iter().chain([element])
+        let voxel_type = TYPES.iter().position(|t| *t == domain.voxel_type()).unwrap_or(4) as f64;
+        [domain.origin, domain.spacing, domain.dims.map(|d| d as f64)].concat().into_iter().chain([voxel_type])
     });
     numbers.flat_map(f64::to_le_bytes).collect()
 }
@@ -300,7 +290,7 @@ fn read_placed(bytes: &[u8]) -> Vec<Placed> {
         origin: [n[0], n[1], n[2]],
         spacing: [n[3], n[4], n[5]],
         dims: [n[6] as usize, n[7] as usize, n[8] as usize],
-        element: ELEMENTS[(n[9] as usize).min(4)],
+        voxel_type: TYPES[(n[9] as usize).min(4)],
     };
     numbers.as_chunks().0.iter().map(domain).collect()
 }

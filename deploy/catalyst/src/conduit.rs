@@ -2,6 +2,8 @@
 //!
 //! Conduit throws where a path is missing or a type is another; here every path is asked for first, and numbers are read by their type.
 
+use crate::symbols::function;
+use lamina_model::VoxelType;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::sync::OnceLock;
 
@@ -46,6 +48,18 @@ impl Element {
         use Element::{F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
         let known = [I8, I16, I32, I64, U8, U16, U32, U64, F32, F64];
         usize::try_from(id - 3).ok().and_then(|n| known.get(n).copied())
+    }
+
+    /// The type of voxels that are such elements; none, where a run cannot have it.
+    pub(crate) fn voxel_type(self) -> Option<VoxelType> {
+        match self {
+            Self::U8 => Some(VoxelType::U8),
+            Self::U16 => Some(VoxelType::U16),
+            Self::I16 => Some(VoxelType::I16),
+            Self::F32 => Some(VoxelType::F32),
+            Self::F64 => Some(VoxelType::F64),
+            Self::I8 | Self::I32 | Self::I64 | Self::U32 | Self::U64 => None,
+        }
     }
 
     /// Of one element.
@@ -124,33 +138,23 @@ impl Conduit {
     }
 
     fn with_prefix(prefix: &str) -> Option<Self> {
-        /// The address of a function of type `F`.
-        ///
-        /// # Safety
-        /// `F` is that function's type.
-        unsafe fn function<F: Copy>(prefix: &str, name: &str) -> Option<F> {
-            let name = CString::new(format!("{prefix}{name}")).ok()?;
-            // SAFETY: a lookup among the libraries that are loaded.
-            let address = unsafe { libc::dlsym(libc::RTLD_DEFAULT, name.as_ptr()) };
-            // SAFETY: a function's address, of the type that the caller answers for.
-            (!address.is_null()).then(|| unsafe { std::mem::transmute_copy(&address) })
-        }
+        let named = |name: &str| format!("{prefix}{name}");
         // SAFETY: the types are those of conduit_node.h and conduit_datatype.h, with 64-bit indices.
         unsafe {
             Some(Self {
-                has_path: function(prefix, "node_has_path")?,
-                fetch_existing: function(prefix, "node_fetch_existing")?,
-                number_of_children: function(prefix, "node_number_of_children")?,
-                child: function(prefix, "node_child")?,
-                name: function(prefix, "node_name")?,
-                dtype: function(prefix, "node_dtype")?,
-                element_ptr: function(prefix, "node_element_ptr")?,
-                as_char8_str: function(prefix, "node_as_char8_str")?,
-                set_path_char8_str: function(prefix, "node_set_path_char8_str")?,
-                set_path_float64: function(prefix, "node_set_path_float64")?,
-                id: function(prefix, "datatype_id")?,
-                number_of_elements: function(prefix, "datatype_number_of_elements")?,
-                stride: function(prefix, "datatype_stride")?,
+                has_path: function(&named("node_has_path"))?,
+                fetch_existing: function(&named("node_fetch_existing"))?,
+                number_of_children: function(&named("node_number_of_children"))?,
+                child: function(&named("node_child"))?,
+                name: function(&named("node_name"))?,
+                dtype: function(&named("node_dtype"))?,
+                element_ptr: function(&named("node_element_ptr"))?,
+                as_char8_str: function(&named("node_as_char8_str"))?,
+                set_path_char8_str: function(&named("node_set_path_char8_str"))?,
+                set_path_float64: function(&named("node_set_path_float64"))?,
+                id: function(&named("datatype_id"))?,
+                number_of_elements: function(&named("datatype_number_of_elements"))?,
+                stride: function(&named("datatype_stride"))?,
             })
         }
     }

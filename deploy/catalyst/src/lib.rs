@@ -11,6 +11,7 @@ mod mesh;
 mod options;
 mod partition;
 mod ranks;
+mod symbols;
 
 use adaptor::Adaptor;
 use conduit::{Conduit, ConduitNode, Node};

@@ -2,7 +2,8 @@
 //!
 //! A field's values are x fastest, as Blueprint has them, any stride apart; offsets and strides of a field amid ghosts are taken.
 
-use crate::conduit::{Element, Node, NodeArray};
+use crate::conduit::{Node, NodeArray};
+use lamina_model::VoxelType;
 
 /// A field's values on one domain.
 #[derive(Debug)]
@@ -246,13 +247,10 @@ fn resampled(domain: &Domain, points: &[Vec<f64>]) -> Domain {
 
 impl Domain {
     /// Its values are of this type once handed over; integers that a run cannot have become double precision.
-    pub(crate) fn element(&self) -> Element {
+    pub(crate) fn voxel_type(&self) -> VoxelType {
         match &self.values {
-            Values::InPlace { array, .. } => match array.element {
-                kept @ (Element::U8 | Element::U16 | Element::I16 | Element::F32 | Element::F64) => kept,
-                _ => Element::F64,
-            },
-            Values::Resampled(_) => Element::F64,
+            Values::InPlace { array, .. } => array.element.voxel_type().unwrap_or(VoxelType::F64),
+            Values::Resampled(_) => VoxelType::F64,
         }
     }
 }

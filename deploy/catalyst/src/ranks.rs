@@ -1,7 +1,8 @@
 //! The ranks of a run, by the MPI library that the process has; none is needed where there is one rank.
 
 use crate::conduit::Node;
-use std::ffi::{CStr, CString, c_int, c_void};
+use crate::symbols::{address, function};
+use std::ffi::{CStr, c_int, c_void};
 
 type CommFromFortran = unsafe extern "C" fn(c_int) -> usize;
 type CommNumber = unsafe extern "C" fn(usize, *mut c_int) -> c_int;
@@ -22,23 +23,6 @@ struct Communicator {
     handle: usize,
     byte: usize,
     allgather: Allgather,
-}
-
-fn address(name: &str) -> Option<*mut c_void> {
-    let name = CString::new(name).ok()?;
-    // SAFETY: a lookup among the libraries that are loaded.
-    let found = unsafe { libc::dlsym(libc::RTLD_DEFAULT, name.as_ptr()) };
-    (!found.is_null()).then_some(found)
-}
-
-/// The function `name`.
-///
-/// # Safety
-/// `F` is its type.
-unsafe fn function<F: Copy>(name: &str) -> Option<F> {
-    let found = address(name)?;
-    // SAFETY: a function's address, of the type that the caller answers for.
-    Some(unsafe { std::mem::transmute_copy(&found) })
 }
 
 /// `MPI_BYTE` and `MPI_COMM_WORLD` of the library that is loaded: Open MPI's are addresses, the standard's (MPI 5.0, chapter 20) and

@@ -62,8 +62,7 @@ impl Shown {
         bar: &ProgressBar,
         outputs: Option<&mut RunFolder>,
     ) -> anyhow::Result<()> {
-        let new: Vec<StepRow> =
-            nodes.store.rows().into_iter().filter(|r| self.step.is_none_or(|s| r.step > s)).collect();
+        let new = nodes.store.rows_after(self.step);
         if let Some(first) = new.iter().find(|r| r.tuning != TuningState::None).filter(|_| !self.tuned) {
             self.tuned = true;
             let secs = self.begun.elapsed().as_secs_f64();

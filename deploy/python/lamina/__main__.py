@@ -3,7 +3,7 @@
 import os
 import sys
 
-from .library import program
+from .installed import program
 
 
 def _become(name, arguments):

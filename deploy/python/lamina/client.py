@@ -17,7 +17,7 @@ import os
 import sys
 import threading
 
-from .library import load
+from .installed import load
 
 TYPES = {"uint8": 1, "uint16": 2, "int16": 3, "float16": 4, "float32": 5, "float64": 6}
 POLICIES = {"drop oldest": 0, "drop newest": 1, "block": 2}

@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy
 
 from .client import TYPES, Client, Summary
-from .library import program
+from .installed import program
 from .sources import Options, Step, Unfit, open_source
 from .sources.folder import pass_over
 

@@ -9,7 +9,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from .library import INSTALLED, program
+from .installed import INSTALLED, program
 from .reader import Reduced, Run, Vdi, Volume, read
 
 # Points a side that a volume is reduced to for being shown, and the part of its range that a value may be off by.

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy
 
-from .library import load
+from .installed import load
 
 Camera = dict[str, Any]
 

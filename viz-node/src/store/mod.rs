@@ -18,6 +18,7 @@ use lamina_codec::DecodeLimits;
 use lamina_vdi_render::{Drawable, QualityEstimate};
 use parking_lot::{Mutex, MutexGuard};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::ops::Bound;
 use std::path::Path;
 use std::sync::Arc;
 use tokio::sync::broadcast;
@@ -204,6 +205,12 @@ impl Store {
     /// All recorded steps of the current run, by number.
     pub fn rows(&self) -> Vec<StepRow> {
         self.state().rows.values().cloned().collect()
+    }
+
+    /// Those of them after step `step`; all, if it is `None`.
+    pub fn rows_after(&self, step: Option<u64>) -> Vec<StepRow> {
+        let after = step.map_or(Bound::Unbounded, Bound::Excluded);
+        self.state().rows.range((after, Bound::Unbounded)).map(|(_, row)| row.clone()).collect()
     }
 
     /// One recorded step.
