@@ -3,6 +3,7 @@
 //! `cargo run --release -p lamina-tests --example fuzz -- CASES [SEED]`; a panic, or memory beyond the limit, ends it with the
 //! case's number, which with the seed repeats it. Checksums are made right again, so that what is behind them is met.
 
+use fastrand::Rng;
 use glam::DVec3;
 use lamina_codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode_any, encode_any};
 use lamina_model::{
@@ -16,21 +17,6 @@ use std::time::Instant;
 /// What a case may decode to.
 const LIMITS: DecodeLimits = DecodeLimits { max_decoded_bytes: 1 << 20 };
 
-/// SplitMix64 (Steele, Lea and Flood, OOPSLA 2014).
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ z >> 31
-    }
-    fn below(&mut self, n: usize) -> usize {
-        (self.next() % n.max(1) as u64) as usize
-    }
-}
-
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
     let cases: u64 = arguments.next().map_or(Ok(100_000), |n| n.parse())?;
@@ -38,7 +24,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let seeds = seeds()?;
     let (start, decoded) = (Instant::now(), AtomicU64::new(0));
     (0..cases).into_par_iter().for_each(|n| {
-        let mut random = Random(seed.wrapping_mul(0x2545_f491_4f6c_dd1d) ^ n);
+        let mut random = Rng::with_seed(seed.wrapping_mul(0x2545_f491_4f6c_dd1d) ^ n);
         let bytes = case(&mut random, &seeds);
         let outcome = std::panic::catch_unwind(|| decode_any(&bytes, &LIMITS).is_ok());
         match outcome {
@@ -56,7 +42,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
 /// Small files of every kind.
 fn seeds() -> Result<Vec<Vec<u8>>, Box<dyn std::error::Error>> {
-    let mut random = Random(99);
+    let mut random = Rng::with_seed(99);
     let mut seeds = Vec::new();
     for resolution in [1, 3, 7] {
         let vdi = Intermediate::Vdi(Box::new(vdi(resolution, &mut random)?));
@@ -74,15 +60,15 @@ fn seeds() -> Result<Vec<Vec<u8>>, Box<dyn std::error::Error>> {
     Ok(seeds)
 }
 
-fn vdi(resolution: u32, random: &mut Random) -> Result<Vdi, lamina_model::Invalid> {
+fn vdi(resolution: u32, random: &mut Rng) -> Result<Vdi, lamina_model::Invalid> {
     let (mut offsets, mut segments) = (vec![0], Vec::new());
     for _ in 0..resolution * resolution {
         let mut depth = 0;
-        for _ in 0..random.below(5) {
-            let start = depth + random.below(3) as u32;
-            depth = start + 1 + random.below(400) as u32;
-            let color = [0; 3].map(|_| random.below(256) as f32 / 255.0);
-            segments.push(Supersegment { start, end: depth, color, optical_depth: random.below(90) as f32 / 30.0 });
+        for _ in 0..random.usize(..5) {
+            let start = depth + random.u32(..3);
+            depth = start + 1 + random.u32(..400);
+            let color = [0; 3].map(|_| random.usize(..256) as f32 / 255.0);
+            segments.push(Supersegment { start, end: depth, color, optical_depth: random.usize(..90) as f32 / 30.0 });
         }
         offsets.push(segments.len() as u32);
     }
@@ -101,7 +87,7 @@ fn camera() -> Result<Camera, lamina_model::Invalid> {
     Camera::new(DVec3::new(1.0, 2.0, 9.0), DVec3::ZERO, DVec3::Y, 35.0)
 }
 
-fn volume(dims: [usize; 3], random: &mut Random) -> Result<ReducedVolume, lamina_model::Invalid> {
+fn volume(dims: [usize; 3], random: &mut Rng) -> Result<ReducedVolume, lamina_model::Invalid> {
     let points = [0.3, 1.0].map(|at| ControlPoint { at, color: [1.0; 3], opacity: at - 0.3 });
     let range = ScalarRange::new(0.0, 10.0, Scale::Linear)?;
     let scene = Scene {
@@ -113,26 +99,26 @@ fn volume(dims: [usize; 3], random: &mut Random) -> Result<ReducedVolume, lamina
     };
     let grid = Grid::new(dims, DVec3::ONE, DVec3::ZERO)?;
     let params = VolumeParams::new(8, 0.01)?;
-    let units = (0..grid.voxels()).map(|_| random.below(1000) as f32 / 900.0).collect();
+    let units = (0..grid.voxels()).map(|_| random.usize(..1000) as f32 / 900.0).collect();
     ReducedVolume::new(grid, scene, params, units)
 }
 
 /// One of the files with bits flipped, bytes set, cut, doubled or made up, and its checksum made right again.
-fn case(random: &mut Random, seeds: &[Vec<u8>]) -> Vec<u8> {
-    let mut bytes = seeds[random.below(seeds.len())].clone();
+fn case(random: &mut Rng, seeds: &[Vec<u8>]) -> Vec<u8> {
+    let mut bytes = seeds[random.usize(..seeds.len())].clone();
     bytes.truncate(bytes.len() - 4);
-    for _ in 0..1 + random.below(4) {
-        let at = random.below(bytes.len());
-        match random.below(6) {
-            0 => bytes[at] ^= 1 << random.below(8),
-            1 => bytes[at] = random.next() as u8,
+    for _ in 0..1 + random.usize(..4) {
+        let at = random.usize(..bytes.len());
+        match random.usize(..6) {
+            0 => bytes[at] ^= 1 << random.usize(..8),
+            1 => bytes[at] = random.u8(..),
             2 => bytes.truncate(at.max(1)),
-            3 => bytes.extend((0..random.below(40)).map(|n| (n * 37) as u8)),
+            3 => bytes.extend((0..random.usize(..40)).map(|n| (n * 37) as u8)),
             4 => bytes[at..].iter_mut().take(4).for_each(|b| *b = 0xff),
-            _ => bytes[at..].iter_mut().take(8).for_each(|b| *b = random.next() as u8),
+            _ => bytes[at..].iter_mut().take(8).for_each(|b| *b = random.u8(..)),
         }
     }
-    if random.below(50) > 0 {
+    if random.usize(..50) > 0 {
         bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
     }
     bytes

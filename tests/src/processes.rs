@@ -1,10 +1,11 @@
 //! The real binaries as processes, on free ports, ended with the value that holds them.
 
-use std::net::{Ipv4Addr, SocketAddr, TcpListener};
+use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicU16, Ordering::Relaxed};
 use std::time::{Duration, Instant};
+use tokio::net::TcpSocket;
 
 /// The built binary `name`, beside this test's own.
 ///
@@ -25,7 +26,12 @@ pub fn binary(name: &str) -> PathBuf {
 pub fn free_port() -> u16 {
     static NEXT: AtomicU16 = AtomicU16::new(0);
     let first = 10_000 + (std::process::id() % 200) as u16 * 100;
-    let free = |port: &u16| TcpListener::bind((Ipv4Addr::LOCALHOST, *port)).is_ok();
+    // Bound, but never listening: another thread's child holds a copy of the socket until it executes, and a daemon
+    // that is waited for must not seem to accept connections there.
+    let free = |port: &u16| {
+        let socket = TcpSocket::new_v4().expect("a socket");
+        socket.set_reuseaddr(true).and_then(|()| socket.bind((Ipv4Addr::LOCALHOST, *port).into())).is_ok()
+    };
     (0..1000).map(|_| first + NEXT.fetch_add(1, Relaxed)).find(free).expect("a free port")
 }
 

@@ -50,6 +50,7 @@ fn limits(config: &Config) -> DecodeLimits {
 pub async fn run(
     config: Config,
     store: Arc<Store>,
+    backend: Backend,
     share: CpuShare,
     listener: TcpListener,
     shutdown: Shutdown,
@@ -57,10 +58,6 @@ pub async fn run(
     let address = listener.local_addr()?;
     let access = Access::of(address, config.credentials.as_deref(), config.insecure);
     let (access, credentials) = access.map_err(std::io::Error::other)?;
-    let choice = config.backend;
-    // A driver may take a second to wake.
-    let opened = tokio::task::spawn_blocking(move || Backend::open(choice)).await?;
-    let backend = opened.map_err(std::io::Error::other)?;
     let negotiation = Arc::new(negotiation::Negotiation::new(store.clone()));
     let intake = Arc::new(intake::Intake::new(store.clone(), backend.clone(), share, limits(&config)));
     let connected = Arc::new(AtomicBool::new(false));

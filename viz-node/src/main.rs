@@ -4,6 +4,7 @@ use clap::Parser;
 use lamina_compute::CpuShare;
 use lamina_compute::gpu::Choice;
 use lamina_rpc::daemon::{exit_code, listen, load_config, log_to_stderr, stop_signal};
+use lamina_vdi_render::Backend;
 use lamina_viz_node::{Config, open_store, run};
 use std::{net::SocketAddr, path::PathBuf};
 
@@ -54,7 +55,7 @@ async fn start() -> anyhow::Result<()> {
     }
     .check()?;
     let listener = listen(config.listen).await?;
-    let store = open_store(&config)?;
+    let (store, backend) = (open_store(&config)?, Backend::open(config.backend)?);
     let share = CpuShare::new(config.cpu_share)?;
-    Ok(run(config, store, share, listener, Box::pin(stop_signal())).await?)
+    Ok(run(config, store, backend, share, listener, Box::pin(stop_signal())).await?)
 }

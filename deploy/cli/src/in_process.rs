@@ -8,9 +8,9 @@ use lamina_model::{
     GenerationParams, Intermediate, Invalid, ParamsKey, Quality, ReferenceSamples, SamplePlan, Scene, Segmentation,
     Volume,
 };
-use lamina_raycast::{Backend, Field, most_points};
+use lamina_raycast::{Field, most_points};
 use lamina_tuner::evaluator::{Batches, Evaluator, Measurement, TrialError};
-use lamina_vdi_render::{self as viz, Detail, Drawable};
+use lamina_vdi_render::{Detail, Drawable, Kernels};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
@@ -90,8 +90,7 @@ pub struct InProcessEvaluator {
     step: u64,
     field: Field,
     segmentation: Segmentation,
-    backend: Backend,
-    viewer: viz::Backend,
+    kernels: Kernels,
     reference: ReferenceSamples,
     trials: Box<dyn TrialStore>,
     /// The parameters measured last with their decoded result, for further batches of pixels.
@@ -108,14 +107,14 @@ impl InProcessEvaluator {
         step: u64,
         volume: Volume,
         scene: &Scene,
-        backends: &(Backend, viz::Backend),
+        kernels: &Kernels,
         plan: &SamplePlan,
         segmentation: Segmentation,
         trials: Box<dyn TrialStore>,
     ) -> Result<Self, Invalid> {
-        let (field, (backend, viewer)) = (prepare(volume, scene), backends.clone());
-        let reference = backend.reference_samples(&field, plan, step)?;
-        Ok(Self { step, field, segmentation, backend, viewer, reference, trials, held: None })
+        let (field, kernels) = (prepare(volume, scene), kernels.clone());
+        let reference = kernels.cast.reference_samples(&field, plan, step)?;
+        Ok(Self { step, field, segmentation, kernels, reference, trials, held: None })
     }
 
     /// The trial of `params`, if it was measured.
@@ -175,7 +174,7 @@ impl InProcessEvaluator {
     }
 
     fn represent(&self, params: &GenerationParams) -> Result<(Intermediate, Duration), Invalid> {
-        self.backend.represent(&self.field, params, self.segmentation)
+        self.kernels.cast.represent(&self.field, params, self.segmentation)
     }
 
     /// Measures `params` until `batches` batches of pixels are compared.
@@ -198,7 +197,7 @@ impl InProcessEvaluator {
             let start = clock();
             if let Some((_, decoded)) = &self.held {
                 let more = trial.quality.batches() as u32..batches;
-                let quality = self.viewer.quality(decoded, &self.reference, more, Detail::Cubic)?;
+                let quality = self.kernels.draw.quality(decoded, &self.reference, more, Detail::Cubic)?;
                 trial.quality.extend(&quality)?;
             }
             trial.spent.quality_ns += clock().saturating_sub(start).as_nanos() as u64;
@@ -242,7 +241,7 @@ impl Evaluator for InProcessEvaluator {
 
     async fn sizes(&mut self, params: &GenerationParams, gammas: &[f64]) -> Result<Vec<Cost>, TrialError> {
         let start = Instant::now();
-        let all = self.backend.represent_all(&self.field, params, gammas, self.segmentation)?;
+        let all = self.kernels.cast.represent_all(&self.field, params, gammas, self.segmentation)?;
         let generation_time = start.elapsed();
         all.iter().map(|one| Ok(self.encode(one, generation_time)?.1)).collect()
     }

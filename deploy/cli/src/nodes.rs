@@ -4,7 +4,6 @@ use anyhow::{Context, bail};
 use lamina_compute::CpuShare;
 use lamina_compute::gpu::Choice;
 use lamina_model::{GenerationParams, Representation, SamplePlan, Scene};
-use lamina_raycast::Backend;
 use lamina_rpc::credentials::Role;
 use lamina_rpc::daemon::{Shutdown, listen};
 use lamina_rpc::v1::{self, control_client::ControlClient, tuning_client::TuningClient};
@@ -12,6 +11,7 @@ use lamina_tuner::Contract;
 use lamina_tuner::push::{limits_alone, push};
 use lamina_tuner::remote::connect;
 use lamina_tuner::search::SearchGrid;
+use lamina_vdi_render::Kernels;
 use lamina_viz_node::Store;
 use lamina_viz_node::store::{QualityStatus, StepRow};
 use std::net::{Ipv4Addr, SocketAddr};
@@ -115,20 +115,25 @@ impl Nodes {
         };
         let listener = runtime.block_on(listen(setup.listen))?;
         let generator = format!("http://{}", reached_at(listener.local_addr()?));
-        let backend = Backend::open(setup.backend)?;
-        runtime.spawn(lamina_generator_node::run(config.check()?, backend, setup.share.clone(), listener, stopped()));
+        let kernels = Kernels::open(setup.backend)?;
+        runtime.spawn(lamina_generator_node::run(
+            config.check()?,
+            kernels.cast,
+            setup.share.clone(),
+            listener,
+            stopped(),
+        ));
 
         let config = lamina_viz_node::Config {
             generator: generator.clone(),
             insecure: setup.insecure,
             store: setup.store,
-            backend: setup.backend,
             ..Default::default()
         };
         let listener = runtime.block_on(listen(setup.viewer))?;
         let viewer = listener.local_addr()?;
         let store = lamina_viz_node::open_store(&config)?;
-        runtime.spawn(lamina_viz_node::run(config, store.clone(), setup.share, listener, stopped()));
+        runtime.spawn(lamina_viz_node::run(config, store.clone(), kernels.draw, setup.share, listener, stopped()));
 
         let mut tuner = None;
         if let Some(tuning) = setup.tuning {

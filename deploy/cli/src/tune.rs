@@ -6,14 +6,13 @@ use crate::offline::{read_step, with_step};
 use crate::process::ProcessorTime;
 use crate::source::{read_options, scene_of, with_colors};
 use lamina_model::{SamplePlan, Segmentation, VdiParams};
-use lamina_raycast::Backend;
 use lamina_tuner::Contract;
 use lamina_tuner::evaluator::Evaluator as _;
 use lamina_tuner::interval::half_width_db;
 use lamina_tuner::pareto::{Exchange, front, offers};
 use lamina_tuner::search::{CandidateSet, SearchRequest, SearchResult, search};
 use lamina_tuner::tune::Trial;
-use lamina_vdi_render as viz;
+use lamina_vdi_render::Kernels;
 use lamina_volume_io::Series;
 
 /// `lamina tune`.
@@ -28,14 +27,14 @@ pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
     let volume = read_step(&series, input)?;
     let scene = with_step(scene_of(&series, input.scene.as_deref())?, input)?;
     let volume = with_colors(&series, input.time_step, volume, &scene)?;
-    let backends = (Backend::open(input.backend)?, viz::Backend::open(input.backend)?);
+    let kernels = Kernels::open(input.backend)?;
     let plan = SamplePlan::default();
     let plan = SamplePlan { angles_deg: contract.angles_deg().unwrap_or(plan.angles_deg), ..plan };
     let mut trial = InProcessEvaluator::new(
         input.time_step as u64,
         volume,
         &scene,
-        &backends,
+        &kernels,
         &plan,
         Segmentation::Fitted,
         Box::new(TrialsInMemory::new()),

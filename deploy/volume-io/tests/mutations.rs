@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use fastrand::Rng;
 use lamina_volume_io::{Options, Series};
 use std::fs;
 use std::path::Path;
@@ -12,35 +13,25 @@ const CASES: u64 = 120;
 /// Address space that the cases together may add; one believed lie about a size would exceed it by far.
 const ALLOWANCE_KIB: u64 = 256 << 10;
 
-/// A small generator of its own: the cases are the same wherever and whenever they run.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, n: usize) -> usize {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((self.0 >> 33) as usize) % n.max(1)
-    }
-}
-
-fn damage(bytes: &[u8], random: &mut Random) -> Vec<u8> {
+fn damage(bytes: &[u8], random: &mut Rng) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
-    match random.below(5) {
-        0 => bytes.truncate(random.below(bytes.len())),
+    match random.usize(..5) {
+        0 => bytes.truncate(random.usize(..bytes.len().max(1))),
         1 => {
-            let from = random.below(bytes.len());
-            let to = bytes.len().min(from + random.below(40));
+            let from = random.usize(..bytes.len().max(1));
+            let to = bytes.len().min(from + random.usize(..40));
             bytes.drain(from..to);
         }
         2 => bytes = inflate_number(&bytes, random),
         3 => {
-            let at = random.below(bytes.len());
+            let at = random.usize(..bytes.len().max(1));
             let end = bytes.len().min(at + 8);
             bytes[at..end].fill(0xff);
         }
         _ => {
-            for _ in 0..=random.below(4) {
-                let at = random.below(bytes.len());
-                bytes[at] ^= 1 << random.below(8);
+            for _ in 0..=random.usize(..4) {
+                let at = random.usize(..bytes.len().max(1));
+                bytes[at] ^= 1 << random.usize(..8);
             }
         }
     }
@@ -48,10 +39,10 @@ fn damage(bytes: &[u8], random: &mut Random) -> Vec<u8> {
 }
 
 /// Makes a number larger wherever it stands between the same neighbors: headers that say a size twice then agree.
-fn inflate_number(bytes: &[u8], random: &mut Random) -> Vec<u8> {
+fn inflate_number(bytes: &[u8], random: &mut Rng) -> Vec<u8> {
     let digits: Vec<_> = (1..bytes.len().saturating_sub(1)).filter(|&at| bytes[at].is_ascii_digit()).collect();
-    let Some(&at) = digits.get(random.below(digits.len())) else { return bytes.to_vec() };
-    let count = 1 + random.below(12);
+    let Some(&at) = digits.get(random.usize(..digits.len().max(1))) else { return bytes.to_vec() };
+    let count = 1 + random.usize(..12);
     let mut inflated = Vec::new();
     for (index, &byte) in bytes.iter().enumerate() {
         inflated.push(byte);
@@ -91,7 +82,7 @@ fn damaged_files_neither_panic_nor_grow() {
     let entries = [(0.0, "cell_data.vti".to_owned()), (1.0, "extent_start.vti".to_owned())];
     lamina_volume_io::write_pvd(&pvd, &entries).unwrap();
     files.push(pvd);
-    let (mut random, mut read_anyway, mut refused) = (Random(1), 0, 0);
+    let (mut random, mut read_anyway, mut refused) = (Rng::with_seed(1), 0, 0);
     let before = peak_kib();
     for file in &files {
         let name = file.file_name().unwrap();

@@ -19,6 +19,27 @@ pub struct Backend {
     volumes: Arc<OnceLock<lamina_raycast::Backend>>,
 }
 
+/// The levels of both kernels, for a program that generates representations and renders them.
+#[derive(Debug, Clone)]
+pub struct Kernels {
+    /// Casts rays through volumes.
+    pub cast: lamina_raycast::Backend,
+    /// Renders representations; reduced volumes by the same ray caster as `cast`.
+    pub draw: Backend,
+}
+
+impl Kernels {
+    /// The levels that `choice` selects on this machine, logged with the reason.
+    ///
+    /// # Errors
+    /// If a GPU is asked for by name and there is none that works.
+    pub fn open(choice: Choice) -> Result<Self, DeviceError> {
+        let cast = lamina_raycast::Backend::open(choice)?;
+        let volumes = Arc::new(OnceLock::from(cast.clone()));
+        Ok(Self { cast, draw: Backend { volumes, ..Backend::open(choice)? } })
+    }
+}
+
 /// The level that renders VDIs.
 #[derive(Debug, Clone)]
 enum VdiRenderer {

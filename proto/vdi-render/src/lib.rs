@@ -21,7 +21,7 @@ mod reconstruction;
 pub mod reference;
 mod simd;
 
-pub use backend::Backend;
+pub use backend::{Backend, Kernels};
 pub use drawable::Drawable;
 pub use lamina_compute::simd::Level;
 pub use psnr::QualityEstimate;

@@ -19,7 +19,8 @@ use std::time::Instant;
 // one supersegment to another: some 1e-5 of a channel. A ray that hardly moves in the VDI's image or depth, as all do in
 // views near the generation camera's, stretches that over its way: some 1e-4, as 1e-3 bounds. And where a ray just passes
 // by the corner of something opaque, it may hit it.
-/// Every channel lies this near to the oracle's, or to what the oracle gives for rays displaced by [`DISPLACED`].
+/// Every channel lies this near to the oracle's, or to what the oracle gives for rays displaced by [`DISPLACED`]. Of twelve
+/// other draws of the lists three exceed it, in 5 of some 9 million pixels, by up to a fifth.
 const MAX_CHANNEL: f32 = 1e-3;
 /// Of a VDI's pixel or of a step, whichever is smaller in the world.
 const DISPLACED: f64 = 1.0 / 2000.0;

@@ -6,8 +6,8 @@ use super::requantize;
 use super::views::Views;
 use lamina_codec::{DecodeLimits, EncodeOptions};
 use lamina_model::{Camera, GenerationParams, ParamsKey, Scene, Segmentation, Vdi, VdiParams, Volume};
-use lamina_raycast::{Backend, Field};
-use lamina_vdi_render::{self as viz, Detail, PreparedVdi};
+use lamina_raycast::Field;
+use lamina_vdi_render::{Detail, Kernels, PreparedVdi};
 use std::collections::HashMap;
 use std::ops::Deref;
 use std::sync::Arc;
@@ -55,30 +55,25 @@ struct KernelTimings {
 }
 
 /// Both nodes' kernels on one volume.
-pub(super) struct Kernels<'a> {
+pub(super) struct KernelsUnderTest<'a> {
     field: &'a Field,
-    backends: &'a (Backend, viz::Backend),
+    kernels: &'a Kernels,
     views: &'a Views,
     reference: &'a [[f64; 3]],
     trials: HashMap<ParamsKey, KernelTimings>,
 }
 
-impl<'a> Kernels<'a> {
+impl<'a> KernelsUnderTest<'a> {
     /// Measures on `field`, against the colors `reference` of the rays of `views`.
-    pub(super) fn new(
-        field: &'a Field,
-        backends: &'a (Backend, viz::Backend),
-        views: &'a Views,
-        reference: &'a [[f64; 3]],
-    ) -> Self {
-        Self { field, backends, views, reference, trials: HashMap::new() }
+    pub(super) fn new(field: &'a Field, kernels: &'a Kernels, views: &'a Views, reference: &'a [[f64; 3]]) -> Self {
+        Self { field, kernels, views, reference, trials: HashMap::new() }
     }
 
     /// Ray casting with another step. The step is the field's, which is made anew.
     pub(super) fn raycast(&self, volume: &Volume, step_voxels: f64) -> anyhow::Result<TimedPicture> {
         let scene = Scene { step_voxels, ..self.field.scene().clone() };
         let field = Field::new(volume.clone(), &scene);
-        let (backend, size) = (&self.backends.0, self.views.size());
+        let (backend, size) = (&self.kernels.cast, self.views.size());
         let seen =
             self.views.gather(|camera, pixels| Ok(backend.raycast_pixels(&field, camera, size, size, pixels)?))?;
         let (_, time_ms) = median_ms(|| timed(|| Ok(backend.raycast(&field, self.views.middle(), size, size)?)))?;
@@ -90,7 +85,7 @@ impl<'a> Kernels<'a> {
     pub(super) fn round(&mut self, params: &VdiParams) -> anyhow::Result<()> {
         let mut trial = self.trials.remove(&GenerationParams::from(*params).key()).unwrap_or_default();
         if trial.generation.first().is_none_or(|&first| first < PATIENCE) {
-            let (vdi, time) = self.backends.0.generate(self.field, params, Segmentation::Fitted)?;
+            let (vdi, time) = self.kernels.cast.generate(self.field, params, Segmentation::Fitted)?;
             trial.generation.push(time);
             let prepared = if trial.shot.is_some() {
                 PreparedVdi::new(Arc::new(vdi))
@@ -100,7 +95,8 @@ impl<'a> Kernels<'a> {
                 decoded
             };
             let size = self.views.size();
-            let draw = || Ok(self.backends.1.render_vdi(&prepared, self.views.middle(), size, size, Detail::Cubic)?);
+            let draw =
+                || Ok(self.kernels.draw.render_vdi(&prepared, self.views.middle(), size, size, Detail::Cubic)?);
             trial.drawing.push(timed(draw)?.1);
         }
         self.trials.insert(GenerationParams::from(*params).key(), trial);
@@ -126,7 +122,7 @@ impl<'a> Kernels<'a> {
 
     /// The VDI of `params`.
     pub(super) fn generate(&self, params: &VdiParams) -> anyhow::Result<Vdi> {
-        Ok(self.backends.0.generate(self.field, params, Segmentation::Fitted)?.0)
+        Ok(self.kernels.cast.generate(self.field, params, Segmentation::Fitted)?.0)
     }
 
     /// `vdi` through the codec and drawn as it comes back.
@@ -140,7 +136,7 @@ impl<'a> Kernels<'a> {
         vdi: &PreparedVdi<V>,
         detail: Detail,
     ) -> anyhow::Result<TimedPicture> {
-        let (viewer, size) = (&self.backends.1, [self.views.size(); 2]);
+        let (viewer, size) = (&self.kernels.draw, [self.views.size(); 2]);
         let seen = self.views.gather(|camera, pixels| Ok(viewer.vdi_pixels(vdi, camera, size, pixels, detail)?))?;
         Ok((self.point(value, &seen), seen))
     }
@@ -149,7 +145,7 @@ impl<'a> Kernels<'a> {
     pub(super) fn drawn(&self, value: f64, vdi: &PreparedVdi<&Vdi>, detail: Detail) -> anyhow::Result<TimedPicture> {
         let size = self.views.size();
         let (point, seen) = self.seen(value, vdi, detail)?;
-        let draw = || Ok(self.backends.1.render_vdi(vdi, self.views.middle(), size, size, detail)?);
+        let draw = || Ok(self.kernels.draw.render_vdi(vdi, self.views.middle(), size, size, detail)?);
         let (_, time_ms) = median_ms(|| timed(draw))?;
         Ok((Point { time_ms, draw_ms: Some(time_ms), ..point }, seen))
     }
@@ -185,9 +181,9 @@ impl<'a> Kernels<'a> {
                 let mut cast = Vec::new();
                 for camera in &cameras {
                     drawn.extend_from_slice(
-                        self.backends.1.render_vdi(vdi, camera, size, size, Detail::Cubic)?.pixels(),
+                        self.kernels.draw.render_vdi(vdi, camera, size, size, Detail::Cubic)?.pixels(),
                     );
-                    cast.extend_from_slice(self.backends.0.raycast(self.field, camera, size, size)?.pixels());
+                    cast.extend_from_slice(self.kernels.cast.raycast(self.field, camera, size, size)?.pixels());
                 }
                 Ok(Error::between(&drawn, &cast))
             })

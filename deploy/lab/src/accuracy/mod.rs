@@ -28,12 +28,12 @@ use anyhow::{Context, ensure};
 use curve::{Convergence, ErrorCurve, Point};
 use error::Error;
 use integrator::Integrator;
-use kernels_under_test::Kernels;
+use kernels_under_test::KernelsUnderTest;
 use lamina::offline::{open, prepare};
 use lamina::say;
 use lamina_model::{Effects, Image, Scene, VdiParams, Volume};
-use lamina_raycast::{Backend, Field};
-use lamina_vdi_render as viz;
+use lamina_raycast::Field;
+use lamina_vdi_render::Kernels;
 use optics::Optics;
 use reference::Reference;
 use run_sweeps::Plain;
@@ -89,8 +89,8 @@ pub(crate) fn accuracy(arguments: &cli::Accuracy) -> anyhow::Result<()> {
     let field = visible(&volume, &scene)?;
     std::fs::create_dir_all(&arguments.out)
         .with_context(|| format!("{}: cannot be created", arguments.out.display()))?;
-    let backends = (Backend::open(arguments.input.backend)?, viz::Backend::open(arguments.input.backend)?);
-    let findings = measure(arguments, &volume, &field, base, backends)?;
+    let kernels = Kernels::open(arguments.input.backend)?;
+    let findings = measure(arguments, &volume, &field, base, &kernels)?;
     csv::write(&arguments.out, &findings)?;
     let command: Vec<String> = std::env::args().skip(1).collect();
     page::write(&arguments.out, &findings, &volume, &format!("lamina {}", command.join(" ")))?;
@@ -122,7 +122,7 @@ fn measure(
     volume: &Volume,
     field: &Field,
     base: VdiParams,
-    backends: (Backend, viz::Backend),
+    kernels: &Kernels,
 ) -> anyhow::Result<Findings> {
     let start = Instant::now();
     let progress = |what: &str| eprintln!("{:6.1} s  {what}", start.elapsed().as_secs_f64());
@@ -144,8 +144,8 @@ fn measure(
     progress(&page::reference_words(&reference));
     let effects = Effects { pre_integrated: true, ..Effects::default() };
     let integrated = prepare(volume.clone(), &Scene { effects, ..scene.clone() });
-    let mut product = Kernels::new(field, &backends, &views, &reference.colors);
-    let mut integrating = Kernels::new(&integrated, &backends, &views, &reference.colors);
+    let mut product = KernelsUnderTest::new(field, kernels, &views, &reference.colors);
+    let mut integrating = KernelsUnderTest::new(&integrated, kernels, &views, &reference.colors);
     let (turned, by_integration) = (sweeps::of_generation(&base), sweeps::of_integration(&base, integrated.scene()));
     let mut curves = vec![
         run_sweeps::raycast(&product, volume, sweeps::RAYCAST_STEP, &sweeps::steps(&base))?,

@@ -3,7 +3,7 @@
 use super::curve::{ErrorCurve, Parameter, Point};
 use super::error::Error;
 use super::integrator::{Integrator, Method};
-use super::kernels_under_test::{Kernels, TimedPicture, median_ms, timed};
+use super::kernels_under_test::{KernelsUnderTest, TimedPicture, median_ms, timed};
 use super::requantize;
 use super::scalars::{Interpolation, Scalars};
 use super::sweeps;
@@ -21,7 +21,7 @@ fn curve<A: Copy + Into<f64>>(knob: Parameter, shots: Vec<(Point, Vec<[A; 3]>)>)
 
 /// The product's ray caster by its step, which takes `values`.
 pub(super) fn raycast(
-    product: &Kernels,
+    product: &KernelsUnderTest,
     volume: &Volume,
     knob: Parameter,
     values: &[f64],
@@ -32,7 +32,7 @@ pub(super) fn raycast(
 
 /// One generation parameter, of which rounds have been measured.
 pub(super) fn generation(
-    product: &Kernels,
+    product: &KernelsUnderTest,
     base: &VdiParams,
     turned: &sweeps::ParameterSweep,
 ) -> anyhow::Result<ErrorCurve> {
@@ -42,7 +42,7 @@ pub(super) fn generation(
 }
 
 /// The base's VDI with fewer bits of color, and with fewer of depth; generation is the base's.
-pub(super) fn bits(product: &Kernels, base: &VdiParams) -> anyhow::Result<[ErrorCurve; 2]> {
+pub(super) fn bits(product: &KernelsUnderTest, base: &VdiParams) -> anyhow::Result<[ErrorCurve; 2]> {
     let vdi = product.generate(base)?;
     let time_ms = product.vdi(0.0, base).map_or(f64::NAN, |(point, _)| point.time_ms);
     let of_base = |(point, seen): TimedPicture| (Point { time_ms, params: Some(*base), ..point }, seen);
@@ -55,7 +55,7 @@ pub(super) fn bits(product: &Kernels, base: &VdiParams) -> anyhow::Result<[Error
 }
 
 /// The base's VDI, drawn by the nearest of its rays and by those around, blended.
-pub(super) fn blended(product: &Kernels, base: &VdiParams) -> anyhow::Result<ErrorCurve> {
+pub(super) fn blended(product: &KernelsUnderTest, base: &VdiParams) -> anyhow::Result<ErrorCurve> {
     let vdi = product.generate(base)?;
     let vdi = PreparedVdi::new(&vdi);
     let shot = |(rays, detail)| {
@@ -131,7 +131,7 @@ impl Plain<'_> {
 }
 
 /// Whole pictures of smaller sides: how far the RMS error that they tell is from that of pictures of the full side.
-pub(super) fn sample(product: &Kernels, views: &Views, base: &VdiParams) -> anyhow::Result<ErrorCurve> {
+pub(super) fn sample(product: &KernelsUnderTest, views: &Views, base: &VdiParams) -> anyhow::Result<ErrorCurve> {
     let vdi = product.generate(base)?;
     let vdi = PreparedVdi::new(&vdi);
     let (whole, _) = product.whole_pictures(&vdi, views.size())?;

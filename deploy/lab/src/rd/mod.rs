@@ -15,11 +15,11 @@ use lamina::offline::{open, prepare};
 use lamina::say;
 use lamina_codec::{Codec, DecodeLimits, EncodeOptions, Layout};
 use lamina_model::{GenerationParams, Intermediate, ReferenceSamples, SamplePlan, Segmentation, VdiParams};
-use lamina_raycast::{Backend, Field, most_points};
+use lamina_raycast::{Field, most_points};
 use lamina_report::numbers::significant;
 use lamina_report::panel::{CLASSES, PlotLine, file, panel};
 use lamina_tuner::units::show_bytes;
-use lamina_vdi_render::{self as viz, Detail, Drawable};
+use lamina_vdi_render::{Detail, Drawable, Kernels};
 use std::path::Path;
 use std::time::Instant;
 
@@ -56,15 +56,14 @@ struct Seen {
 /// What is measured on.
 struct RateDistortion {
     field: Field,
-    backend: Backend,
-    viewer: viz::Backend,
+    kernels: Kernels,
     reference: ReferenceSamples,
     bar: ProgressBar,
 }
 
 impl RateDistortion {
     fn psnr_db(&self, shown: &Drawable, detail: Detail) -> anyhow::Result<f64> {
-        Ok(self.viewer.quality(shown, &self.reference, 0..self.reference.plan.batches, detail)?.psnr_db())
+        Ok(self.kernels.draw.quality(shown, &self.reference, 0..self.reference.plan.batches, detail)?.psnr_db())
     }
 
     /// One representation in one coding, as the viewer shows it; `seen` is what it showed last, so that codings without loss
@@ -108,7 +107,7 @@ impl RateDistortion {
             for gamma in GAMMAS {
                 let params = base.with_resolution(r)?.with_gamma(gamma)?;
                 for segmentation in [Segmentation::Greedy, Segmentation::Fitted] {
-                    let (vdi, time) = self.backend.represent(&self.field, &params, segmentation)?;
+                    let (vdi, time) = self.kernels.cast.represent(&self.field, &params, segmentation)?;
                     let mut seen = None;
                     let codings = VDI_CODINGS.iter().zip(&mut results.curves[first..]);
                     for ((.., options, detail), curve) in codings.filter(|((_, s, ..), _)| *s == segmentation) {
@@ -130,7 +129,7 @@ impl RateDistortion {
         for share in SHARES {
             let params = base.with_resolution((side * share).round().max(2.0) as u32)?;
             let start = Instant::now();
-            let volumes = self.backend.represent_all(&self.field, &params, &BOUNDS, Segmentation::Fitted)?;
+            let volumes = self.kernels.cast.represent_all(&self.field, &params, &BOUNDS, Segmentation::Fitted)?;
             let reduction_ms = start.elapsed().as_secs_f64() * 1e3;
             for volume in volumes {
                 let sample = self.sample(&volume, reduction_ms, &CONTEXT_MIXING, Detail::Cubic, &mut None)?;
@@ -171,15 +170,15 @@ pub(crate) fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
     );
     std::fs::create_dir_all(&arguments.out)
         .with_context(|| format!("{}: cannot be created", arguments.out.display()))?;
-    let (backend, viewer) = (Backend::open(arguments.input.backend)?, viz::Backend::open(arguments.input.backend)?);
+    let kernels = Kernels::open(arguments.input.backend)?;
     let field = prepare(volume, &scene);
     let plan = SamplePlan { batches: 64, ..SamplePlan::default() };
-    let reference = backend.reference_samples(&field, &plan, arguments.input.time_step as u64)?;
+    let reference = kernels.cast.reference_samples(&field, &plan, arguments.input.time_step as u64)?;
     let encodings = RAYS.len() * GAMMAS.len() * VDI_CODINGS.len() + SHARES.len() * BOUNDS.len();
     let bar = ProgressBar::new(encodings as u64);
     let style = ProgressStyle::with_template("{bar:30} {pos}/{len} encodings  {elapsed}  {eta} to go")?;
     bar.set_style(style);
-    let bench = RateDistortion { field, backend, viewer, reference, bar };
+    let bench = RateDistortion { field, kernels, reference, bar };
     let base = VdiParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?.into();
     let mut results = Results { curves: Vec::new(), out: &arguments.out };
     bench.vdis(&base, &mut results)?;

@@ -21,12 +21,11 @@ use lamina::in_process::{InProcessEvaluator, encode_options};
 use lamina::say;
 use lamina::source::{read_options, scene_of, with_colors};
 use lamina_model::{GenerationParams, Representation, SamplePlan, Scene, Segmentation, VdiParams, Volume};
-use lamina_raycast::Backend;
 use lamina_tuner::Contract;
 use lamina_tuner::evaluator::Evaluator as _;
 use lamina_tuner::search::{CandidateSet, SearchGrid};
 use lamina_tuner::tune::tune;
-use lamina_vdi_render as viz;
+use lamina_vdi_render::Kernels;
 use lamina_volume_io::Series;
 use step_study::StepStudy;
 
@@ -40,7 +39,7 @@ const BESIDES: u64 = 4;
 pub(crate) fn study(arguments: &cli::StudyArguments) -> anyhow::Result<()> {
     std::fs::create_dir_all(&arguments.out)
         .with_context(|| format!("{}: cannot be created", arguments.out.display()))?;
-    let backends = (Backend::open(arguments.backend)?, viz::Backend::open(arguments.backend)?);
+    let kernels = Kernels::open(arguments.backend)?;
     let mut all = Vec::new();
     for input in &arguments.inputs {
         let series = Series::open(input, &read_options(&arguments.raw))?;
@@ -54,7 +53,7 @@ pub(crate) fn study(arguments: &cli::StudyArguments) -> anyhow::Result<()> {
         for step in chosen {
             let name = series.name().to_owned();
             let volume = with_colors(&series, step, series.read(step)?, &scene)?;
-            let trial = open(&name, step as u64, volume, &scene, &backends, arguments)?;
+            let trial = open(&name, step as u64, volume, &scene, &kernels, arguments)?;
             all.push(measure(name, step as u64, &scene, trial, &arguments.grid)?);
             // What is there is written after every step: the next may take an hour.
             csv::measurements(&arguments.out, &all)?;
@@ -83,17 +82,17 @@ fn open(
     step: u64,
     volume: Volume,
     scene: &Scene,
-    backends: &(Backend, viz::Backend),
+    kernels: &Kernels,
     arguments: &cli::StudyArguments,
 ) -> anyhow::Result<InProcessEvaluator> {
     let plan = SamplePlan::default();
-    let mut kernel = format!("{:?}", std::mem::discriminant(&backends.0));
+    let mut kernel = format!("{:?}", std::mem::discriminant(&kernels.cast));
     if arguments.segmentation != Segmentation::Greedy {
         kernel += &format!("{} {:?}", arguments.segmentation, encode_options(arguments.segmentation).codec);
     }
     let fingerprint = cache::fingerprint(&volume, scene, &plan, &kernel)?;
     let cache = Cache::open(&arguments.out.join("cache").join(format!("{name}-{step}-{fingerprint}.jsonl")))?;
-    Ok(InProcessEvaluator::new(step, volume, scene, backends, &plan, arguments.segmentation, Box::new(cache))?)
+    Ok(InProcessEvaluator::new(step, volume, scene, kernels, &plan, arguments.segmentation, Box::new(cache))?)
 }
 
 /// Every candidate of `grid`.

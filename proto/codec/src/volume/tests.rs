@@ -3,13 +3,10 @@
 use super::{HEADER, decode::decode, encode::encode};
 use crate::entropy::EntropyError;
 
-/// Numbers in 0..1 of a linear congruential generator.
+/// Numbers in 0..1, the same on every machine.
 fn noise(seed: u64) -> impl FnMut() -> f32 {
-    let mut state = seed;
-    move || {
-        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (state >> 40) as f32 / (1_u64 << 24) as f32
-    }
+    let mut random = fastrand::Rng::with_seed(seed);
+    move || random.f32()
 }
 
 /// A volume with a value for each x, y, z.

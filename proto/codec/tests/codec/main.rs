@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use fastrand::Rng;
 use glam::DVec3;
 use lamina_codec::{Codec, CodecError, DecodeLimits, EncodeOptions, Layout, decode, encode, peek, quantize};
 use lamina_model::composite::Accumulator;
@@ -46,41 +47,23 @@ fn with_gamma(vdi: &Vdi, gamma: f64) -> Vdi {
     Vdi::new(header, vdi.offsets().to_vec(), vdi.segments().to_vec()).unwrap()
 }
 
-/// A generator of numbers that are the same on every machine.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ z >> 31
-    }
-    fn below(&mut self, n: u64) -> u64 {
-        self.next() % n
-    }
-    fn unit(&mut self) -> f32 {
-        self.below(1 << 24) as f32 / (1 << 24) as f32
-    }
-}
-
 /// Lists of every kind: empty, thin, opaque, adjacent, apart, long.
 fn assorted(resolution: u32, seed: u64) -> Vdi {
-    let mut random = Random(seed);
-    let list = |random: &mut Random| {
-        let mut depth = random.below(40) as u32;
-        (0..random.below(12))
+    let mut random = Rng::with_seed(seed);
+    let list = |random: &mut Rng| {
+        let mut depth = random.u32(..40);
+        (0..random.u32(..12))
             .map(|_| {
-                let start = depth + if random.below(3) == 0 { random.below(300) as u32 } else { 0 };
-                let longest = [1, 4, 90, 70_000][random.below(4) as usize];
-                depth = start + 1 + random.below(longest) as u32;
-                let color = [random.unit(), random.unit(), random.unit()];
-                let optical_depth = match random.below(8) {
+                let start = depth + if random.u32(..3) == 0 { random.u32(..300) } else { 0 };
+                let longest = [1, 4, 90, 70_000][random.usize(..4)];
+                depth = start + 1 + random.u32(..longest);
+                let color = [random.f32(), random.f32(), random.f32()];
+                let optical_depth = match random.u32(..8) {
                     0 => f32::INFINITY,
                     1 => 0.0,
                     2 => 1e-20,
-                    3 => 8.0 * random.unit(),
-                    _ => 0.05 * random.unit(),
+                    3 => 8.0 * random.f32(),
+                    _ => 0.05 * random.f32(),
                 };
                 Supersegment { start, end: depth, color, optical_depth }
             })
@@ -280,13 +263,13 @@ fn mutated_bytes_never_panic_or_exceed_the_limits() {
     let cases = std::env::var("LAMINA_CODEC_MUTATIONS").ok().and_then(|n| n.parse().ok()).unwrap_or(20_000);
     let seeds: Vec<Vec<u8>> = ALL_OPTIONS.iter().map(|o| encode(&assorted(5, 7), o).unwrap()).collect();
     let limits = DecodeLimits { max_decoded_bytes: 1 << 20 };
-    let mut random = Random(8);
+    let mut random = Rng::with_seed(8);
     let mut accepted = 0;
     for case in 0..cases {
         // zstd and mixed carry no checksum of their own, so most are of those kinds.
         let seed = &seeds[[1, 4, 2, 0, 4, 2, 1, 3][case % 8]];
         let mut bytes = mutate(seed, &mut random);
-        if random.below(16) > 0 && bytes.len() >= 4 {
+        if random.u32(..16) > 0 && bytes.len() >= 4 {
             bytes = with_crc(bytes);
         }
         let _ = peek(&bytes);
@@ -298,40 +281,40 @@ fn mutated_bytes_never_panic_or_exceed_the_limits() {
     assert!(accepted > 0 && accepted < cases, "{accepted} of {cases} were accepted: the mutations do not bite");
 }
 
-fn mutate(seed: &[u8], random: &mut Random) -> Vec<u8> {
+fn mutate(seed: &[u8], random: &mut Rng) -> Vec<u8> {
     let mut bytes = seed.to_vec();
-    let at = |random: &mut Random, n: usize| random.below(n as u64) as usize;
-    for _ in 0..=random.below(3) {
+    let at = |random: &mut Rng, n: usize| random.usize(..n);
+    for _ in 0..=random.u32(..3) {
         if bytes.len() < TABLE_AT {
             break;
         }
-        match random.below(6) {
+        match random.u32(..6) {
             0 | 1 => {
                 let k = at(random, bytes.len());
-                bytes[k] ^= 1 << random.below(8);
+                bytes[k] ^= 1 << random.u32(..8);
             }
             2 => {
                 let k = at(random, bytes.len());
-                bytes[k] = random.next() as u8;
+                bytes[k] = random.u8(..);
             }
             3 => {
                 let fields = [8, 80, 136, 144, 148, 156, 164, 180, 192, 193, 194, 198];
                 let k = fields[at(random, fields.len())];
                 let n = 1 + at(random, 8);
-                bytes[k..k + n.min(TABLE_AT - k)].fill_with(|| [0, 255, random.next() as u8][random.below(3) as usize]);
+                bytes[k..k + n.min(TABLE_AT - k)].fill_with(|| [0, 255, random.u8(..)][random.usize(..3)]);
             }
             4 => {
                 let k = HEADER_AT + at(random, bytes.len() - HEADER_AT);
-                if random.below(4) == 0 {
+                if random.u32(..4) == 0 {
                     bytes.truncate(k);
                 } else {
-                    bytes.insert(k, random.next() as u8);
+                    bytes.insert(k, random.u8(..));
                 }
             }
             _ => {
                 let k = TABLE_AT + at(random, 26.min(bytes.len() - TABLE_AT + 1));
                 if let Some(byte) = bytes.get_mut(k) {
-                    *byte = [0, 1, 4, 5, 12, 255][random.below(6) as usize];
+                    *byte = [0, 1, 4, 5, 12, 255][random.usize(..6)];
                 }
             }
         }

@@ -204,11 +204,8 @@ mod tests {
 
     /// Lists of runs with gaps between: smooth ramps with what `seed` adds to them.
     fn fine(seed: u64) -> Vdi {
-        let mut state = seed;
-        let mut random = move || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 40) as f32 / (1 << 24) as f32
-        };
+        let mut random = fastrand::Rng::with_seed(seed);
+        let mut random = move || random.f32();
         let r = 6;
         let (mut offsets, mut segments) = (vec![0], Vec::new());
         for ray in 0..r * r {

@@ -3,13 +3,10 @@
 use super::{BAND, MAX_DEPTH, QuantizedSegment, bands, decode, encode};
 use crate::entropy::EntropyError;
 
-/// Numbers of a linear congruential generator.
+/// Numbers below the argument, the same on every machine.
 fn numbers(seed: u64) -> impl FnMut(u64) -> u32 {
-    let mut state = seed;
-    move |below| {
-        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        ((state >> 33) % below) as u32
-    }
+    let mut random = fastrand::Rng::with_seed(seed);
+    move |below| random.u64(..below) as u32
 }
 
 /// Rays with up to `most` supersegments of random context, the deepest of which may be anywhere.
