@@ -173,6 +173,35 @@ class Band:
         return -q if coder.modeled_bit(self.signs, index) else q
 
 
+# The indices of the missing points.
+def mask(data, size):
+    coder, models, missing, state = Coder(data), {}, set(), {}
+    nx, ny, nz = size
+    bx, by, bz = (-(-n // 8) for n in size)
+    for z in range(bz):
+        for y in range(by):
+            for x in range(bx):
+                c = sum(n * state.get(at, 0) for n, at in ((1, (x - 1, y, z)), (3, (x, y - 1, z)), (9, (x, y, z - 1))))
+                mixed = coder.modeled_bit(models, ("mixed", c))
+                state[x, y, z] = 2 if mixed else 1 if coder.modeled_bit(models, ("missing", c)) else 0
+    before = (-1, 0, 0), (-2, 0, 0), (0, -1, 0), (-1, -1, 0), (1, -1, 0), (0, 0, -1), (-1, 0, -1), (1, 0, -1), (0, -1, -1), (0, 1, -1)
+    index = lambda x, y, z: (z * ny + y) * nx + x
+    for z in range(nz):
+        for y in range(ny):
+            for x in range(nx):
+                found = state[x // 8, y // 8, z // 8]
+                if found == 2:
+                    c = 0
+                    for dx, dy, dz in before:
+                        p = x + dx, y + dy, z + dz
+                        inside = all(0 <= q < n for q, n in zip(p, size))
+                        c = 2 * c + (inside and index(*p) in missing)
+                    found = coder.modeled_bit(models, ("point", c))
+                if found:
+                    missing.add(index(x, y, z))
+    return missing
+
+
 # The fields of a protobuf message, the last one of each number.
 def fields(message):
     found, at = {}, 0
@@ -203,7 +232,7 @@ if data[:4] != b"LVOL":
 if len(data) < 14 or zlib.crc32(data[:-4]) != int.from_bytes(data[-4:], "little"):
     sys.exit("damaged: the checksum differs")
 version, length = struct.unpack_from("<HI", data, 4)
-if version != 1 or length > min(262144, len(data) - 14):
+if version not in (1, 2) or length > min(262144, len(data) - 14):
     sys.exit(f"version {version} with a header of {length} bytes is not known to this reader")
 header = fields(data[10:10 + length])
 grid, params = fields(header.get(1, b"")), fields(header.get(3, b""))
@@ -212,15 +241,21 @@ if params.get(5) != 1 or not nx * ny * nz:
     sys.exit("the header is not of a volume")
 bound = max(f32(struct.unpack("<d", params.get(2, bytes(8)))[0]), f32(1e-6))
 count = max(1, min(nx * ny * nz >> 22, nz // 16))
-at = 10 + length + 8 * count
+at, missing = 10 + length, ()
+if version == 2:
+    size = int.from_bytes(data[at:at + 8], "little")
+    missing = mask(data[at + 8:at + 8 + size], (nx, ny, nz))
+    at += 8 + size
+lengths_at, at = at, at + 8 * count
 if at > len(data) - 4:
     sys.exit("damaged: the lengths of the bands are missing")
-lengths = struct.unpack_from(f"<{count}Q", data, 10 + length)
+lengths = struct.unpack_from(f"<{count}Q", data, lengths_at)
 if min(lengths) < 12 or at + sum(lengths) != len(data) - 4:
     sys.exit("damaged: the bands' lengths do not fit the file")
 print(nx, ny, nz)
 print("%.9g" % bound)
 for k in range(count):
     band = Band(data[at:at + lengths[k]], (nx, ny, (k + 1) * nz // count - k * nz // count), bound)
-    print("\n".join("%.9g" % v for v in band.values))
+    first = nx * ny * (k * nz // count)
+    print("\n".join("nan" if first + i in missing else "%.9g" % v for i, v in enumerate(band.values)))
     at += lengths[k]

@@ -31,8 +31,9 @@ impl FieldSource {
         match (self, params) {
             (Self::Own(backend, field), _) => backend.represent(field, params, segmentation),
             (Self::Group(group), GenerationParams::Vdi(params)) => group.generate(params, segmentation),
-            (Self::Group(_), GenerationParams::Volume(_)) => {
-                Err(Invalid::new("representation", "a group generates VDIs; a reduced volume needs one node"))
+            (Self::Group(group), GenerationParams::Volume(params)) => {
+                let (volume, time) = group.reduce(params)?;
+                Ok((Intermediate::Volume(Box::new(volume)), time))
             }
         }
     }
@@ -43,9 +44,15 @@ impl FieldSource {
         gammas: &[f64],
         segmentation: Segmentation,
     ) -> Result<Vec<Intermediate>, Invalid> {
-        match self {
-            Self::Own(backend, field) => backend.represent_all(field, params, gammas, segmentation),
-            Self::Group(_) => {
+        match (self, params) {
+            (Self::Own(backend, field), _) => backend.represent_all(field, params, gammas, segmentation),
+            // A volume does not depend on its error bound before it is encoded.
+            (Self::Group(group), GenerationParams::Volume(params)) => {
+                let (volume, _) = group.reduce(params)?;
+                let bounded = |&gamma: &f64| volume.clone().with_error_bound(gamma);
+                gammas.iter().map(|gamma| Ok(Intermediate::Volume(Box::new(bounded(gamma)?)))).collect()
+            }
+            (Self::Group(_), GenerationParams::Vdi(_)) => {
                 gammas.iter().map(|&g| Ok(self.represent(&params.with_gamma(g)?, segmentation)?.0)).collect()
             }
         }
@@ -54,7 +61,7 @@ impl FieldSource {
     fn longest_side(&self) -> u32 {
         match self {
             Self::Own(_, field) => most_points(field),
-            Self::Group(_) => 0,
+            Self::Group(group) => group.longest_side(),
         }
     }
 

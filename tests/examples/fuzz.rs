@@ -57,6 +57,8 @@ fn seeds() -> Result<Vec<Vec<u8>>, Box<dyn std::error::Error>> {
         let volume = Intermediate::Volume(Box::new(volume(dims, &mut random)?));
         seeds.push(encode_any(&volume, &EncodeOptions::default())?);
     }
+    let masked = Intermediate::Volume(Box::new(masked(volume([9, 8, 11], &mut random)?, &mut random)?));
+    seeds.push(encode_any(&masked, &EncodeOptions::default())?);
     Ok(seeds)
 }
 
@@ -81,6 +83,14 @@ fn vdi(resolution: u32, random: &mut Rng) -> Result<Vdi, lamina_model::Invalid> 
         background: [0.0; 3],
     };
     Vdi::new(header, offsets, segments)
+}
+
+/// With a third of its points missing.
+fn masked(volume: ReducedVolume, random: &mut Rng) -> Result<ReducedVolume, lamina_model::Invalid> {
+    let params = *volume.params();
+    let (grid, scene, mut units) = volume.into_parts();
+    units.iter_mut().filter(|_| random.u32(..3) == 0).for_each(|u| *u = f32::NAN);
+    ReducedVolume::new(grid, scene, params, units)
 }
 
 fn camera() -> Result<Camera, lamina_model::Invalid> {

@@ -297,8 +297,12 @@ fn voxels_that_are_not_finite_are_drawn_as_empty_and_counted() {
     let mut values = vec![0.5_f32; 16 * 16 * 16];
     values[1] = f32::NAN;
     values[77] = f32::NEG_INFINITY;
-    let path = folder.path().join("holes_16x16x16_float32.raw");
-    std::fs::write(&path, values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>()).unwrap();
+    let write = |name: &str, value: &dyn Fn(f32) -> f32| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, values.iter().flat_map(|v| value(*v).to_le_bytes()).collect::<Vec<_>>()).unwrap();
+        path
+    };
+    let path = write("holes_16x16x16_float32.raw", &|v| v);
     let out = text(&folder.path().join("x.png"));
     let output = run("lamina", &["raycast", &text(&path), "--size", "32", "--out", &out]);
     assert!(output.status.success());
@@ -308,19 +312,20 @@ fn voxels_that_are_not_finite_are_drawn_as_empty_and_counted() {
     let csv = std::fs::read_to_string(folder.path().join("run/steps.csv")).unwrap();
     assert_eq!(StepRow::from_csv(csv.lines().nth(1).unwrap()).unwrap().empty_voxels, 2);
 
-    // Volumes cannot hold them: VDIs can, whether volumes were asked for or are only among what is tried.
+    // A value of the user's own that stands for them is the same.
+    let filled = write("filled_16x16x16_float32.raw", &|v| if v.is_finite() { v } else { -9999.0 });
+    let other = text(&folder.path().join("z.png"));
+    lamina(&["raycast", &text(&filled), "--missing", "-9999", "--size", "32", "--out", &other]);
+    assert_eq!(std::fs::read(&out).unwrap(), std::fs::read(&other).unwrap());
+
+    // Volumes hold them too, asked for and among what is tried.
     let volumes = ["--representation", "volume", "--resolution", "32", "--gamma", "0.1"];
     let out = folder.path().join("volumes");
     lamina(&[&["replay", &text(&path), "--headless", "--out", &text(&out)], &volumes[..]].concat());
     let csv = std::fs::read_to_string(out.join("steps.csv")).unwrap();
-    assert_eq!(StepRow::from_csv(csv.lines().nth(1).unwrap()).unwrap().representation.name(), "vdi");
+    assert_eq!(StepRow::from_csv(csv.lines().nth(1).unwrap()).unwrap().representation.name(), "volume");
     let tuned = lamina(&["tune", &text(&path), "--contract", "size <= 1MB", "--grid", "32:64:32,0.01:0.1:0.05"]);
-    let best = tuned.lines().find(|l| l.starts_with("best")).unwrap_or_else(|| panic!("{tuned}"));
-    assert!(best.contains("vdi"), "{tuned}");
-    refused(
-        &[&["generate", &text(&path), "--out", &text(&out)], &volumes[..]].concat(),
-        &["representation", "2 voxels"],
-    );
+    assert!(tuned.lines().any(|l| l.starts_with("best") && l.contains("volume")), "{tuned}");
 }
 
 #[test]
@@ -387,13 +392,4 @@ fn a_reduced_volume_is_made_shown_and_chosen_where_it_serves_better() {
         assert!(row.psnr_db.is_some_and(|q| f64::from(q) > 30.0), "{line}");
     }
     refused(&[&["generate"], &input[..], &["--representation", "mesh", "--out", &at("y")]].concat(), &["mesh", "vdi"]);
-}
-
-#[test]
-fn a_reader_that_leaves_ends_nothing() {
-    let (reader, writer) = std::io::pipe().unwrap();
-    drop(reader);
-    let output = Command::new(binary("lamina")).arg("doctor").stdout(writer).output().unwrap();
-    let error = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success() && !error.contains("panicked"), "{error}");
 }

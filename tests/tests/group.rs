@@ -4,7 +4,7 @@
 
 use glam::DVec3;
 use lamina_client::{Brick, Client, FullPolicy, RunOptions};
-use lamina_codec::{DecodeLimits, decode};
+use lamina_codec::{DecodeLimits, decode, volume};
 use lamina_model::{Grid, Intermediate, Scene, Vdi, Volume, VoxelType, Voxels, psnr::psnr, suggest::suggest};
 use lamina_tests::languages::source;
 use lamina_tests::processes::{Daemon, binary, free_port, wait_for};
@@ -109,6 +109,37 @@ fn config(folder: &Path, gamma: f64) -> std::path::PathBuf {
 
 fn vdi(bytes: &[u8]) -> Vdi {
     decode(bytes, &DecodeLimits::default()).unwrap()
+}
+
+#[test]
+fn a_group_publishes_the_reduced_volume_of_one_node() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("generator-node.toml");
+    let params =
+        "representation = \"volume\"\nresolution = 24\ngamma = 0.01\nopacity_cutoff = 1.0\nstep_voxels = 0.5\n";
+    std::fs::write(&config, format!("[params]\n{params}")).unwrap();
+    let alone = {
+        let node = Daemon::start("generator-node", free_port(), &["--config", config.to_str().unwrap()]);
+        record(&node.url(), folder.path())
+    };
+    for members in [2, 3] {
+        let (folder, port) = (tempfile::tempdir().unwrap(), free_port());
+        let group = Daemon::spawn(mpiexec(members, port, &config), port);
+        let together = record(&group.url(), folder.path());
+        for (a, b) in alone.iter().zip(&together) {
+            let change = b.len() as f64 / a.len() as f64 - 1.0;
+            assert!(change.abs() < 0.03, "{members} members: {} and {} bytes", a.len(), b.len());
+            let [one, other] = [a, b].map(|bytes| volume::decode(bytes, &DecodeLimits::default()).unwrap());
+            assert_eq!((one.grid(), one.scene()), (other.grid(), other.scene()));
+            let [one, other] = [one, other].map(|volume| {
+                let shown = Drawable::new(Intermediate::Volume(Box::new(volume)));
+                let camera = shown.camera().rotated_about_y(25.0).unwrap();
+                Backend::default().render(&shown, &camera, 256, 256, Detail::Cubic).unwrap()
+            });
+            let db = psnr(&one, &other).unwrap();
+            assert!(db > 60.0, "{members} members: {db} dB");
+        }
+    }
 }
 
 #[test]

@@ -5,8 +5,9 @@
 use lamina_client::{Brick, Client, RunOptions};
 use lamina_model::{FullPolicy, VoxelType};
 use lamina_rpc::v1::{self, control_client::ControlClient};
-use lamina_tests::processes::{Daemon, free_port, wait_for};
+use lamina_tests::processes::{Daemon, binary, free_port, wait_for};
 use lamina_tests::{clumps, sampled_cube};
+use std::process::Command;
 use std::time::Duration;
 use tonic::Code;
 use tonic::transport::Endpoint;
@@ -52,4 +53,13 @@ fn another_version_of_the_contracts_is_refused_by_name() {
     });
     assert_eq!(refusal.code(), Code::FailedPrecondition, "{refusal}");
     assert!(refusal.message().contains("protocol 90 (lamina 9.0.0)"), "{refusal}");
+}
+
+#[test]
+fn a_reader_that_leaves_ends_nothing() {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let output = Command::new(binary("lamina")).arg("doctor").stdout(writer).output().unwrap();
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && !error.contains("panicked"), "{error}");
 }

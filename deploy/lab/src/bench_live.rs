@@ -135,7 +135,7 @@ fn beside_busy<T>(busy: u16, work: impl FnOnce(&Burnt) -> anyhow::Result<T>) -> 
 fn source(arguments: &cli::BenchLive) -> anyhow::Result<Box<dyn Source>> {
     Ok(match &arguments.replay {
         Some(series) => {
-            let raw = lamina::cli::Raw { dims: None, dtype: None, field: None };
+            let raw = lamina::cli::Raw { dims: None, dtype: None, field: None, missing: None };
             Box::new(Recorded::open(series, &read_options(&raw), None)?)
         }
         None => Box::new(Example::new(arguments.cells, 1, &[], arguments.threads, None)?),

@@ -47,6 +47,15 @@ def fit(values: numpy.ndarray) -> numpy.ndarray:
     return native.astype(numpy.int16 if native.dtype == numpy.int8 else numpy.float64)
 
 
+def mark_missing(values: numpy.ndarray, missing: float | None) -> numpy.ndarray:
+    """`values` with NaN where they are `missing`; integers become single precision."""
+    if missing is None:
+        return values
+    values = values.astype(numpy.float64 if values.dtype == numpy.float64 else numpy.float32)
+    values[values == values.dtype.type(missing)] = numpy.nan
+    return values
+
+
 class Feed:
     """Pushes steps; opens a run at the first, and another where the grid, the type or the field changes."""
 
@@ -58,6 +67,7 @@ class Feed:
 
     def push(self, step: Step) -> None:
         values = fit(step.values)
+        values = mark_missing(values, step.missing if self.options.missing is None else self.options.missing)
         spacing, origin = self.options.spacing or step.spacing, self.options.origin or step.origin
         run = step.field, values.shape, values.dtype.name, tuple(spacing), tuple(origin)
         if run != self.run:
@@ -227,12 +237,13 @@ def command(arguments: Sequence[str]) -> int:
     add("--level", type=int, metavar="N", help="level of an adaptive mesh whose cells are shown; default: the finest")
     add("--dims", type=_dims, metavar="NXxNYxNZ", help="points a side of raw files")
     add("--dtype", metavar="TYPE", help="type of raw files, such as uint8")
+    add("--missing", type=float, metavar="VALUE", help="value that stands where there is none, instead of the source's; NaN in any case")
     add("--exit", action="store_true", help="end with the source; else the page stays")
     of = parser.parse_args(arguments)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    options = Options(of.field, of.axes, of.spacing, of.origin, of.quiet, of.dims, of.dtype, of.level, stop.is_set)
+    options = Options(of.field, of.axes, of.spacing, of.origin, of.quiet, of.dims, of.dtype, of.level, of.missing, stop.is_set)
     given = {key: getattr(of, key) for key in ("generator", "contract", "out", "viewer", "scene", "name", "steps")}
     try:
         pushed = watch(of.source, linger=not of.exit, options=options, **given)

@@ -488,6 +488,32 @@ def check_levels():
     print("levels: a plotfile's, filled from coarser ones")
 
 
+def check_missing():
+    """Fill values, stated by the file or by the user, are missing points in what is recorded."""
+    import h5py
+
+    values = blob(3)
+    x, y, _ = numpy.meshgrid(*(numpy.arange(n) for n in DIMS), indexing="ij")
+    holes = (x - 20) ** 2 + (y - 18) ** 2 < 60
+    filled = numpy.where(holes, -9999, values).astype(numpy.float32)
+    (FOLDER / "missing").mkdir()
+    with h5py.File(FOLDER / "missing/stated.h5", "w") as file:
+        file.create_dataset("rho", data=filled.transpose()).attrs["_FillValue"] = numpy.float32(-9999)
+    numpy.save(FOLDER / "missing/told.npy", numpy.ascontiguousarray(filled.transpose()))
+    for name, options in {"stated.h5": [], "told.npy": ["--missing", "-9999"]}.items():
+        out = FOLDER / "missing" / name.replace(".", "_")
+        command = ["lamina", "watch", str(FOLDER / "missing" / name), "--out", str(out), "--scene", str(FOLDER / "scene.toml"), "--exit", "--quiet", "1"]
+        command += ["--viewer", "127.0.0.1:0", "--contract", "size <= 60kB, psnr >= 30dB", *options]
+        said = subprocess.run(command, check=True, capture_output=True, text=True, timeout=120)
+        step = lamina.read(out)[0]
+        if isinstance(step, lamina.Reduced) and step.units.shape == DIMS:
+            assert numpy.array_equal(numpy.isnan(step.array), holes), (name, "holes elsewhere")
+        else:
+            assert step.render(size=128).std() > 0.02, (name, said.stdout)
+        row = lamina.read(out).table[0]
+        assert int(row["empty_voxels"]) == holes.sum(), (name, row)
+
+
 def check_hostile():
     """What is no step is passed over by name, and what comes after it is shown; small files that claim to be large are not read."""
     import h5py
@@ -559,6 +585,7 @@ subprocess.run([sys.executable, "-m", "lamina", "--version"], check=True, captur
 if not ONLY:
     check_reader()
     check_levels()
+    check_missing()
     check_hostile()
     check_client()
     check_exports()

@@ -7,6 +7,7 @@
 mod ascii;
 mod base64_text;
 mod error;
+mod missing;
 mod nrrd;
 mod nrrd_axes;
 mod nrrd_header;

@@ -1,5 +1,6 @@
 //! A recorded time series under one roof: whatever the format, numbered steps with a time and a volume each.
 
+use crate::missing::mark_missing;
 use crate::nrrd::Nrrd;
 use crate::pvd::read_collection;
 use crate::raw::{RawFile, RawSpec};
@@ -15,6 +16,8 @@ pub struct Options {
     pub raw: RawSpec,
     /// The array to read where a file has several. Raw and NRRD files have a single, nameless one: it takes this name.
     pub field: Option<String>,
+    /// The value that stands where a voxel is missing; NaN is missing in any case.
+    pub missing: Option<f64>,
 }
 
 /// A recorded time series, opened: its steps are known, their voxels are read on demand.
@@ -23,6 +26,7 @@ pub struct Series {
     path: PathBuf,
     name: String,
     field: String,
+    missing: Option<f64>,
     steps: Vec<SeriesStep>,
 }
 
@@ -61,7 +65,7 @@ impl Series {
             let remedy = "it tells its own: leave out --dims and --dtype";
             return Err(ReadError::unsupported(path, "a shape from outside", remedy));
         }
-        Ok(Self { path: path.into(), name: stem, field, steps })
+        Ok(Self { path: path.into(), name: stem, field, missing: options.missing, steps })
     }
 
     /// Number of steps, one or more.
@@ -96,11 +100,15 @@ impl Series {
         let Some(step) = self.steps.get(index) else {
             return Err(ReadError::Step { path: self.path.clone(), index, last: self.steps.len().saturating_sub(1) });
         };
-        match &step.source {
+        let volume = match &step.source {
             // By name, so that a series does not change its scalar where a step lists its arrays differently.
             SeriesSource::Vti(path) => vti::read(path, Some(&self.field)),
             SeriesSource::Nrrd(nrrd) => nrrd.read(),
             SeriesSource::Raw(raw) => raw.read(),
+        }?;
+        match self.missing {
+            Some(value) => mark_missing(volume, value).map_err(|e| ReadError::grid(&self.path, e)),
+            None => Ok(volume),
         }
     }
 }

@@ -141,7 +141,7 @@ fn raw_files_of_unknown_or_wrong_shape() {
     let path = folder.path().join("a.raw");
     fs::write(&path, "12345678").unwrap();
     let raw = RawSpec { dims: Some([2, 2, 2]), voxel_type: Some(VoxelType::U16), spacing: None };
-    assert!(failure(&path, &Options { raw, field: None }).contains("are 16"));
+    assert!(failure(&path, &Options { raw, ..Options::default() }).contains("are 16"));
 }
 
 #[test]

@@ -1,12 +1,12 @@
 //! A member at work: carries out the root's commands on the bricks of its own ranks.
 
 use super::convert::{Preparation, read_cast, tile};
-use super::{Kind, lists, send, window};
+use super::{Kind, lists, send, sums, window};
 use crate::ingest::{BrickBytes, GridBox, RunSpec};
 use glam::DVec3;
 use lamina_model::{GenerationParams, Grid, Invalid, Scene, Segmentation, Volume, VoxelType, Voxels};
 use lamina_mpi::Outbox;
-use lamina_raycast::{Backend, Compositor, Field, GridPart, RowBand};
+use lamina_raycast::{Backend, Compositor, Field, GridPart, PartSums, RowBand};
 use lamina_rpc::v1;
 use parking_lot::Mutex;
 use std::collections::{BTreeMap, VecDeque};
@@ -88,6 +88,7 @@ impl Member {
         let outcome = match message.kind {
             Some(Kind::Prepare(command)) => self.prepare(sequence, command).map_err(|e| self.give_up(sequence, e)),
             Some(Kind::Generate(command)) => self.generate(sequence, command).map_err(|e| self.give_up(sequence, e)),
+            Some(Kind::Reduce(command)) => self.reduce(command),
             Some(Kind::Cast(command)) => self.cast(command),
             Some(Kind::Sample(command)) => self.sample(&command),
             Some(Kind::Release(v1::GroupRelease { step })) => {
@@ -238,11 +239,8 @@ impl Member {
     fn generate(&mut self, sequence: u64, command: v1::GroupGenerate) -> Result<Vec<u8>, Invalid> {
         let v1::GroupGenerate { step, params, greedy } = command;
         let segmentation = if greedy { Segmentation::Greedy } else { Segmentation::Fitted };
-        let params = match GenerationParams::try_from(lamina_rpc::required(params, "params")?)? {
-            GenerationParams::Vdi(params) => params,
-            GenerationParams::Volume(_) => {
-                return Err(Invalid::new("representation", "a group generates VDIs; a reduced volume needs one node"));
-            }
+        let GenerationParams::Vdi(params) = lamina_rpc::required(params, "params")?.try_into()? else {
+            return Err(Invalid::new("representation", "a VDI is generated, a volume reduced"));
         };
         let fields = self.fields.get(&step).ok_or_else(|| missing(step))?;
         let compositor = Compositor::new(&fields.grid, &fields.scene, &params, segmentation)?;
@@ -269,6 +267,20 @@ impl Member {
         }
         let mut out = Vec::new();
         lists::write(&compositor.rows(&rows, &bands)?, &mut out);
+        Ok(out)
+    }
+
+    /// Sums what each of its boxes gives to the reduced volume.
+    fn reduce(&self, command: v1::GroupReduce) -> Result<Vec<u8>, Invalid> {
+        let v1::GroupReduce { step, params, masked } = command;
+        let GenerationParams::Volume(params) = lamina_rpc::required(params, "params")?.try_into()? else {
+            return Err(Invalid::new("representation", "a VDI is generated, a volume reduced"));
+        };
+        let fields = self.fields.get(&step).ok_or_else(|| missing(step))?;
+        let mut out = Vec::new();
+        for part in &fields.parts {
+            sums::write(&PartSums::of(part, &params, masked)?, &mut out);
+        }
         Ok(out)
     }
 

@@ -8,6 +8,7 @@ mod door;
 mod lists;
 mod member;
 mod root;
+mod sums;
 #[cfg(test)]
 mod tests;
 mod window;

@@ -2,15 +2,15 @@
 
 use super::convert::{Preparation, cast_message};
 use super::member::lattice;
-use super::{Kind, lists, send};
+use super::{Kind, lists, send, sums};
 use crate::ingest::{GridBox, RunSpec};
 use glam::DVec3;
 use lamina_model::{
-    Aabb, Grid, Intermediate, Invalid, ReferenceSamples, SamplePlan, Scene, Segmentation, VdiParams, Volume, VoxelType,
-    Voxels,
+    Aabb, Grid, Intermediate, Invalid, ReducedVolume, ReferenceSamples, SamplePlan, Scene, Segmentation, VdiParams,
+    Volume, VolumeParams, VoxelType, Voxels,
 };
 use lamina_mpi::Outbox;
-use lamina_raycast::{Compositor, GridPart};
+use lamina_raycast::{Compositor, GridPart, PartReduction};
 use lamina_rpc::v1;
 use parking_lot::Mutex;
 use std::ops::Range;
@@ -157,6 +157,29 @@ impl GroupField {
         let members = tiles.len();
         let rows = (0..r as usize).filter_map(|row| tiles[row % members].next());
         Ok((Intermediate::Vdi(Box::new(compositor.finish(rows)?)), slowest))
+    }
+
+    /// The reduced volume of the whole, and the time that the slowest member took.
+    pub(crate) fn reduce(&self, params: &VolumeParams) -> Result<(ReducedVolume, Duration), Invalid> {
+        let command = v1::GroupReduce {
+            step: self.step,
+            params: Some((&lamina_model::GenerationParams::Volume(*params)).into()),
+            masked: self.empty_voxels > 0,
+        };
+        let (answers, slowest) = self.root.ask(&Kind::Reduce(command))?;
+        let mut whole = PartReduction::new(&self.grid, &self.scene, params);
+        for answer in answers {
+            let mut rest = &answer.payload[..];
+            while !rest.is_empty() {
+                whole.add(&sums::read(&mut rest)?)?;
+            }
+        }
+        Ok((whole.finish(&self.grid, &self.scene, params)?, slowest))
+    }
+
+    /// The most points on a side of a reduced volume; 0 if there can be none.
+    pub(crate) fn longest_side(&self) -> u32 {
+        if self.scene.effects.color_field.is_some() { 0 } else { self.grid.longest_side() }
     }
 
     /// Reference samples of some batches, composited of what the parts have of each pixel.

@@ -153,7 +153,7 @@ fn damage_newer_versions_and_large_claims_are_told_apart() {
     assert!(matches!(volume::decode(&damaged, &limits), Err(CodecError::Damaged(_))));
     let mut newer = bytes.clone();
     newer[4] = 9;
-    assert!(matches!(volume::decode(&newer, &limits), Err(CodecError::NewerVersion { found: 9, newest: 1 })));
+    assert!(matches!(volume::decode(&newer, &limits), Err(CodecError::NewerVersion { found: 9, newest: 2 })));
     let small = DecodeLimits { max_decoded_bytes: 1000 };
     let TooLarge { needed, limit } = too_large(volume::decode(&bytes, &small));
     assert_eq!((needed, limit), (4 * DIMS.iter().product::<usize>() as u64, 1000));
@@ -171,19 +171,56 @@ fn too_large(outcome: Result<ReducedVolume, CodecError>) -> TooLarge {
     }
 }
 
+/// The ball with a wall of missing points through it and some alone.
+fn masked() -> ReducedVolume {
+    let whole = ball(Effects::default());
+    let missing = |n: usize| n % DIMS[0] > 11 + n / DIMS[0] % 3 || n.is_multiple_of(171);
+    let units = whole.units().iter().enumerate().map(|(n, u)| if missing(n) { f32::NAN } else { *u });
+    ReducedVolume::new(*whole.grid(), whole.scene().clone(), *whole.params(), units.collect()).unwrap()
+}
+
+#[test]
+fn missing_points_come_back_as_missing_and_cost_next_to_nothing() {
+    let (whole, volume) = (ball(Effects::default()), masked());
+    let (bytes, back) = round_trip(&volume);
+    let is_seen = seen(&volume, 1);
+    for (n, (was, is)) in volume.units().iter().zip(back.units()).enumerate() {
+        assert_eq!(was.is_nan(), is.is_nan(), "point {n}");
+        let near = f64::from((was - is).abs()) <= BOUND * (1.0 + 1e-5);
+        assert!(was.is_nan() || near || !is_seen[n], "point {n}: {was} became {is}");
+    }
+    // 31 points alone take more than half of the ball, which is gone, gives back.
+    let (without, _) = round_trip(&whole);
+    assert!(bytes < without + 31 * 2, "{bytes} bytes, {without} without a mask");
+    assert_eq!(volume::encode(&volume)[4..6], [2, 0]);
+    assert_eq!(volume::encode(&whole)[4..6], [1, 0], "without missing points the bytes are those of version 1");
+}
+
+#[test]
+fn a_volume_of_missing_points_alone_and_infinite_values() {
+    let whole = ball(Effects::default());
+    let all = |unit| vec![unit; whole.units().len()];
+    let of = |units| ReducedVolume::new(*whole.grid(), whole.scene().clone(), *whole.params(), units);
+    let (bytes, back) = round_trip(&of(all(f32::NAN)).unwrap());
+    assert!(back.units().iter().all(|u| u.is_nan()));
+    let (constant, _) = round_trip(&of(all(0.5)).unwrap());
+    assert!(bytes <= constant + 12, "{bytes} bytes, {constant} for a constant");
+    assert!(of(all(f32::INFINITY)).unwrap_err().reason.contains("missing"));
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 2000, failure_persistence: None, ..ProptestConfig::default() })]
 
     /// With the checksum made right again, so that what is behind it is met.
     #[test]
-    fn changed_bytes_are_a_volume_or_an_error(at in 0_usize..4000, to: u8, cut in 0_usize..4000) {
-        let mut bytes = volume::encode(&ball(Effects::default()));
+    fn changed_bytes_are_a_volume_or_an_error(at in 0_usize..4000, to: u8, cut in 0_usize..4000, is_masked: bool) {
+        let mut bytes = volume::encode(&if is_masked { masked() } else { ball(Effects::default()) });
         let body = bytes.len() - 4;
         bytes[10 + at % (body - 10)] = to;
         bytes.truncate(if cut % 4 == 0 { body - cut % (body - 20) } else { body });
         bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
         if let Ok(volume) = volume::decode(&bytes, &DecodeLimits { max_decoded_bytes: 1 << 20 }) {
-            prop_assert!(volume.units().iter().all(|u| u.is_finite()));
+            prop_assert!(volume.units().iter().all(|u| !u.is_infinite() && (is_masked || !u.is_nan())));
         }
     }
 }

@@ -16,21 +16,20 @@ pub struct ReducedVolume {
 
 impl ReducedVolume {
     /// Why none can stand for a step, to those who know only that it may have 0 points on a side.
-    pub const WHY_NONE: &str =
-        "no reduced volume can stand for this step: voxels are missing, or colors come from a second field";
+    pub const WHY_NONE: &str = "no reduced volume can stand for this step: colors come from a second field";
 
-    /// Positions in the range of the scene's transfer function, `units`, on `grid`, x fastest.
+    /// Positions in the range of the scene's transfer function, `units`, on `grid`, x fastest; NaN where a point is missing.
     ///
     /// # Errors
-    /// If there are not as many as sample points, one is not finite, colors are to come from a second field, or the scene's
+    /// If there are not as many as sample points, one is infinite, colors are to come from a second field, or the scene's
     /// opacities refer to no stated length: to what one voxel was, another grid does not tell.
     pub fn new(grid: Grid, scene: Scene, params: VolumeParams, units: Vec<f32>) -> Result<Self, Invalid> {
         if units.len() != grid.voxels() {
             let reason = format!("{} values given, a grid of {:?} needs {}", units.len(), grid.dims(), grid.voxels());
             return Err(Invalid::new("volume", reason));
         }
-        if let Some(unit) = units.iter().find(|u| !u.is_finite()) {
-            return Err(Invalid::new("volume", format!("a value of {unit}; a reduced volume holds finite ones only")));
+        if let Some(unit) = units.iter().find(|u| u.is_infinite()) {
+            return Err(Invalid::new("volume", format!("a value of {unit}; NaN is a missing point")));
         }
         if scene.transfer.stated_unit_length().is_none() {
             return Err(Invalid::new("transfer.unit_length", "must be stated in a reduced volume"));
@@ -62,7 +61,7 @@ impl ReducedVolume {
     pub fn params(&self) -> &VolumeParams {
         &self.params
     }
-    /// Positions in the range of the transfer function, x fastest.
+    /// Positions in the range of the transfer function, x fastest; NaN where a point is missing.
     pub fn units(&self) -> &[f32] {
         &self.units
     }

@@ -33,3 +33,4 @@ pub use vdi::compositing::Compositor;
 pub use volume::downsample::{most_points, reduce};
 pub use volume::field::Field;
 pub use volume::part::GridPart;
+pub use volume::part_reduction::{PartReduction, PartSums};

@@ -3243,6 +3243,18 @@ pub struct GroupGenerate {
     #[prost(bool, tag = "3")]
     pub greedy: bool,
 }
+/// Members sum what their own points give to the reduced volume of the whole. Answer, for each box: its first point and points per axis
+/// (u32), whether shares follow the sums (u32), and those, f32.
+#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+pub struct GroupReduce {
+    #[prost(uint64, tag = "1")]
+    pub step: u64,
+    #[prost(message, optional, tag = "2")]
+    pub params: ::core::option::Option<GenerationParams>,
+    /// Voxels of the whole field are missing.
+    #[prost(bool, tag = "3")]
+    pub masked: bool,
+}
 /// Answer: four f32 for each box, view and pixel of the plan's batches: premultiplied color and transmittance.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct GroupCast {
@@ -3285,7 +3297,7 @@ pub struct GroupMessage {
     pub sequence: u64,
     #[prost(
         oneof = "group_message::Kind",
-        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13"
+        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14"
     )]
     pub kind: ::core::option::Option<group_message::Kind>,
 }
@@ -3319,5 +3331,7 @@ pub mod group_message {
         /// Instead of either: why there is none.
         #[prost(string, tag = "13")]
         Failed(::prost::alloc::string::String),
+        #[prost(message, tag = "14")]
+        Reduce(super::GroupReduce),
     }
 }

@@ -10,7 +10,7 @@ fuzz_target!(|data: &[u8]| {
     let path = std::path::PathBuf::from(format!("/dev/shm/lamina-fuzz-{}.{ending}", std::process::id()));
     std::fs::write(&path, bytes).expect("/dev/shm can be written");
     let raw = if ending.starts_with("raw") { RawSpec { dims: Some([4, 3, 2]), ..RawSpec::default() } } else { RawSpec::default() };
-    if let Ok(series) = Series::open(&path, &Options { raw, field: None }) {
+    if let Ok(series) = Series::open(&path, &Options { raw, ..Options::default() }) {
         let _ = series.read(0);
     }
     let _ = std::fs::remove_file(&path);

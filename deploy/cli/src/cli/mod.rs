@@ -133,6 +133,9 @@ pub struct Raw {
     /// Array to read, where a file has several
     #[arg(long, value_name = "NAME")]
     pub field: Option<String>,
+    /// Value that stands where a voxel is missing, such as -9999; NaN is missing in any case
+    #[arg(long, value_name = "VALUE", allow_hyphen_values = true)]
+    pub missing: Option<f64>,
 }
 
 /// One volume of a file, the scene it is shown under, and the backend that casts its rays.

@@ -26,6 +26,8 @@ class Step:
     number: int | None = None
     spacing: tuple[float, float, float] = (1.0, 1.0, 1.0)
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    missing: float | None = None
+    """The value that stands where there is none; NaN is missing in any case."""
 
 
 @dataclass
@@ -45,6 +47,8 @@ class Options:
     dtype: str | None = None
     level: int | None = None
     """Of an adaptive mesh: the level whose cells are shown; the finest, if none is named."""
+    missing: float | None = None
+    """The value that stands where there is none, instead of the source's."""
     stopped: Callable[[], bool] = dataclasses.field(default=lambda: False)
     """Asked while nothing is new."""
 

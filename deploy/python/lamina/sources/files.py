@@ -49,7 +49,7 @@ def hdf5(path: Path, options: Options) -> Step:
         name = choose(names, options.field, str(path))
         data = file[name]
         check_size(data.nbytes, f"{path}: {name}")
-        step = Step(by_axes(data[()], options.axes), name, _time(data, file))
+        step = Step(by_axes(data[()], options.axes), name, _time(data, file), missing=_missing(data))
         scales = [data.dims[n][0][()] if len(data.dims[n]) else None for n in range(3)]
         if all(scale is not None and scale.ndim == 1 for scale in scales):
             placed = [uniform(scales[options.axes.index(axis)], axis) for axis in "xyz"]
@@ -65,6 +65,14 @@ def _time(*places) -> float | None:
         for name in ("time", "Time", "TIME"):
             if name in place.attrs:
                 return float(numpy.ravel(place.attrs[name])[0])
+    return None
+
+
+def _missing(data) -> float | None:
+    """By netCDF's conventions."""
+    for name in ("_FillValue", "missing_value"):
+        if name in data.attrs:
+            return float(numpy.ravel(data.attrs[name])[0])
     return None
 
 

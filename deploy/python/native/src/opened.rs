@@ -121,7 +121,7 @@ impl OpenedFile {
     /// A step of a volume file.
     fn file(request: &Request) -> Result<Self, Box<dyn Error>> {
         let raw = RawSpec { dims: request.dims, voxel_type: request.dtype, ..RawSpec::default() };
-        let series = Series::open(&request.path, &Options { raw, field: request.field.clone() })?;
+        let series = Series::open(&request.path, &Options { raw, field: request.field.clone(), missing: None })?;
         let volume = series.read(request.step)?;
         let scene = suggest::suggest(&[&volume])?;
         let description = Description {

@@ -4,22 +4,27 @@
 
 use super::bands;
 use super::free_intervals::FreeIntervals;
+use super::mask;
 use crate::DecodeLimits;
 use crate::envelope::{CRC_BYTES, checked_body, take_version, too_short};
 use crate::error::{CodecError, invalid};
 use lamina_message::{required, v1};
-use lamina_model::{Grid, ReducedVolume, Scene, VdiParams, VolumeParams};
+use lamina_model::{Grid, ReducedVolume, Scene, VdiParams, VolumeParams, inpaint};
 use prost::Message;
+use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// First bytes of every file.
 pub(crate) const MAGIC: [u8; 4] = *b"LVOL";
-/// The version written, and the newest read.
+/// The version of a volume whose points are all there.
 const VERSION: u16 = 1;
+/// The version of a volume with a mask of missing points, and the newest read.
+const MASKED: u16 = 2;
 /// The largest header read; a scene with the greatest number of control points takes three quarters of it.
 const MAX_HEADER_BYTES: usize = 1 << 18;
 
 /// Encodes a reduced volume. Every value decodes within the params' gamma, except where the transfer function shows nothing
-/// of it.
+/// of it; a missing point decodes as missing.
 pub fn encode(volume: &ReducedVolume) -> Vec<u8> {
     let header = v1::VolumeHeader {
         grid: Some(volume.grid().into()),
@@ -27,13 +32,23 @@ pub fn encode(volume: &ReducedVolume) -> Vec<u8> {
         params: Some(params_message(volume.params())),
     };
     let head = header.encode_to_vec();
+    let (units, dims) = (volume.units(), volume.grid().dims());
+    let is_masked = units.par_iter().any(|u| u.is_nan());
     let mut bytes = Vec::from(MAGIC);
-    bytes.extend(VERSION.to_le_bytes());
+    bytes.extend(if is_masked { MASKED } else { VERSION }.to_le_bytes());
     bytes.extend((head.len() as u32).to_le_bytes());
     bytes.extend(head);
     let bound = bound(volume.params());
     let free_intervals = FreeIntervals::new(volume, bound);
-    bytes.extend(bands::encode(volume.units(), volume.grid().dims(), bound, |n| free_intervals.at(n)));
+    let mut filled = Cow::Borrowed(units);
+    if is_masked {
+        let missing: Vec<bool> = units.iter().map(|u| u.is_nan()).collect();
+        let coded = mask::encode(&missing, dims);
+        bytes.extend((coded.len() as u64).to_le_bytes());
+        bytes.extend(coded);
+        inpaint(filled.to_mut(), dims);
+    }
+    bytes.extend(bands::encode(&filled, dims, bound, |n| free_intervals.at(n)));
     bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
     bytes
 }
@@ -43,8 +58,12 @@ pub fn encode(volume: &ReducedVolume) -> Vec<u8> {
 /// # Errors
 /// If the bytes are not a volume, of a newer version, damaged, larger than `limits`, or contradict themselves.
 pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ReducedVolume, CodecError> {
-    let Head { grid, scene, params, values } = read_head(bytes, limits)?;
-    let units = bands::decode(values, grid.dims(), bound(&params)).map_err(|e| invalid(e.to_string()))?;
+    let Head { grid, scene, params, mask, values } = read_head(bytes, limits)?;
+    let mut units = bands::decode(values, grid.dims(), bound(&params)).map_err(|e| invalid(e.to_string()))?;
+    if let Some(mask) = mask {
+        let missing = mask::decode(mask, grid.dims());
+        units.iter_mut().zip(missing).filter(|(_, missing)| *missing).for_each(|(unit, _)| *unit = f32::NAN);
+    }
     Ok(ReducedVolume::new(grid, scene, params, units)?)
 }
 
@@ -53,12 +72,13 @@ pub(crate) struct Head<'a> {
     grid: Grid,
     scene: Scene,
     params: VolumeParams,
+    mask: Option<&'a [u8]>,
     values: &'a [u8],
 }
 
 /// Checks and reads everything but the values.
 pub(crate) fn read_head<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<Head<'a>, CodecError> {
-    take_version(bytes, MAGIC, VERSION)?;
+    let version = take_version(bytes, MAGIC, MASKED)?;
     let body = checked_body(bytes, MAGIC.len() + 2 + 4 + CRC_BYTES)?;
     let rest = &body[MAGIC.len() + 2..];
     let (length, rest) = rest.split_at(4);
@@ -75,7 +95,16 @@ pub(crate) fn read_head<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<He
     if needed_bytes > limit_bytes {
         return Err(CodecError::TooLarge { needed_bytes, limit_bytes });
     }
-    Ok(Head { grid, scene, params, values })
+    let (mask, values) = if version == MASKED { take_mask(values)? } else { (None, values) };
+    Ok(Head { grid, scene, params, mask, values })
+}
+
+/// The bytes of the mask, and those after it.
+fn take_mask(rest: &[u8]) -> Result<(Option<&[u8]>, &[u8]), CodecError> {
+    let (length, rest) = rest.split_first_chunk().ok_or_else(too_short)?;
+    let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| too_short())?;
+    let (mask, values) = rest.split_at_checked(length).ok_or_else(too_short)?;
+    Ok((Some(mask), values))
 }
 
 /// The header's code for the representation.

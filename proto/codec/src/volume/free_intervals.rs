@@ -21,6 +21,9 @@ pub(super) struct FreeIntervals<'a> {
 
 /// Marks a point whose surroundings may be seen.
 const VISIBLE: u8 = u8::MAX;
+/// Marks a missing point with nothing but missing points around: cells with a missing point are drawn as empty, so it may be part of
+/// any interval.
+const MISSING: u8 = VISIBLE - 1;
 
 impl<'a> FreeIntervals<'a> {
     /// The free intervals of `volume`, whose values may be off by `bound` in any case.
@@ -36,10 +39,10 @@ impl<'a> FreeIntervals<'a> {
             };
             parts = parts.into_iter().flat_map(split).filter(|[lo, hi]| lo <= hi).collect();
         }
-        parts.truncate(usize::from(VISIBLE));
+        parts.truncate(usize::from(MISSING));
         let index = |u: &f32| {
             let found = parts.iter().position(|[lo, hi]| (lo..=hi).contains(&u));
-            found.map_or(VISIBLE, |n| n as u8)
+            found.map_or(if u.is_nan() { MISSING } else { VISIBLE }, |n| n as u8)
         };
         let mut part: Vec<u8> = volume.units().par_iter().map(index).collect();
         for _ in 0..reach(scene) {
@@ -50,8 +53,11 @@ impl<'a> FreeIntervals<'a> {
 
     /// The interval of values that point `n` may take; `None` if only the bound applies.
     pub(super) fn at(&self, n: usize) -> Option<(f32, f32)> {
-        let [lo, hi] = *self.parts.get(usize::from(self.part[n]))?;
         let unit = self.units[n];
+        if unit.is_nan() {
+            return Some((f32::NEG_INFINITY, f32::INFINITY));
+        }
+        let [lo, hi] = *self.parts.get(usize::from(self.part[n]))?;
         Some((lo.min(unit - self.bound), hi.max(unit + self.bound)))
     }
 }
@@ -70,7 +76,13 @@ fn reach(scene: &Scene) -> u32 {
 fn common_with_neighbors(part: &[u8], dims: [usize; 3], axis: usize) -> Vec<u8> {
     let (row, lines) = (dims[0], [0, 1, dims[1]][axis]);
     let differ = |out: &mut [u8], beside: &[u8]| {
-        out.iter_mut().zip(beside).for_each(|(o, b)| *o = if o == b { *o } else { VISIBLE });
+        out.iter_mut().zip(beside).for_each(|(o, &b)| {
+            *o = match *o {
+                here if here == b || b == MISSING => here,
+                MISSING => b,
+                _ => VISIBLE,
+            };
+        });
     };
     let mut out = part.to_vec();
     out.par_chunks_exact_mut(row).enumerate().for_each(|(n, out)| {

@@ -12,6 +12,7 @@ mod decode;
 mod encode;
 mod free_intervals;
 mod grid;
+mod mask;
 mod mixer;
 mod multigrid;
 mod predict;

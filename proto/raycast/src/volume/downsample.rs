@@ -1,72 +1,109 @@
 //! Downsampling: reduced volumes with fewer sample points over the same box.
 //!
-//! A new point is a weighted sum of the old ones around it, separably per axis. The weights are Keys' cubic convolution (R. G.
+//! The weights are Keys' cubic convolution (R. G.
 //! Keys, "Cubic Convolution Interpolation for Digital Image Processing", IEEE Trans. ASSP 29, 1981) stretched to the new
 //! spacing, so that frequencies above the new grid's limit are averaged out instead of aliased, and noise decreases.
 
-use super::stored::{Scalar, StoredVoxels, for_stored};
+use super::resample::{Taps, keys, shrink, tent, weights};
+use super::stored::{Scalar as _, StoredVoxels, for_stored};
 use crate::Field;
 use glam::DVec3;
-use lamina_model::{Grid, Invalid, ReducedVolume, Scene, VolumeParams};
+use lamina_model::{Grid, Invalid, ReducedVolume, Scene, VolumeParams, inpaint};
 use rayon::prelude::*;
 
-/// Largest distance of a value from the range, in ranges. Values beyond are clamped, so that outliers do not inflate the
-/// encoded size.
+/// Largest distance of a value from the range, in ranges.
 const FARTHEST: f32 = 8.0;
 
 /// Reduces `field` to at most as many sample points per side as `params` allows. Fields with lighting keep all points, because
 /// lighting is measured in voxels.
 ///
+/// Voxels that are NaN or infinite are missing points. Of fewer points those are missing that have less than [`KEPT`] of their
+/// surroundings; the others are computed from values inpainted where voxels are missing.
+///
 /// # Errors
-/// If a reduced volume cannot represent the field: voxels are NaN or infinite, or colors come from a second field.
+/// If a reduced volume cannot represent the field: colors come from a second field.
 pub fn reduce(field: &Field, params: &VolumeParams) -> Result<ReducedVolume, Invalid> {
-    check_reducible(field)?;
-    let (grid, dims) = (field.grid(), field.grid().dims());
-    let (scale, offset) = field.unit_from_stored();
-    let (least, most) = ends(field);
-    let unit = |x: f64| ((scale * x + offset) as f32).clamp(least, most);
-    let fewer = if lit(field) { dims } else { reduced_dims(dims, params.longest_side()) };
-    let slices = for_stored!(field.stored(), v => shrink_slices(v, |x| unit(x.wide()), dims, fewer));
-    let units = shrink_along_z(slices, dims, fewer);
+    check_reducible(field.scene())?;
+    let (scene, grid) = (field.scene(), field.grid());
+    let (dims, fewer) = (grid.dims(), fewer(grid, scene, params));
+    let unit = unit_of(field);
+    let units = if field.empty_voxels() > 0 && fewer != dims {
+        let mut units: Vec<f32> = for_stored!(field.stored(), v => v.par_iter().map(|x| unit(x.wide())).collect());
+        let shares = shrink(&units, is_there, dims, &taps(dims, fewer, tent));
+        inpaint(&mut units, dims);
+        let mut units = shrink(&units, |u| u, dims, &taps(dims, fewer, keys));
+        drop_missing(&mut units, &shares);
+        units
+    } else {
+        for_stored!(field.stored(), v => shrink(v, |x| unit(x.wide()), dims, &taps(dims, fewer, keys)))
+    };
+    reduced(grid, fewer, scene, params, units)
+}
+
+/// The reduced volume of `units`, `fewer` points over the box of `grid`.
+pub(super) fn reduced(
+    grid: &Grid,
+    fewer: [usize; 3],
+    scene: &Scene,
+    params: &VolumeParams,
+    units: Vec<f32>,
+) -> Result<ReducedVolume, Invalid> {
+    let dims = grid.dims();
     let spacing = DVec3::from_array(std::array::from_fn(|a| {
         // An axis with one sample point is drawn one spacing thick.
         let intervals = |n: usize| n.max(2) as f64 - 1.0;
         grid.spacing()[a] * intervals(dims[a]) / intervals(fewer[a])
     }));
-    let transfer = field.scene().transfer.with_unit_length(field.unit_length());
-    let scene = Scene { transfer, ..field.scene().clone() };
+    let transfer = scene.transfer.with_unit_length(scene.transfer.unit_length(grid));
+    let scene = Scene { transfer, ..scene.clone() };
     ReducedVolume::new(Grid::new(fewer, spacing, grid.origin())?, scene, *params, units)
 }
 
 /// The most sample points per side that a reduced volume of `field` can have; 0 if it cannot be represented.
 pub fn most_points(field: &Field) -> u32 {
-    check_reducible(field).map_or(0, |()| field.grid().longest_side())
+    check_reducible(field.scene()).map_or(0, |()| field.grid().longest_side())
 }
 
-fn check_reducible(field: &Field) -> Result<(), Invalid> {
-    if !field.grid_part().is_whole() {
-        return Err(Invalid::new("representation", "a reduced volume needs the whole field; send VDIs"));
-    }
-    let reason = match (field.empty_voxels(), &field.scene().effects.color_field) {
-        (0, None) => return Ok(()),
-        (0, Some(second)) => {
-            format!("a reduced volume holds one field, and colors come from \"{}\"; send VDIs", second.name)
-        }
-        (empty, _) => format!("{empty} voxels are NaN or infinite, which a reduced volume cannot hold; send VDIs"),
-    };
+/// Refuses a scene that a reduced volume cannot be seen under.
+pub(super) fn check_reducible(scene: &Scene) -> Result<(), Invalid> {
+    let Some(second) = &scene.effects.color_field else { return Ok(()) };
+    let reason = format!("a reduced volume holds one field, and colors come from \"{}\"; send VDIs", second.name);
     Err(Invalid::new("representation", reason))
 }
 
-/// Bounds to which values are clamped.
-fn ends(field: &Field) -> (f32, f32) {
+/// Positions in the range of stored values, clamped so that outliers do not inflate the encoded size.
+pub(super) fn unit_of(field: &Field) -> impl Fn(f64) -> f32 + Sync {
     let range = field.scene().transfer.range();
     let surfaces = field.scene().effects.isosurfaces.iter().map(|s| range.unit_from_value(s.value));
-    surfaces.fold((-FARTHEST, 1.0 + FARTHEST), |(least, most), s| (least.min(s - 1.0), most.max(s + 1.0)))
+    let (least, most) =
+        surfaces.fold((-FARTHEST, 1.0 + FARTHEST), |(least, most), s| (least.min(s - 1.0), most.max(s + 1.0)));
+    let (scale, offset) = field.unit_from_stored();
+    move |x| ((scale * x + offset) as f32).clamp(least, most)
 }
 
-fn lit(field: &Field) -> bool {
-    let effects = &field.scene().effects;
-    effects.shading.is_some() || effects.shadows.is_some() || effects.ambient_occlusion.is_some()
+/// Sample points per axis of the reduced volume of `grid` under `scene`.
+pub(super) fn fewer(grid: &Grid, scene: &Scene, params: &VolumeParams) -> [usize; 3] {
+    let effects = &scene.effects;
+    let is_lit = effects.shading.is_some() || effects.shadows.is_some() || effects.ambient_occlusion.is_some();
+    if is_lit { grid.dims() } else { reduced_dims(grid.dims(), params.longest_side()) }
+}
+
+/// The taps that take a grid of `dims` to `fewer` points.
+pub(super) fn taps(dims: [usize; 3], fewer: [usize; 3], kernel: fn(f64) -> f64) -> [Taps; 3] {
+    [0, 1, 2].map(|a| weights(dims[a], fewer[a], kernel))
+}
+
+/// Share of a new point's surroundings that has to be there for the point to be: half, less what rounding may take away.
+const KEPT: f32 = 0.5 - 1e-4;
+
+/// 1 for a value that is there.
+pub(super) fn is_there(unit: f32) -> f32 {
+    f32::from(u8::from(!unit.is_nan()))
+}
+
+/// NaN where less than [`KEPT`] of the surroundings is there.
+pub(super) fn drop_missing(units: &mut [f32], shares: &[f32]) {
+    units.iter_mut().zip(shares).filter(|(_, share)| **share < KEPT).for_each(|(unit, _)| *unit = f32::NAN);
 }
 
 /// Dimensions of a grid of at most `most` points per side: all sides are scaled by one factor, and sides of two points or more
@@ -75,104 +112,6 @@ fn reduced_dims(dims: [usize; 3], most: u32) -> [usize; 3] {
     let longest = dims.into_iter().max().unwrap_or(1);
     let factor = (f64::from(most.max(2)) - 1.0) / (longest.max(2) as f64 - 1.0);
     dims.map(|n| if factor >= 1.0 { n } else { (((n - 1) as f64 * factor).round() as usize + 1).max(n.min(2)) })
-}
-
-/// Keys' kernel, a = -1/2.
-fn keys(x: f64) -> f64 {
-    let x = x.abs();
-    if x < 1.0 {
-        (1.5 * x - 2.5) * x * x + 1.0
-    } else if x < 2.0 {
-        ((-0.5 * x + 2.5) * x - 4.0) * x + 2.0
-    } else {
-        0.0
-    }
-}
-
-/// For each of `to` points along an axis of `from` points, its first source point and the weights from there on. Beyond an end,
-/// values are extrapolated by point reflection at the end, so that ramps stay exact.
-fn weights(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
-    if from == to {
-        return (0..to).map(|i| (i, vec![1.0])).collect();
-    }
-    let (stretch, end) = ((from - 1) as f64 / (to.max(2) - 1) as f64, from as i64 - 1);
-    let of = |i: usize| {
-        let at = i as f64 * stretch;
-        let reached = (at - 2.0 * stretch).ceil() as i64..=(at + 2.0 * stretch).floor() as i64;
-        let raw: Vec<(i64, f64)> = reached.map(|k| (k, keys((k as f64 - at) / stretch))).collect();
-        let sum: f64 = raw.iter().map(|(_, w)| w).sum();
-        let mut whole = vec![0.0; from];
-        for (k, w) in raw {
-            let nearest = k.clamp(0, end);
-            if k == nearest {
-                whole[k as usize] += w / sum;
-            } else {
-                whole[nearest as usize] += 2.0 * w / sum;
-                whole[(2 * nearest - k).clamp(0, end) as usize] -= w / sum;
-            }
-        }
-        let first = whole.iter().position(|w| *w != 0.0).unwrap_or(0);
-        let last = whole.iter().rposition(|w| *w != 0.0).unwrap_or(0);
-        (first, whole[first..=last].iter().map(|w| *w as f32).collect())
-    };
-    (0..to).map(of).collect()
-}
-
-/// Rows filtered at once.
-const ROWS: usize = 8;
-
-/// Reduces x and y of `voxels`, a grid of `dims`, to the dimensions `fewer`, and maps scalars by `unit`. Works slice by slice,
-/// so that the volume is read once and only the reduced one is written.
-fn shrink_slices<V: Scalar>(
-    voxels: &[V],
-    unit: impl Fn(V) -> f32 + Sync,
-    [nx, ny, nz]: [usize; 3],
-    [fx, fy, _]: [usize; 3],
-) -> Vec<f32> {
-    let (along_x, along_y) = (weights(nx, fx), weights(ny, fy));
-    let mut out = vec![0.0; fx * fy * nz];
-    let init = || (vec![[0.0; ROWS]; nx], vec![0.0; fx * ny]);
-    let slices = out.par_chunks_exact_mut(fx * fy).zip(voxels.par_chunks_exact(nx * ny));
-    slices.for_each_init(init, |(across, narrow), (out, voxels)| {
-        for (rows, narrow) in voxels.chunks(ROWS * nx).zip(narrow.chunks_mut(ROWS * fx)) {
-            for (lane, row) in rows.chunks_exact(nx).enumerate() {
-                across.iter_mut().zip(row).for_each(|(a, &v)| a[lane] = unit(v));
-            }
-            for (x, (first, weights)) in along_x.iter().enumerate() {
-                let mut sums = [0.0; ROWS];
-                for (column, w) in across[*first..].iter().zip(weights) {
-                    sums.iter_mut().zip(column).for_each(|(s, v)| *s += w * v);
-                }
-                narrow[x..].iter_mut().step_by(fx).zip(sums).for_each(|(n, s)| *n = s);
-            }
-        }
-        for (out, (first, weights)) in out.chunks_exact_mut(fx).zip(&along_y) {
-            weighted_sum(out, &narrow[first * fx..], weights);
-        }
-    });
-    out
-}
-
-/// Reduces z of `values`, whose x and y are reduced already.
-fn shrink_along_z(values: Vec<f32>, dims: [usize; 3], fewer: [usize; 3]) -> Vec<f32> {
-    if fewer[2] == dims[2] {
-        return values;
-    }
-    let (weights, row) = (weights(dims[2], fewer[2]), fewer[0]);
-    let slice = row * fewer[1];
-    let mut out = vec![0.0; slice * fewer[2]];
-    out.par_chunks_exact_mut(slice).zip(&weights).for_each(|(out, (first, weights))| {
-        weighted_sum(out, &values[first * slice..], weights);
-    });
-    out
-}
-
-/// Weighted sum of the consecutive runs of `values`, each as long as `out`.
-fn weighted_sum(out: &mut [f32], values: &[f32], weights: &[f32]) {
-    out.fill(0.0);
-    for (values, w) in values.chunks_exact(out.len()).zip(weights) {
-        out.iter_mut().zip(values).for_each(|(o, v)| *o += w * v);
-    }
 }
 
 #[cfg(test)]
@@ -256,9 +195,30 @@ mod tests {
     }
 
     #[test]
+    fn missing_voxels_stay_missing_and_do_not_show_in_those_that_are_there() {
+        // A ramp, with a wall of missing voxels from x = 21 on and one alone.
+        let ramp = |[x, y, z]: [f64; 3]| 0.9 * x + 0.5 * y + 0.3 * z;
+        let is_missing = |[x, y, z]: [f64; 3]| x >= 21.0 || [x, y, z] == [8.0, 8.0, 8.0];
+        let f = field([33, 33, 33], |p| if is_missing(p) { f64::NAN } else { ramp(p) });
+        let all = reduce(&f, &params(33)).unwrap();
+        assert_eq!(
+            all.units().iter().filter(|u| u.is_nan()).count() as u64,
+            f.empty_voxels(),
+            "all points: as they were"
+        );
+        let volume = reduce(&f, &params(17)).unwrap();
+        for (n, unit) in volume.units().iter().enumerate() {
+            let p = [n % 17, n / 17 % 17, n / 289].map(|i| 2.0 * i as f64);
+            // The point at 20 has three quarters of what is around it; the one alone is a hole too small to keep.
+            assert_eq!(unit.is_nan(), p[0] >= 22.0, "{p:?}: {unit}");
+            // Inpainting continues a ramp but roughly.
+            let near = if p[0] >= 18.0 { 0.02 } else { 4e-3 };
+            assert!(unit.is_nan() || (f64::from(*unit) - ramp(p) / 100.0).abs() < near, "{p:?}: {unit}");
+        }
+    }
+
+    #[test]
     fn nothing_is_a_value_it_does_not_have() {
-        let f = field([4, 4, 4], |[x, ..]| if x == 1.0 { f64::NAN } else { 1e30 * x });
-        assert_eq!(reduce(&f, &params(4)).unwrap_err().thing, "representation");
         let f = field([4, 4, 4], |[x, ..]| 1e9 * (x - 1.0));
         let units = reduce(&f, &params(4)).unwrap().units().to_vec();
         assert_eq!(units[..4], [-8.0, 0.0, 9.0, 9.0]);

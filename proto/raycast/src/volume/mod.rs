@@ -8,5 +8,7 @@ pub(crate) mod interpolate;
 pub(crate) mod light_volume;
 pub(crate) mod occupancy;
 pub(crate) mod part;
+pub(crate) mod part_reduction;
+mod resample;
 pub(crate) mod stored;
 pub(crate) mod transfer_lut;

@@ -254,7 +254,7 @@ impl Session {
 fn histogram(decoded: &Intermediate) -> Vec<u32> {
     let Intermediate::Volume(volume) = decoded else { return Vec::new() };
     let mut counts = vec![0; BINS];
-    for unit in volume.units() {
+    for unit in volume.units().iter().filter(|u| !u.is_nan()) {
         counts[((unit.clamp(0.0, 1.0) * BINS as f32) as usize).min(BINS - 1)] += 1;
     }
     counts
