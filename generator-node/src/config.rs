@@ -1,5 +1,6 @@
 //! The generator-node's configuration file.
 
+use crate::triggers::{TriggerSpec, Triggers};
 use lamina_codec::{Codec, EncodeOptions, Layout};
 use lamina_compute::CpuLimit;
 use lamina_compute::gpu::Choice;
@@ -47,6 +48,10 @@ pub struct Config {
     pub layout: LayoutName,
     /// How to show runs that do not say; if absent, chosen from the first step.
     pub scene: Option<Scene>,
+    /// Conditions over each step, and what is done at the step where one becomes true.
+    pub trigger: Vec<TriggerSpec>,
+    /// Folder for the raw steps that triggers ask for.
+    pub trigger_folder: PathBuf,
 }
 
 /// A compressor's name in configuration files.
@@ -92,6 +97,8 @@ impl Default for Config {
             codec: CodecName::ContextMixing,
             layout: LayoutName::Columns,
             scene: None,
+            trigger: Vec::new(),
+            trigger_folder: "raw".into(),
         }
     }
 }
@@ -122,6 +129,7 @@ impl Config {
             return Err(Invalid::new("waiting_steps", "0: no step could wait for its turn; give 1 or more"));
         }
         self.encode_options().check()?;
+        Triggers::new(&self.trigger)?;
         Ok(self)
     }
 

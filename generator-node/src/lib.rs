@@ -18,8 +18,10 @@ mod steering;
 mod step;
 mod subscribers;
 mod trials;
+mod triggers;
 
 pub use config::Config;
+pub use triggers::{Action, TriggerSpec};
 
 use ingest::{Ingest, IngestService};
 use lamina_compute::CpuShare;
@@ -38,6 +40,7 @@ use tokio::sync::watch;
 use tonic::service::interceptor::InterceptedService;
 use tonic::transport::server::Router;
 use tonic_health::server::HealthReporter;
+use triggers::Triggers;
 
 /// Runs the node on `listener` until `shutdown` completes, its rays cast by `backend` within `share` of the processor.
 ///
@@ -93,6 +96,10 @@ pub async fn run_member(
     listens.abort();
     announces.abort();
     served
+}
+
+fn bad_config(error: &lamina_model::Invalid) -> NodeError {
+    NodeError::Config { path: "configuration".to_owned(), reason: error.to_string() }
 }
 
 fn access(config: &Config, listener: &TcpListener) -> Result<Access, NodeError> {
@@ -153,7 +160,14 @@ async fn run_pipeline(
         publisher: publisher.clone(),
     }));
     let (stop, stopped) = watch::channel(false);
-    let pipeline = pipeline::run(steps, node.clone(), config.reference_every, config.live_batches, stopped);
+    let settings = pipeline::Settings {
+        reference_every: config.reference_every,
+        live_batches: config.live_batches,
+        triggers: Triggers::new(&config.trigger).map_err(|e| bad_config(&e))?,
+        trigger_folder: config.trigger_folder.clone(),
+        steering: ingest.steering().clone(),
+    };
+    let pipeline = pipeline::run(steps, node.clone(), settings, stopped);
     let pipeline = tokio::spawn(pipeline);
     let drained = {
         let ingest = ingest.clone();

@@ -51,6 +51,9 @@ async fn start() -> anyhow::Result<()> {
     }
     .check()?;
     let mesh = arguments.group.then(|| lamina_mpi::join(launched_rank().map(|(_, ranks)| ranks))).transpose()?;
+    if mesh.is_some() && !config.trigger.is_empty() {
+        anyhow::bail!("trigger: a group has no step in one place to look at; leave [[trigger]] out, or use one node");
+    }
     let config = match &mesh {
         Some((outbox, _)) if outbox.rank() > 0 => Config { listen: SocketAddr::new(config.listen.ip(), 0), ..config },
         _ => config,

@@ -5,26 +5,46 @@ use crate::ingest::{CompleteStep, Ingest, RunSpec};
 use crate::node_state::NodeState;
 use crate::overhead::Coupling;
 use crate::rate_control::{Rung, generate_within, start_params};
+use crate::steering::SteeringRelay;
 use crate::step::{FieldSource, Purpose, Step};
+use crate::triggers::{Action, Fired, Statistics, Triggers, write_raw};
 use lamina_compute::{Activity, Laps, Priority};
 use lamina_model::suggest::{suggest, suggest_camera};
-use lamina_model::{GenerationParams, Grid, Invalid, RunInfo, Scene, StepReport};
+use lamina_model::{
+    Cost, GenerationParams, Grid, Invalid, RunInfo, Scene, Steering, SteeringRequest, StepReport, Voxels,
+};
 use lamina_raycast::Field;
 use parking_lot::Mutex;
+use std::path::PathBuf;
 use std::sync::Arc;
 use tokio::sync::watch;
+
+/// What the configuration says of the pipeline.
+pub(crate) struct Settings {
+    /// Reference samples with every n-th step; 0 never.
+    pub reference_every: u64,
+    /// Batches of sampled pixels that live steps are compared at; 0 for all.
+    pub live_batches: u32,
+    /// Conditions over each step.
+    pub triggers: Triggers,
+    /// Folder for the raw steps that they ask for.
+    pub trigger_folder: PathBuf,
+    /// Through which they ask the simulation.
+    pub steering: Arc<SteeringRelay>,
+}
 
 /// The pipeline's own memory from step to step.
 struct Pipeline {
     node: Arc<NodeState>,
-    reference_every: u64,
-    /// Batches of sampled pixels that live steps are compared at; 0 for all.
-    live_batches: u32,
+    settings: Settings,
     run: Option<(Arc<RunInfo>, Scene)>,
     /// What steps are generated with until the tuner sends parameters.
     start: Option<GenerationParams>,
     rung: Rung,
 }
+
+/// What triggers see of a step: statistics, and its voxels where they may be asked for.
+type Seen = (Statistics, Option<Voxels>);
 
 /// Where whole steps come from.
 pub(crate) enum Steps {
@@ -76,15 +96,8 @@ impl Arrived {
 }
 
 /// Turns steps into frames, until `stop` is true and none is left.
-pub(crate) async fn run(
-    steps: Steps,
-    node: Arc<NodeState>,
-    reference_every: u64,
-    live_batches: u32,
-    mut stop: watch::Receiver<bool>,
-) {
-    let pipeline =
-        Pipeline { node: node.clone(), reference_every, live_batches, run: None, start: None, rung: Rung::default() };
+pub(crate) async fn run(steps: Steps, node: Arc<NodeState>, settings: Settings, mut stop: watch::Receiver<bool>) {
+    let pipeline = Pipeline { node: node.clone(), settings, run: None, start: None, rung: Rung::default() };
     let pipeline = Arc::new(Mutex::new(pipeline));
     loop {
         tokio::select! {
@@ -108,7 +121,8 @@ pub(crate) async fn run(
 impl Pipeline {
     fn process(&mut self, step: Arrived, laps: &mut Laps) -> Result<(), Invalid> {
         let (_, number, _, dropped_steps) = step.numbers();
-        let step = Arc::new(self.prepare(step)?);
+        let (step, seen) = self.prepare(step)?;
+        let step = Arc::new(step);
         let setting = self.node.begin(&step);
         let coupling = self.node.coupling();
         let cheaper =
@@ -123,9 +137,11 @@ impl Pipeline {
             // The next step begins with what fitted.
             self.start = Some(params);
         }
+        let triggers = seen.map_or_else(Vec::new, |seen| self.pull_triggers(&step, seen, &cost));
         let (mut items, mut has_reference) = (Vec::new(), false);
-        if self.reference_every > 0 && number.is_multiple_of(self.reference_every) {
-            match step.live_reference(&self.node.plan, self.live_batches) {
+        let every = self.settings.reference_every;
+        if every > 0 && number.is_multiple_of(every) {
+            match step.live_reference(&self.node.plan, self.settings.live_batches) {
                 Ok(reference) => {
                     items.push(reference);
                     has_reference = true;
@@ -135,7 +151,7 @@ impl Pipeline {
         }
         laps.lap(Activity::Generate);
         let Coupling { overhead, throttle, .. } = coupling;
-        let purpose = Purpose::Live { dropped_steps, setting: &setting, overhead, throttle };
+        let purpose = Purpose::Live { dropped_steps, setting: &setting, overhead, throttle, triggers };
         items.push(step.frame(&params, cost, bytes, purpose));
         self.node.publisher.publish(items);
         let report = StepReport {
@@ -159,7 +175,34 @@ impl Pipeline {
         Ok(())
     }
 
-    fn prepare(&mut self, step: Arrived) -> Result<Step, Invalid> {
+    /// Looks at a step for the triggers; does what those that fire ask for. Returns their names.
+    fn pull_triggers(&mut self, step: &Step, (statistics, mut voxels): Seen, cost: &Cost) -> Vec<String> {
+        let Settings { triggers, trigger_folder, steering, .. } = &mut self.settings;
+        let fired = triggers.evaluate(&step.run.id, (step.step, step.time), &statistics, cost);
+        for Fired { name, actions } in &fired {
+            tracing::warn!(step = step.step, trigger = name, "trigger fired");
+            for action in actions {
+                let ask = |request| {
+                    let asked = steering.steer(&step.run.id, Steering { request, asked_by: format!("trigger {name}") });
+                    asked
+                        .unwrap_or_else(|error| tracing::warn!(trigger = name, %error, "the simulation was not asked"));
+                };
+                match action {
+                    Action::Pause => ask(SteeringRequest::Pause),
+                    Action::Stop => ask(SteeringRequest::Stop),
+                    // Once, however many ask for it.
+                    Action::Raw => {
+                        if let Some(voxels) = voxels.take() {
+                            write_raw(trigger_folder.clone(), &step.run, step.step, voxels);
+                        }
+                    }
+                }
+            }
+        }
+        fired.into_iter().map(|fired| fired.name).collect()
+    }
+
+    fn prepare(&mut self, step: Arrived) -> Result<(Step, Option<Seen>), Invalid> {
         let (run_id, number, time, _) = step.numbers();
         let RunSpec { name, field, grid, scene: stated, .. } = step.spec().clone();
         let known = self.run.take().filter(|(run, _)| run.id == run_id);
@@ -171,9 +214,16 @@ impl Pipeline {
         // One scene for the whole run, so that its steps can be compared.
         let scene = known.as_ref().map(|(_, scene)| scene.clone()).or(stated);
         let run = known.map_or_else(|| Arc::new(description), |(run, _)| run);
+        let (mut lost_ranks, mut seen) = (Vec::new(), None);
         let (source, scene) = match step {
             Arrived::Own(step) => {
+                lost_ranks.clone_from(&step.lost_ranks);
                 let volume = step.into_volume()?;
+                let triggers = &self.settings.triggers;
+                if !triggers.is_empty() {
+                    let voxels = volume.voxels();
+                    seen = Some((Statistics::of(voxels), triggers.wants_voxels().then(|| voxels.clone())));
+                }
                 let scene = scene.map_or_else(|| suggest(&[&volume]), Ok)?;
                 (FieldSource::Own(self.node.backend.clone(), Box::new(Field::new(volume, &scene))), scene)
             }
@@ -190,7 +240,7 @@ impl Pipeline {
         if source.empty_voxels() > 0 {
             tracing::warn!(step = number, voxels = source.empty_voxels(), "NaN or infinite voxels, drawn as empty");
         }
-        Ok(Step::new(run, (number, time), self.node.segmentation, source))
+        Ok((Step::new(run, (number, time), self.node.segmentation, source).without(lost_ranks), seen))
     }
 }
 

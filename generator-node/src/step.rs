@@ -89,6 +89,7 @@ pub(crate) struct Step {
     pub step: u64,
     /// Simulation time.
     pub time: f64,
+    lost_ranks: Vec<u32>,
     segmentation: Segmentation,
     source: FieldSource,
     reference: OnceLock<Result<ReferenceSamples, Invalid>>,
@@ -102,7 +103,13 @@ impl Step {
         segmentation: Segmentation,
         source: FieldSource,
     ) -> Self {
-        Self { run, step, time, segmentation, source, reference: OnceLock::new() }
+        Self { run, step, time, lost_ranks: Vec::new(), segmentation, source, reference: OnceLock::new() }
+    }
+
+    /// The same, without the bricks of these ranks.
+    #[must_use]
+    pub(crate) fn without(self, lost_ranks: Vec<u32>) -> Self {
+        Self { lost_ranks, ..self }
     }
 
     fn represent(&self, params: &GenerationParams) -> Result<(Intermediate, Duration), Invalid> {
@@ -200,12 +207,13 @@ impl Step {
         let bytes = bytes.into();
         let purpose = match purpose {
             Purpose::Trial(trial_id) => Frame { trial_id: Some(trial_id), ..Frame::default() },
-            Purpose::Live { dropped_steps, setting, overhead, throttle } => Frame {
+            Purpose::Live { dropped_steps, setting, overhead, throttle, triggers } => Frame {
                 dropped_steps,
                 limits: setting.limits,
                 tuning: setting.tuning,
                 overhead,
                 throttle,
+                triggers,
                 ..Frame::default()
             },
         };
@@ -217,6 +225,7 @@ impl Step {
             cost,
             bytes: bytes.len() as u64,
             empty_voxels: self.source.empty_voxels(),
+            lost_ranks: self.lost_ranks.clone(),
             ..purpose
         };
         Delivery::frame(&self.run, frame, bytes)
@@ -251,6 +260,8 @@ pub(crate) enum Purpose<'a> {
         overhead: Option<f64>,
         /// Share of its processor time that the node allows itself.
         throttle: f64,
+        /// Triggers that fired at it.
+        triggers: Vec<String>,
     },
 }
 

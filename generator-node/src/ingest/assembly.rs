@@ -2,7 +2,7 @@
 
 use super::IngestError;
 use super::brick::{BrickBytes, BrickOffer, GridBox};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 #[derive(Debug)]
 struct BrickSlot {
@@ -100,10 +100,18 @@ impl Assembly {
         }
     }
 
-    /// True if all bricks of so many ranks are in.
-    pub(super) fn is_complete(&self, ranks: u32) -> bool {
-        let all_here = self.bricks.len() == ranks as usize && self.parts.len() == self.expected();
-        all_here && self.parts.iter().all(|p| p.bytes.is_some())
+    /// True if all bricks of so many ranks are in, but for those of `lost`, which are not waited for.
+    pub(super) fn is_complete(&self, ranks: u32, lost: &BTreeSet<u32>) -> bool {
+        let here = self.bricks.keys().filter(|rank| !lost.contains(rank)).count();
+        let is_in = |p: &BrickSlot| p.bytes.is_some() || lost.contains(&p.rank);
+        here + lost.len() == ranks as usize
+            && self.bricks.keys().all(|&rank| self.has(rank) || lost.contains(&rank))
+            && self.parts.iter().all(is_in)
+    }
+
+    /// True if all bricks of `rank` are in.
+    pub(super) fn is_in(&self, rank: u32) -> bool {
+        self.has(rank) && self.parts.iter().all(|p| p.rank != rank || p.bytes.is_some())
     }
 
     /// The bricks with their bytes.

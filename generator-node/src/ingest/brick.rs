@@ -111,32 +111,57 @@ impl From<Vec<u8>> for BrickBytes {
     }
 }
 
-/// The voxels that bricks with these bytes make up. They must cover the grid and hold `voxel_type` numbers.
+/// The voxels that bricks with these bytes make up; they hold `voxel_type` numbers. Where they do not cover the grid, NaN is between them,
+/// and integers become single precision.
 pub(super) fn join<'a>(
     grid: &Grid,
     voxel_type: VoxelType,
     bricks: impl ExactSizeIterator<Item = (GridBox, &'a [u8])>,
 ) -> Voxels {
-    let mut bricks = bricks.peekable();
+    let bricks: Vec<(GridBox, &[u8])> = bricks.collect();
+    if bricks.iter().map(|(brick, _)| brick.voxels()).sum::<usize>() < grid.voxels() {
+        return with_hole(grid, voxel_type, &bricks);
+    }
+    let mut bricks = bricks.into_iter().peekable();
     if bricks.len() == 1
         && let Some((_, bytes)) = bricks.peek()
     {
         return Voxels::from_le_bytes(voxel_type, bytes);
     }
     let size = voxel_type.size_bytes();
-    let [nx, ny, _] = grid.dims();
     let mut whole = vec![0; grid.voxels() * size];
-    for (brick, bytes) in bricks {
-        let ([x0, y0, z0], [bx, by, bz]) = (brick.start, brick.dims);
-        let mut rows = bytes.chunks_exact(bx * size);
-        for (z, y) in (z0..z0 + bz).flat_map(|z| (y0..y0 + by).map(move |y| (z, y))) {
-            let at = ((z * ny + y) * nx + x0) * size;
-            if let Some(row) = rows.next() {
-                whole[at..at + row.len()].copy_from_slice(row);
-            }
+    bricks.for_each(|(brick, bytes)| place(&mut whole, grid, &brick, bytes, size));
+    Voxels::from_le_bytes(voxel_type, &whole)
+}
+
+/// Copies the numbers of `brick`, of `size` bytes each, to where they belong in the whole grid's.
+fn place(whole: &mut [u8], grid: &Grid, brick: &GridBox, bytes: &[u8], size: usize) {
+    let ([nx, ny, _], [x0, y0, z0], [bx, by, bz]) = (grid.dims(), brick.start, brick.dims);
+    let mut rows = bytes.chunks_exact(bx * size);
+    for (z, y) in (z0..z0 + bz).flat_map(|z| (y0..y0 + by).map(move |y| (z, y))) {
+        let at = ((z * ny + y) * nx + x0) * size;
+        if let Some(row) = rows.next() {
+            whole[at..at + row.len()].copy_from_slice(row);
         }
     }
-    Voxels::from_le_bytes(voxel_type, &whole)
+}
+
+/// The voxels of bricks that leave a hole: double precision stays, all else becomes single.
+fn with_hole(grid: &Grid, voxel_type: VoxelType, bricks: &[(GridBox, &[u8])]) -> Voxels {
+    let wide = if voxel_type == VoxelType::F64 { VoxelType::F64 } else { VoxelType::F32 };
+    let missing =
+        if wide == VoxelType::F64 { f64::NAN.to_le_bytes().to_vec() } else { f32::NAN.to_le_bytes().to_vec() };
+    let mut whole = missing.repeat(grid.voxels());
+    for (brick, bytes) in bricks {
+        let voxels = Voxels::from_le_bytes(voxel_type, bytes);
+        let values = (0..voxels.len()).map(|n| voxels.get(n));
+        let widened: Vec<u8> = match wide {
+            VoxelType::F64 => values.flat_map(f64::to_le_bytes).collect(),
+            _ => values.flat_map(|v| (v as f32).to_le_bytes()).collect(),
+        };
+        place(&mut whole, grid, brick, &widened, wide.size_bytes());
+    }
+    Voxels::from_le_bytes(wide, &whole)
 }
 
 #[cfg(test)]
@@ -161,6 +186,15 @@ mod tests {
         let joined = join(&grid, VoxelType::U16, bricks.iter().map(|(brick, bytes)| (*brick, &**bytes)));
         let (brick, whole) = cut([0, 0, 0], [4, 3, 2]);
         assert_eq!(joined, join(&grid, VoxelType::U16, std::iter::once((brick, &*whole))));
+        let Voxels::F32(holed) = join(&grid, VoxelType::U16, bricks[..2].iter().map(|(b, bytes)| (*b, &**bytes)))
+        else {
+            panic!("another type");
+        };
+        for (n, v) in holed.iter().enumerate() {
+            let [x, y, z] = [n % 4, n / 4 % 3, n / 12].map(|c| c as u64);
+            let is_there = x == 0 || z == 0;
+            assert!(if is_there { *v == f32::from(value(x, y, z)) } else { v.is_nan() }, "{x} {y} {z}: {v}");
+        }
     }
 
     #[test]

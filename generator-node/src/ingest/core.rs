@@ -6,7 +6,7 @@ use super::brick::{BrickBytes, BrickOffer};
 use super::run::{IngestRun, RunSpec};
 use super::{GridBox, IngestError, assembly::Assembly, brick};
 use lamina_model::{FullPolicy, Invalid, Volume};
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::time::{Duration, Instant};
 
 /// A step with all its bricks, to be made into a VDI.
@@ -22,6 +22,8 @@ pub struct CompleteStep {
     pub time: f64,
     /// Steps of the run dropped so far.
     pub dropped_steps: u64,
+    /// Ranks whose bricks it lacks, because they fell silent.
+    pub lost_ranks: Vec<u32>,
     /// When its last brick came in.
     completed: Instant,
     bricks: Vec<(GridBox, BrickBytes)>,
@@ -38,7 +40,7 @@ impl CompleteStep {
         self.bricks.iter().map(|(place, _)| place)
     }
 
-    /// The step's volume.
+    /// The step's volume; NaN where bricks of lost ranks would be, integers then in single precision.
     ///
     /// # Errors
     /// If the bricks do not make up the grid.
@@ -103,6 +105,7 @@ impl Core {
             run.attached.insert(rank);
             run.closed.remove(&rank);
             run.last_heard = now;
+            run.called(rank, None, now);
             return Ok(run.id.clone());
         }
         self.abandon_run();
@@ -128,7 +131,9 @@ impl Core {
         run.told_ranks = Some(ranks);
         let steps: Vec<u64> = run.steps.keys().copied().collect();
         for step in steps {
-            let complete = self.run(run_id).is_ok_and(|run| run.steps.get(&step).is_some_and(|a| a.is_complete(ranks)));
+            let nobody = BTreeSet::new();
+            let is_complete = |run: &mut IngestRun| run.steps.get(&step).is_some_and(|a| a.is_complete(ranks, &nobody));
+            let complete = self.run(run_id).is_ok_and(is_complete);
             if complete {
                 self.complete(run_id, step, now);
             }
@@ -152,6 +157,9 @@ impl Core {
         let run = self.run(run_id)?;
         run.last_heard = now;
         let brick = run.check_push(offer)?;
+        run.called(rank, Some(step), now);
+        self.give_up_lost(run_id, now);
+        let run = self.run(run_id)?;
         let bytes = brick.map_or(0, |brick| brick.voxels()) * run.spec.point_bytes();
         if run.cannot_complete(step) {
             run.last_step[rank as usize] = Some(step);
@@ -242,15 +250,33 @@ impl Core {
     ) -> Result<Option<bool>, IngestError> {
         let run = self.run(run_id)?;
         run.last_heard = now;
+        run.called(rank, Some(step), now);
         run.last_step[rank as usize] = Some(step);
         let ranks = run.ranks_here();
         let Some(assembly) = run.steps.get_mut(&step) else { return Ok(None) };
         assembly.fill(rank, index, bytes.into());
-        if !assembly.is_complete(ranks) {
+        if !assembly.is_complete(ranks, &run.lost) {
             return Ok(Some(false));
         }
         self.complete(run_id, step, now);
         Ok(Some(true))
+    }
+
+    /// Completes the steps that lack nothing but bricks of ranks that are lost.
+    pub fn give_up_lost(&mut self, run_id: &str, now: Instant) {
+        let Ok(run) = self.run(run_id) else { return };
+        let known = run.lost.clone();
+        if !run.find_lost(now) {
+            return;
+        }
+        let ranks = run.ranks_here();
+        let found: Vec<u32> = run.lost.difference(&known).copied().collect();
+        if !found.is_empty() {
+            tracing::warn!(run_id, ranks = ?found, "ranks fell silent while the others went on: their bricks are left out");
+        }
+        let is_whole = |(_, assembly): &(&u64, &Assembly)| assembly.is_complete(ranks, &run.lost);
+        let whole: Vec<u64> = run.steps.iter().filter(is_whole).map(|(step, _)| *step).collect();
+        whole.into_iter().for_each(|step| self.complete(run_id, step, now));
     }
 
     /// Queues a step whose bricks are all in.
@@ -272,6 +298,7 @@ impl Core {
                 step,
                 time: assembly.time,
                 dropped_steps: run.dropped_steps,
+                lost_ranks: run.lost.iter().copied().filter(|&rank| !assembly.is_in(rank)).collect(),
                 completed: now,
                 bricks: assembly.into_bricks(),
             };

@@ -104,7 +104,14 @@ pub(super) struct IngestRun {
     pub last_heard: Instant,
     /// How many of a group's ranks come here.
     pub told_ranks: Option<u32>,
+    /// When each rank last called, and the newest step that it offered.
+    calls: BTreeMap<u32, (Instant, Option<u64>)>,
+    /// Ranks that fell silent while the others went on.
+    pub lost: BTreeSet<u32>,
 }
+
+/// A rank that is silent for longer, while all others are past a step that lacks its bricks, is lost.
+const LOST_AFTER: Duration = Duration::from_secs(3);
 
 /// Bricks of one rank and step.
 const MOST_BRICKS: u32 = 1 << 16;
@@ -127,7 +134,37 @@ impl IngestRun {
             dropped_steps: 0,
             last_heard: now,
             told_ranks: None,
+            calls: BTreeMap::from([(rank, (now, None))]),
+            lost: BTreeSet::new(),
         }
+    }
+
+    /// `rank` opens the run, or offers or brings a brick of `step`; one that was lost is back.
+    pub(super) fn called(&mut self, rank: u32, step: Option<u64>, now: Instant) {
+        let (last, newest) = self.calls.entry(rank).or_insert((now, None));
+        (*last, *newest) = (now, step.max(*newest));
+        self.lost.remove(&rank);
+    }
+
+    /// Finds ranks that are lost; true if there are any. Those that have not come yet are waited for: ranks may start far apart.
+    pub(super) fn find_lost(&mut self, now: Instant) -> bool {
+        if self.spec.members > 1 || self.calls.len() < self.spec.ranks as usize {
+            return false;
+        }
+        let Some((&oldest, waiting)) = self.steps.first_key_value() else { return false };
+        let is_silent = |rank: &u32| {
+            self.calls.get(rank).is_some_and(|(last, _)| now.saturating_duration_since(*last) >= LOST_AFTER)
+        };
+        let lacking: BTreeSet<u32> = (0..self.spec.ranks).filter(|&rank| !waiting.is_in(rank)).collect();
+        let others_are_past = self
+            .calls
+            .iter()
+            .filter(|(rank, _)| !lacking.contains(rank))
+            .all(|(_, (_, newest))| *newest > Some(oldest));
+        if others_are_past && lacking.len() < self.spec.ranks as usize && lacking.iter().all(is_silent) {
+            self.lost.extend(lacking);
+        }
+        !self.lost.is_empty()
     }
 
     /// Ranks whose bricks come here; as good as none of a group's node that has not been told.

@@ -131,6 +131,7 @@ impl Ingest {
         step
     }
 
+    /// Decides on a brick; waits where the run blocks.
     async fn admit(&self, h: &v1::BrickHeader) -> Result<Option<usize>, IngestError> {
         if h.rank == 0 && h.brick == 0 && h.interval_ns > 0 {
             self.overhead.step(Duration::from_nanos(h.interval_ns), Duration::from_nanos(h.push_ns));
@@ -147,14 +148,22 @@ impl Ingest {
                 // Deciding may have dropped other steps.
                 self.room.notify_waiters();
             }
+            if self.core().has_complete() {
+                // Or completed them.
+                self.ready.notify_one();
+            }
             match admitted? {
                 Admit::Granted(bytes) => return Ok(Some(bytes)),
                 Admit::Dropped => return Ok(None),
-                Admit::Wait => room.await,
+                // Looks again now and then: what is waited for may be a rank that is lost.
+                Admit::Wait => drop(tokio::time::timeout(WHILE_WAITING, room).await),
             }
         }
     }
 }
+
+/// Pause before a rank that waits for room asks again.
+const WHILE_WAITING: Duration = Duration::from_secs(1);
 
 /// A granted reservation: given back if its bytes never come.
 struct Reservation<'a> {

@@ -23,6 +23,10 @@ pub struct Frame {
     pub bytes: u64,
     /// Voxels that are NaN or infinite, drawn as empty.
     pub empty_voxels: u64,
+    /// Ranks that fell silent and whose bricks the step lacks: a hole, among the empty voxels.
+    pub lost_ranks: Vec<u32>,
+    /// Triggers that fired at this step.
+    pub triggers: Vec<String>,
     /// The limits in force.
     pub limits: Limits,
     /// What the parameters come from.

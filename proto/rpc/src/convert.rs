@@ -205,6 +205,8 @@ impl From<Frame> for v1::Frame {
             dropped_steps: frame.dropped_steps,
             bytes: frame.bytes,
             empty_voxels: frame.empty_voxels,
+            lost_ranks: frame.lost_ranks,
+            triggers: frame.triggers,
             limits: Some(frame.limits.into()),
             tuning_state: v1::TuningState::from(frame.tuning).into(),
             overhead: frame.overhead,
@@ -227,10 +229,21 @@ impl TryFrom<v1::Frame> for Frame {
             dropped_steps: frame.dropped_steps,
             bytes: frame.bytes,
             empty_voxels: frame.empty_voxels,
+            lost_ranks: frame.lost_ranks,
+            triggers: trigger_names(frame.triggers)?,
             limits: frame.limits.unwrap_or_default().into(),
             overhead: frame.overhead,
             throttle: frame.throttle,
         })
+    }
+}
+
+/// Names as a record can hold them.
+fn trigger_names(names: Vec<String>) -> Result<Vec<String>, Invalid> {
+    let is_plain = |name: &String| name.chars().all(|c| c.is_ascii_alphanumeric() || "-_".contains(c));
+    match names.iter().find(|name| !is_plain(name)) {
+        Some(name) => Err(Invalid::new("triggers", format!("{name:?}: a name has letters, digits, - and _"))),
+        None => Ok(names),
     }
 }
 

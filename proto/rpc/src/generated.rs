@@ -94,6 +94,12 @@ pub struct Frame {
     /// Share of its processor time that the node allows itself to keep a limit on overhead, at most 1.
     #[prost(double, tag = "13")]
     pub throttle: f64,
+    /// Ranks that fell silent and whose bricks the step lacks: a hole, among the empty voxels.
+    #[prost(uint32, repeated, tag = "14")]
+    pub lost_ranks: ::prost::alloc::vec::Vec<u32>,
+    /// Triggers that fired at this step.
+    #[prost(string, repeated, tag = "15")]
+    pub triggers: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
 }
 /// What a step is to keep.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]

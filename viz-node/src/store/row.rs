@@ -87,6 +87,10 @@ pub struct StepRow {
     pub dropped_steps: u64,
     /// NaN or infinite voxels, drawn as empty.
     pub empty_voxels: u64,
+    /// Ranks that fell silent and whose bricks the step lacks.
+    pub lost_ranks: Vec<u32>,
+    /// Triggers that fired at the step.
+    pub triggers: Vec<String>,
     /// The size limit in force.
     pub size_limit_bytes: Option<u64>,
     /// The generation time limit in force.
@@ -154,6 +158,8 @@ impl StepRow {
             supersegments: cost.elements,
             dropped_steps: frame.dropped_steps,
             empty_voxels: frame.empty_voxels,
+            lost_ranks: frame.lost_ranks.clone(),
+            triggers: frame.triggers.clone(),
             size_limit_bytes: limits.size_bytes,
             time_limit_ms: limits.time_ms,
             limit_kept,
@@ -190,7 +196,15 @@ mod tests {
         let view = |angle_deg, mse| ViewError { angle_deg, batch_mse: vec![mse] };
         // 40 dB, and identical.
         let [some, none] = [1e-4, 0.0].map(|mse| Quality { views: vec![view(10.0, mse), view(20.0, mse)] });
-        let measured = Frame { tuning: TuningState::Done, overhead: Some(0.0125), throttle: 0.5, ..frame.clone() };
+        let tuning = TuningState::Done;
+        let measured = Frame {
+            tuning,
+            overhead: Some(0.0125),
+            throttle: 0.5,
+            lost_ranks: vec![3, 17],
+            triggers: vec!["hot".into(), "fast".into()],
+            ..frame.clone()
+        };
         let row = StepRow::live(&measured, true);
         let measured = [some, none].map(|quality| row.with_quality(&QualityEstimate { quality, half_width_db: 0.25 }));
         for row in [&measured[0], &measured[1], &row, &StepRow::live(&frame, false)] {
@@ -199,10 +213,11 @@ mod tests {
             assert_eq!(line.split(',').count(), StepRow::csv_header().split(',').count());
             assert_eq!(StepRow::from_csv(&line[..9]), None);
             // Lines of before there were shares, and of before there were volumes.
-            for columns in [16, 15] {
+            for columns in [21, 16, 15] {
                 let old = StepRow::from_csv(&line.split(',').take(columns).collect::<Vec<_>>().join(",")).unwrap();
+                assert_eq!((old.step, old.psnr_db, old.lost_ranks), (row.step, row.psnr_db, Vec::new()));
                 let since = [old.half_width_db, old.overhead];
-                assert_eq!((old.step, old.psnr_db, since), (row.step, row.psnr_db, [None, None]));
+                assert!(columns > 16 || since == [None, None], "{since:?}");
             }
         }
         // 40 dB keep a limit of 20; 10 dB do not, unless they are known so badly that they may be 20; encoding counts where it is to.
@@ -226,7 +241,7 @@ mod tests {
             StepRow::csv_header(),
             "step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,encode_ms,supersegments,dropped_steps,\
              empty_voxels,size_limit_bytes,time_limit_ms,limit_kept,psnr_db_by_angle,representation,\
-             psnr_half_width_db,measured,tuning,overhead,throttle\n"
+             psnr_half_width_db,measured,tuning,overhead,throttle,lost_ranks,triggers\n"
         );
     }
 }

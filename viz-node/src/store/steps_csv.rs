@@ -37,6 +37,12 @@ struct Line {
     overhead: Option<f64>,
     #[serde(default)]
     throttle: f64,
+    /// Joined by semicolons.
+    #[serde(default)]
+    lost_ranks: String,
+    /// Joined by semicolons.
+    #[serde(default)]
+    triggers: String,
 }
 
 static HEADER: LazyLock<String> = LazyLock::new(|| {
@@ -45,8 +51,8 @@ static HEADER: LazyLock<String> = LazyLock::new(|| {
     names
 });
 
-/// Columns of lines from before there were volumes, and from before measuring had a share of the processor.
-const EARLIER: [usize; 2] = [15, 16];
+/// Columns of lines from before there were volumes, before measuring had a share of the processor, and before steps had holes.
+const EARLIER: [usize; 3] = [15, 16, 21];
 
 /// The line with its end, after the names of the columns if they are wanted.
 fn written(line: &Line, with_names: bool) -> String {
@@ -93,6 +99,8 @@ impl StepRow {
             tuning: self.tuning,
             overhead: self.overhead.map(|o| rounded(o, 4)),
             throttle: self.throttle,
+            lost_ranks: self.lost_ranks.iter().map(u32::to_string).collect::<Vec<_>>().join(";"),
+            triggers: self.triggers.join(";"),
         };
         written(&line, false)
     }
@@ -111,6 +119,8 @@ impl StepRow {
             Some(ViewPsnr { angle_deg: angle.parse().ok()?, psnr_db: db.parse::<f64>().ok()?.into() })
         };
         let views = line.psnr_db_by_angle.split(';').filter(|v| !v.is_empty()).map(view).collect::<Option<_>>()?;
+        let lost_ranks = line.lost_ranks.split(';').filter(|r| !r.is_empty()).map(str::parse).collect::<Result<_, _>>();
+        let lost_ranks = lost_ranks.ok()?;
         let measured = if line.psnr_db.is_some() { QualityStatus::Yes } else { QualityStatus::No };
         Some(Self {
             step: line.step,
@@ -124,6 +134,8 @@ impl StepRow {
             supersegments: line.supersegments,
             dropped_steps: line.dropped_steps,
             empty_voxels: line.empty_voxels,
+            lost_ranks,
+            triggers: line.triggers.split(';').filter(|name| !name.is_empty()).map(str::to_owned).collect(),
             size_limit_bytes: line.size_limit_bytes,
             time_limit_ms: line.time_limit_ms,
             psnr_limit_db: None,

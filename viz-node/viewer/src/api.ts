@@ -18,6 +18,12 @@ export interface StepRow {
   encode_ms: number;
   supersegments: number;
   dropped_steps: number;
+  /** NaN or infinite, drawn as empty. */
+  empty_voxels: number;
+  /** Ranks that fell silent: where their bricks would be is a hole. */
+  lost_ranks: number[];
+  /** Names of triggers that fired at the step. */
+  triggers: string[];
   /** The limits that were in force. */
   size_limit_bytes: number | null;
   time_limit_ms: number | null;

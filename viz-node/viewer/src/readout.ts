@@ -33,7 +33,16 @@ function readoutFields(row: StepRow): [string, string, boolean?][] {
     ["Generation", `${fixed(row.generation_ms, 1)} ms`, overTime],
     ["Encode", `${fixed(row.encode_ms, 1)} ms`],
     ["Parameters", TUNING_TEXT[row.tuning] ?? "–"],
+    ...(row.empty_voxels > 0 ? [["Missing", missingText(row)] as [string, string]] : []),
+    ...(row.triggers.length > 0 ? [["Triggers", row.triggers.join(", ")] as [string, string]] : []),
   ];
+}
+
+/** How many voxels are missing, and whose. */
+function missingText({ empty_voxels, lost_ranks }: StepRow): string {
+  const voxels = `${empty_voxels.toLocaleString("en")} voxels`;
+  if (lost_ranks.length === 0) return voxels;
+  return `${voxels}: ${lost_ranks.length === 1 ? "rank" : "ranks"} ${lost_ranks.join(", ")} fell silent`;
 }
 
 /** What the nodes cost the simulation and are allowed, as far as it is known. */

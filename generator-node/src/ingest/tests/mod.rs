@@ -2,6 +2,7 @@
 
 mod bricks;
 mod group;
+mod lost;
 mod runs;
 
 use super::{Admit, BrickOffer, CompleteStep, Core, IngestError, RunSpec};

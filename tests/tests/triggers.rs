@@ -1,0 +1,94 @@
+//! Triggers of real nodes: the simulation is asked, the step's voxels are kept, and the record says which trigger fired.
+
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use glam::DVec3;
+use lamina_client::{Brick, Client, RunOptions};
+use lamina_model::{FullPolicy, Grid, Steering, SteeringRequest, VoxelType, Voxels};
+use lamina_rpc::connect::connect;
+use lamina_rpc::credentials::Role;
+use lamina_rpc::v1;
+use lamina_tests::processes::{Daemon, free_port, is_refused, wait_for};
+use lamina_viz_node::store::StepRow;
+use lamina_volume_io::{Options, Series};
+use std::time::Duration;
+
+const SIDE: usize = 12;
+
+/// What a step's largest value is.
+const PEAKS: [f32; 7] = [1.0, 1.5, 1.4, 9.0, 9.5, 1.0, 1.1];
+
+/// Whether the simulation takes requests: it is asked to go on.
+fn listens(url: &str, run_id: &str) -> bool {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let channel = connect(url, Role::Generator, None).await.unwrap();
+        let steering = Steering { request: SteeringRequest::Resume, asked_by: "a test".to_owned() };
+        let request = v1::SteerRequest { run_id: run_id.to_owned(), steering: Some(steering.into()) };
+        v1::frames_client::FramesClient::new(channel).steer(request).await.is_ok()
+    })
+}
+
+#[test]
+fn a_step_that_meets_a_condition_pauses_the_simulation_and_is_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let (store, raw) = (folder.path().join("runs"), folder.path().join("raw"));
+    let config = folder.path().join("generator-node.toml");
+    let triggers = "[[trigger]]\nname = \"burst\"\nwhen = \"max > 3 * prev(max) && quantile(0.5) < max / 2\"\ndo = [\"pause\", \"raw\"]\n\
+                    [[trigger]]\nname = \"calm\"\nwhen = \"max < 2\"\ndo = []\n";
+    std::fs::write(&config, format!("trigger_folder = \"{}\"\n{triggers}", raw.display())).unwrap();
+    let node =
+        Daemon::start("generator-node", free_port(), &["--backend", "cpu", "--config", config.to_str().unwrap()]);
+    let viewer = folder.path().join("viz-node.toml");
+    std::fs::write(&viewer, format!("store = \"{}\"\n", store.display())).unwrap();
+    let viz = ["--backend", "cpu", "--config", viewer.to_str().unwrap(), "--generator", &node.url()];
+    let _viz = Daemon::start("viz-node", free_port(), &viz);
+
+    let grid = Grid::new([SIDE; 3], DVec3::ONE, DVec3::ZERO).unwrap();
+    let options = RunOptions::new(&node.url(), "bursts", "density", grid, VoxelType::F32);
+    let options = RunOptions { full_policy: FullPolicy::Block, steering: Some(Vec::new()), ..options };
+    let mut client = Client::connect(options).unwrap();
+    let voxels = |peak: f32| -> Vec<f32> { (0..SIDE.pow(3)).map(|n| if n % 97 == 0 { peak } else { 0.3 }).collect() };
+    let mut asked = Vec::new();
+    for (step, peak) in PEAKS.into_iter().enumerate() {
+        if step == 1 {
+            // What is asked before the simulation listens does not reach it.
+            assert!(wait_for(Duration::from_secs(20), || listens(&node.url(), client.run_id().unwrap())));
+        }
+        client.push(step as u64, step as f64, &Brick::new([0; 3], [SIDE; 3], &voxels(peak)[..])).unwrap();
+    }
+    wait_for(Duration::from_secs(20), || {
+        asked.extend(client.steering());
+        asked.iter().any(|s: &Steering| s.request == SteeringRequest::Pause)
+    });
+    client.close();
+    let asked: Vec<_> = asked.into_iter().map(|s| (s.request, s.asked_by)).collect();
+    assert_eq!(asked.last(), Some(&(SteeringRequest::Pause, "trigger burst".to_owned())));
+
+    let rows = || -> Vec<StepRow> {
+        let runs = std::fs::read_dir(&store).into_iter().flatten().flatten();
+        let csv = runs.filter_map(|run| std::fs::read_to_string(run.path().join("steps.csv")).ok());
+        csv.flat_map(|csv| csv.lines().skip(1).filter_map(StepRow::from_csv).collect::<Vec<_>>()).collect()
+    };
+    assert!(wait_for(Duration::from_secs(20), || rows().len() == PEAKS.len()), "{:?}", rows());
+    let fired: Vec<_> = rows().into_iter().map(|row| row.triggers).collect();
+    let none = Vec::<String>::new();
+    let calm = || vec!["calm".to_owned()];
+    assert_eq!(fired, [calm(), none.clone(), none.clone(), vec!["burst".to_owned()], none.clone(), calm(), none]);
+
+    let files = || std::fs::read_dir(&raw).into_iter().flatten().flatten().map(|f| f.path()).collect::<Vec<_>>();
+    assert!(wait_for(Duration::from_secs(10), || files().iter().any(|f| f.extension().is_some_and(|e| e == "raw"))));
+    let [file] = &files()[..] else { panic!("{:?}", files()) };
+    let volume = Series::open(file, &Options::default()).unwrap().read(0).unwrap();
+    assert_eq!(volume.voxels(), &Voxels::F32(voxels(PEAKS[3])), "{}", file.display());
+}
+
+#[test]
+fn conditions_that_cannot_be_are_refused_before_the_node_listens() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("generator-node.toml");
+    for (when, word) in [("psnr > 3", "none of step, time"), ("max >", "max >"), ("quantile(7) > 1", "0 to 1")] {
+        std::fs::write(&config, format!("[[trigger]]\nname = \"x\"\nwhen = \"{when}\"\ndo = [\"pause\"]\n")).unwrap();
+        is_refused("generator-node", &["--config", config.to_str().unwrap()], &["trigger", word]);
+    }
+}
