@@ -33,16 +33,17 @@ function readoutFields(row: StepRow): [string, string, boolean?][] {
     ["Generation", `${fixed(row.generation_ms, 1)} ms`, overTime],
     ["Encode", `${fixed(row.encode_ms, 1)} ms`],
     ["Parameters", TUNING_TEXT[row.tuning] ?? "–"],
-    ...(row.empty_voxels > 0 ? [["Missing", missingText(row)] as [string, string]] : []),
-    ...(row.triggers.length > 0 ? [["Triggers", row.triggers.join(", ")] as [string, string]] : []),
+    ...exceptions(row),
   ];
 }
 
-/** How many voxels are missing, and whose. */
-function missingText({ empty_voxels, lost_ranks }: StepRow): string {
-  const voxels = `${empty_voxels.toLocaleString("en")} voxels`;
-  if (lost_ranks.length === 0) return voxels;
-  return `${voxels}: ${lost_ranks.length === 1 ? "rank" : "ranks"} ${lost_ranks.join(", ")} fell silent`;
+/** What most steps do not have. */
+function exceptions({ empty_voxels, lost_ranks, triggers }: StepRow): [string, string][] {
+  const found: [string, string][] = [];
+  if (empty_voxels > 0) found.push(["Missing voxels", empty_voxels.toLocaleString("en")]);
+  if (lost_ranks.length > 0) found.push(["Silent ranks", lost_ranks.length > 4 ? String(lost_ranks.length) : lost_ranks.join(", ")]);
+  if (triggers.length > 0) found.push(["Triggers", triggers.join(", ")]);
+  return found;
 }
 
 /** What the nodes cost the simulation and are allowed, as far as it is known. */

@@ -17,7 +17,7 @@ const FARTHEST: f32 = 8.0;
 /// Reduces `field` to at most as many sample points per side as `params` allows. Fields with lighting keep all points, because
 /// lighting is measured in voxels.
 ///
-/// Voxels that are NaN or infinite are missing points. Of fewer points those are missing that have less than [`KEPT`] of their
+/// Voxels that are NaN or infinite are missing points. Of fewer points those are missing that have less than half of their
 /// surroundings; the others are computed from values inpainted where voxels are missing.
 ///
 /// # Errors
