@@ -102,16 +102,19 @@ impl Assembly {
 
     /// True if all bricks of so many ranks are in, but for those of `lost`, which are not waited for.
     pub(super) fn is_complete(&self, ranks: u32, lost: &BTreeSet<u32>) -> bool {
-        let here = self.bricks.keys().filter(|rank| !lost.contains(rank)).count();
-        let is_in = |p: &BrickSlot| p.bytes.is_some() || lost.contains(&p.rank);
-        here + lost.len() == ranks as usize
-            && self.bricks.keys().all(|&rank| self.has(rank) || lost.contains(&rank))
-            && self.parts.iter().all(is_in)
+        let waited = self.bricks.iter().filter(|(rank, _)| !lost.contains(rank));
+        let (here, expected) = waited.fold((0, 0), |(here, expected), (_, &n)| (here + 1, expected + n as usize));
+        let mut parts = self.parts.iter().filter(|p| !lost.contains(&p.rank));
+        here + lost.len() == ranks as usize && parts.clone().count() == expected && parts.all(|p| p.bytes.is_some())
     }
 
-    /// True if all bricks of `rank` are in.
-    pub(super) fn is_in(&self, rank: u32) -> bool {
-        self.has(rank) && self.parts.iter().all(|p| p.rank != rank || p.bytes.is_some())
+    /// Ranks all of whose bricks are in.
+    pub(super) fn ranks_in(&self) -> BTreeSet<u32> {
+        let mut lacking = self.bricks.clone();
+        for part in self.parts.iter().filter(|p| p.bytes.is_some()) {
+            lacking.entry(part.rank).and_modify(|n| *n = n.saturating_sub(1));
+        }
+        lacking.into_iter().filter(|(_, n)| *n == 0).map(|(rank, _)| rank).collect()
     }
 
     /// The bricks with their bytes.

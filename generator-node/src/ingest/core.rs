@@ -158,7 +158,10 @@ impl Core {
         run.last_heard = now;
         let brick = run.check_push(offer)?;
         run.called(rank, Some(step), now);
-        self.give_up_lost(run_id, now);
+        // Who is not past the oldest step that waits cannot say that others hold it up.
+        if run.steps.first_key_value().is_some_and(|(&oldest, _)| step > oldest) {
+            self.give_up_lost(run_id, now);
+        }
         let run = self.run(run_id)?;
         let bytes = brick.map_or(0, |brick| brick.voxels()) * run.spec.point_bytes();
         if run.cannot_complete(step) {
@@ -298,7 +301,7 @@ impl Core {
                 step,
                 time: assembly.time,
                 dropped_steps: run.dropped_steps,
-                lost_ranks: run.lost.iter().copied().filter(|&rank| !assembly.is_in(rank)).collect(),
+                lost_ranks: run.lost.difference(&assembly.ranks_in()).copied().collect(),
                 completed: now,
                 bricks: assembly.into_bricks(),
             };

@@ -155,7 +155,8 @@ impl IngestRun {
         let is_silent = |rank: &u32| {
             self.calls.get(rank).is_some_and(|(last, _)| now.saturating_duration_since(*last) >= LOST_AFTER)
         };
-        let lacking: BTreeSet<u32> = (0..self.spec.ranks).filter(|&rank| !waiting.is_in(rank)).collect();
+        let is_in = waiting.ranks_in();
+        let lacking: BTreeSet<u32> = (0..self.spec.ranks).filter(|rank| !is_in.contains(rank)).collect();
         let others_are_past = self
             .calls
             .iter()
