@@ -107,6 +107,25 @@ fn config(folder: &Path, gamma: f64) -> std::path::PathBuf {
     file
 }
 
+/// What one node with `config` publishes.
+fn alone(config: &Path) -> Vec<Vec<u8>> {
+    let folder = tempfile::tempdir().unwrap();
+    let node = Daemon::start("generator-node", free_port(), &["--config", config.to_str().unwrap()]);
+    record(&node.url(), folder.path())
+}
+
+/// What a group does, whose bytes are nearly as many as those of one node, `alone`.
+fn together(members: u32, config: &Path, alone: &[Vec<u8>]) -> Vec<Vec<u8>> {
+    let (folder, port) = (tempfile::tempdir().unwrap(), free_port());
+    let group = Daemon::spawn(mpiexec(members, port, config), port);
+    let together = record(&group.url(), folder.path());
+    for (a, b) in alone.iter().zip(&together) {
+        let change = b.len() as f64 / a.len() as f64 - 1.0;
+        assert!(change.abs() < 0.03, "{members} members: {} and {} bytes", a.len(), b.len());
+    }
+    together
+}
+
 fn vdi(bytes: &[u8]) -> Vdi {
     decode(bytes, &DecodeLimits::default()).unwrap()
 }
@@ -118,17 +137,9 @@ fn a_group_publishes_the_reduced_volume_of_one_node() {
     let params =
         "representation = \"volume\"\nresolution = 24\ngamma = 0.01\nopacity_cutoff = 1.0\nstep_voxels = 0.5\n";
     std::fs::write(&config, format!("[params]\n{params}")).unwrap();
-    let alone = {
-        let node = Daemon::start("generator-node", free_port(), &["--config", config.to_str().unwrap()]);
-        record(&node.url(), folder.path())
-    };
+    let alone = alone(&config);
     for members in [2, 3] {
-        let (folder, port) = (tempfile::tempdir().unwrap(), free_port());
-        let group = Daemon::spawn(mpiexec(members, port, &config), port);
-        let together = record(&group.url(), folder.path());
-        for (a, b) in alone.iter().zip(&together) {
-            let change = b.len() as f64 / a.len() as f64 - 1.0;
-            assert!(change.abs() < 0.03, "{members} members: {} and {} bytes", a.len(), b.len());
+        for (a, b) in alone.iter().zip(&together(members, &config, &alone)) {
             let [one, other] = [a, b].map(|bytes| volume::decode(bytes, &DecodeLimits::default()).unwrap());
             assert_eq!((one.grid(), one.scene()), (other.grid(), other.scene()));
             let [one, other] = [one, other].map(|volume| {
@@ -147,17 +158,9 @@ fn a_group_publishes_what_one_node_does_however_many_members_it_has() {
     for gamma in [0.0, 0.02] {
         let folder = tempfile::tempdir().unwrap();
         let config = config(folder.path(), gamma);
-        let alone = {
-            let node = Daemon::start("generator-node", free_port(), &["--config", config.to_str().unwrap()]);
-            record(&node.url(), folder.path())
-        };
+        let alone = alone(&config);
         for members in [1, 2, 3] {
-            let (folder, port) = (tempfile::tempdir().unwrap(), free_port());
-            let group = Daemon::spawn(mpiexec(members, port, &config), port);
-            let together = record(&group.url(), folder.path());
-            for (a, b) in alone.iter().zip(&together) {
-                let change = b.len() as f64 / a.len() as f64 - 1.0;
-                assert!(change.abs() < 0.03, "{members} members: {} and {} bytes", a.len(), b.len());
+            for (a, b) in alone.iter().zip(&together(members, &config, &alone)) {
                 // At gamma 0 supersegments are single samples: all are there, and nothing else.
                 assert!(gamma > 0.0 || a == b, "{members} members: other samples");
                 let [one, other] = [vdi(a), vdi(b)];

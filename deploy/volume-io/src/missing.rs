@@ -7,12 +7,9 @@ pub(crate) fn mark_missing(volume: Volume, value: f64) -> Result<Volume, Invalid
     let (grid, voxels, second) = volume.into_parts();
     let single = |x: f32| if x == value as f32 { f32::NAN } else { x };
     let voxels = match voxels {
-        Voxels::U8(v) => Voxels::F32(v.into_iter().map(|x| single(x.into())).collect()),
-        Voxels::U16(v) => Voxels::F32(v.into_iter().map(|x| single(x.into())).collect()),
-        Voxels::I16(v) => Voxels::F32(v.into_iter().map(|x| single(x.into())).collect()),
-        Voxels::F16(v) => Voxels::F32(v.into_iter().map(|x| single(x.into())).collect()),
-        Voxels::F32(v) => Voxels::F32(v.into_iter().map(single).collect()),
         Voxels::F64(v) => Voxels::F64(v.into_iter().map(|x| if x == value { f64::NAN } else { x }).collect()),
+        // Every other type fits into single precision.
+        other => Voxels::F32((0..other.len()).map(|n| single(other.get(n) as f32)).collect()),
     };
     let volume = Volume::new(grid, voxels)?;
     match second {

@@ -6,7 +6,7 @@ use super::brick::{BrickBytes, BrickOffer};
 use super::run::{IngestRun, RunSpec};
 use super::{GridBox, IngestError, assembly::Assembly, brick};
 use lamina_model::{FullPolicy, Invalid, Volume};
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 /// A step with all its bricks, to be made into a VDI.
@@ -131,8 +131,8 @@ impl Core {
         run.told_ranks = Some(ranks);
         let steps: Vec<u64> = run.steps.keys().copied().collect();
         for step in steps {
-            let nobody = BTreeSet::new();
-            let is_complete = |run: &mut IngestRun| run.steps.get(&step).is_some_and(|a| a.is_complete(ranks, &nobody));
+            let is_complete =
+                |run: &mut IngestRun| run.steps.get(&step).is_some_and(|a| a.is_complete(ranks, &run.lost));
             let complete = self.run(run_id).is_ok_and(is_complete);
             if complete {
                 self.complete(run_id, step, now);
