@@ -186,13 +186,12 @@ async fn run_pipeline(
 
     type Frames = v1::frames_server::FramesServer<publish::FramesService>;
     type Control = v1::control_server::ControlServer<control::ControlService>;
-    let steering = ingest.steering().clone();
-    let (router, health) = router(ingest).await;
+    let (router, health) = router(ingest.clone()).await;
     health.set_serving::<Frames>().await;
     health.set_serving::<Control>().await;
     let router = router
         .add_service(Frames::with_interceptor(
-            publish::FramesService { publisher, steering },
+            publish::FramesService { publisher, ingest },
             AllowRoles(&[Role::Viewer]),
         ))
         .add_service(Control::with_interceptor(control::ControlService(node), AllowRoles(&[Role::Tuner])));

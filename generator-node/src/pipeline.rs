@@ -11,12 +11,13 @@ use crate::triggers::{Action, Fired, Statistics, Triggers, write_raw};
 use lamina_compute::{Activity, Laps, Priority};
 use lamina_model::suggest::{suggest, suggest_camera};
 use lamina_model::{
-    Cost, GenerationParams, Grid, Invalid, RunInfo, Scene, Steering, SteeringRequest, StepReport, Voxels,
+    Cost, Effects, GenerationParams, Grid, Invalid, RunInfo, Scene, Steering, SteeringRequest, StepReport, Voxels,
 };
 use lamina_raycast::Field;
 use parking_lot::Mutex;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::sync::watch;
 
 /// What the configuration says of the pipeline.
@@ -37,10 +38,20 @@ pub(crate) struct Settings {
 struct Pipeline {
     node: Arc<NodeState>,
     settings: Settings,
-    run: Option<(Arc<RunInfo>, Scene)>,
+    run: Option<ShownRun>,
     /// What steps are generated with until the tuner sends parameters.
     start: Option<GenerationParams>,
     rung: Rung,
+}
+
+/// The run that is shown.
+struct ShownRun {
+    /// As the simulation has it.
+    id: String,
+    /// As viewers have it: another one with every change of the field.
+    info: Arc<RunInfo>,
+    changes: u32,
+    scene: Scene,
 }
 
 /// What triggers see of a step: statistics, and its voxels where they may be asked for.
@@ -203,45 +214,75 @@ impl Pipeline {
     }
 
     fn prepare(&mut self, step: Arrived) -> Result<(Step, Option<Seen>), Invalid> {
-        let (run_id, number, time, _) = step.numbers();
-        let RunSpec { name, field, grid, scene: stated, .. } = step.spec().clone();
-        let known = self.run.take().filter(|(run, _)| run.id == run_id);
-        let description = RunInfo { id: run_id.to_owned(), name, field, grid };
-        if known.is_none() {
-            self.node.restart();
-            self.start = None;
-        }
-        // One scene for the whole run, so that its steps can be compared.
-        let scene = known.as_ref().map(|(_, scene)| scene.clone()).or(stated);
-        let run = known.map_or_else(|| Arc::new(description), |(run, _)| run);
-        let (mut lost_ranks, mut seen) = (Vec::new(), None);
+        let ((run_id, number, time, _), spec) = (step.numbers(), step.spec().clone());
+        let (id, info, changes, scene, before) = self.shown_run(run_id, &spec);
+        let shown = match &scene {
+            // A field that somebody has chosen has the colors of its values.
+            None if info.field != spec.shown() => self.settings.steering.check(&info.field)?.0,
+            scene => spec.shown_fields(&info.field, scene.as_ref())?,
+        };
+        let chosen = |scene| beside(scene, before.as_ref());
+        let (mut lost_ranks, mut seen, mut derivation) = (Vec::new(), None, Duration::ZERO);
         let (source, scene) = match step {
             Arrived::Own(step) => {
                 lost_ranks.clone_from(&step.lost_ranks);
-                let volume = step.into_volume()?;
+                let volume;
+                (volume, derivation) = step.into_volume(&shown)?;
                 let triggers = &self.settings.triggers;
                 if !triggers.is_empty() {
                     let voxels = volume.voxels();
                     seen = Some((Statistics::of(voxels), triggers.wants_voxels().then(|| voxels.clone())));
                 }
-                let scene = scene.map_or_else(|| suggest(&[&volume]), Ok)?;
+                let scene = scene.map_or_else(|| suggest(&[&volume]).map(chosen), Ok)?;
                 (FieldSource::Own(self.node.backend.clone(), Box::new(Field::new(volume, &scene))), scene)
             }
             Arrived::Group(root, GroupArrived { spec, step, members, .. }) => {
-                let coarse = || root.coarse(step, &spec, &members).and_then(|volume| suggest(&[&volume]));
                 let scene = match scene {
                     Some(scene) => scene,
-                    None => whole_view(coarse()?, &spec.grid)?,
+                    None => {
+                        let scene = suggest(&[&root.coarse(step, (&spec, &shown), &members)?])?;
+                        chosen(whole_view(scene, &spec.grid)?)
+                    }
                 };
-                (FieldSource::Group(Box::new(GroupField::prepare(&root, step, &spec, scene.clone(), members)?)), scene)
+                let of_members = GroupField::prepare(&root, step, (&spec, &info.field), scene.clone(), members)?;
+                (FieldSource::Group(Box::new(of_members)), scene)
             }
         };
-        self.run = Some((run.clone(), scene));
+        self.run = Some(ShownRun { id, info: info.clone(), changes, scene });
         if source.empty_voxels() > 0 {
             tracing::warn!(step = number, voxels = source.empty_voxels(), "NaN or infinite voxels, drawn as empty");
         }
-        Ok((Step::new(run, (number, time), self.node.segmentation, source).without(lost_ranks), seen))
+        let step = Step::new(info, (number, time), self.node.segmentation, source);
+        Ok((step.without(lost_ranks).derived_in(derivation), seen))
     }
+
+    /// The run as the simulation and as viewers have it, how often its field was changed, its scene if that is known, and the scene
+    /// before a change.
+    fn shown_run(&mut self, id: &str, spec: &RunSpec) -> (String, Arc<RunInfo>, u32, Option<Scene>, Option<Scene>) {
+        let known = self.run.take().filter(|run| run.id == id);
+        let asked = known.as_ref().and_then(|_| self.settings.steering.shown(id));
+        let field = asked.unwrap_or_else(|| spec.shown().to_owned());
+        let (changes, before) = match known {
+            // One scene for the whole run, so that its steps can be compared.
+            Some(run) if run.info.field == field => return (run.id, run.info, run.changes, Some(run.scene), None),
+            Some(run) => (run.changes + 1, Some(run.scene)),
+            None => (0, None),
+        };
+        self.node.restart();
+        self.start = None;
+        // What the simulation states is of its own field.
+        let stated = spec.scene.clone().filter(|_| field == spec.shown());
+        let info = RunInfo { id: RunInfo::shown_id(id, changes), name: spec.name.clone(), field, grid: spec.grid };
+        self.settings.steering.begin(&info.id, spec, &info.field);
+        (id.to_owned(), Arc::new(info), changes, stated, before)
+    }
+}
+
+/// A scene chosen for another field of a run, seen as the one `before` was: of its effects without those that are of its values.
+fn beside(chosen: Scene, before: Option<&Scene>) -> Scene {
+    let Some(Scene { camera, background, step_voxels, effects, .. }) = before.cloned() else { return chosen };
+    let effects = Effects { isosurfaces: Vec::new(), color_field: None, ..effects };
+    Scene { camera, background, step_voxels, effects, ..chosen }
 }
 
 /// A scene chosen from a coarse volume, with a camera that sees all of `grid`, of which the coarse one may lack the last points; its

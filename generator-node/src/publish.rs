@@ -3,7 +3,8 @@
 //! Nothing here waits for a subscriber: one that falls behind what is held skips to the oldest held.
 
 use crate::delivery::Delivery;
-use crate::steering::{SteeringError, SteeringRelay};
+use crate::ingest::Ingest;
+use crate::steering::SteeringError;
 use crate::subscribers::{Subscribers, reachable, trim};
 use futures::{Stream, StreamExt, stream};
 use lamina_model::{RunInfo, Steering};
@@ -158,10 +159,19 @@ fn messages(deliveries: impl Stream<Item = Delivery> + Send + 'static) -> Delive
     messages.boxed()
 }
 
-/// The gRPC face of [`Publisher`] and [`SteeringRelay`].
+/// The gRPC face of [`Publisher`] and of steering.
 pub(crate) struct FramesService {
     pub publisher: Arc<Publisher>,
-    pub steering: Arc<SteeringRelay>,
+    pub ingest: Arc<Ingest>,
+}
+
+impl From<SteeringError> for Status {
+    fn from(error: SteeringError) -> Self {
+        match error {
+            SteeringError::OtherRun(_) => Self::not_found(error.to_string()),
+            _ => Self::failed_precondition(error.to_string()),
+        }
+    }
 }
 
 #[tonic::async_trait]
@@ -192,18 +202,24 @@ impl frames_server::Frames for FramesService {
     type SteerableStream = Pin<Box<dyn Stream<Item = Result<v1::Steerable, Status>> + Send>>;
 
     async fn steerable(&self, _: Request<v1::SteerableRequest>) -> Result<Response<Self::SteerableStream>, Status> {
-        let changes = WatchStream::new(self.steering.steerable());
+        let changes = WatchStream::new(self.ingest.steering().steerable());
         Ok(Response::new(changes.map(|steerable| Ok(steerable.into())).boxed()))
     }
 
     async fn steer(&self, request: Request<v1::SteerRequest>) -> Result<Response<v1::SteerReply>, Status> {
         let v1::SteerRequest { run_id, steering } = request.into_inner();
         let steering = required(steering, "steering").and_then(Steering::try_from).map_err(|e| invalid(&e))?;
-        self.steering.steer(&run_id, steering).map_err(|error| match error {
-            SteeringError::OtherRun(_) => Status::not_found(error.to_string()),
-            _ => Status::failed_precondition(error.to_string()),
-        })?;
+        self.ingest.steering().steer(&run_id, steering)?;
         Ok(Response::new(v1::SteerReply {}))
+    }
+
+    async fn show(&self, request: Request<v1::ShowRequest>) -> Result<Response<v1::ShowReply>, Status> {
+        let v1::ShowRequest { run_id, field, asked_by } = request.into_inner();
+        let field = field.trim().to_owned();
+        let (shown, spec) = self.ingest.steering().check(&field).map_err(|e| invalid(&e))?;
+        self.ingest.show(&spec, &shown)?;
+        self.ingest.steering().show(&run_id, field, &asked_by)?;
+        Ok(Response::new(v1::ShowReply {}))
     }
 }
 

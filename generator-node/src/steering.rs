@@ -1,6 +1,8 @@
 //! Steering: requests from viz-nodes on their way to the simulation.
 
-use lamina_model::{Invalid, Steerable, SteerableNumber, Steering};
+use crate::ingest::RunSpec;
+use lamina_field_expression::ShownFields;
+use lamina_model::{Invalid, RunInfo, Steerable, SteerableNumber, Steering};
 use parking_lot::Mutex;
 use std::pin::Pin;
 use std::sync::Arc;
@@ -15,6 +17,8 @@ const WAITING: usize = 64;
 pub(crate) struct SteeringRelay {
     listener: Mutex<Option<mpsc::Sender<Steering>>>,
     steerable: watch::Sender<Steerable>,
+    /// What the simulation said of the run that is shown.
+    spec: Mutex<Option<RunSpec>>,
 }
 
 /// Why a request does not reach the simulation.
@@ -36,8 +40,55 @@ impl SteeringRelay {
     pub(crate) fn listen(self: &Arc<Self>, run_id: String, numbers: Vec<SteerableNumber>) -> Listening {
         let (sender, requests) = mpsc::channel(WAITING);
         *self.listener.lock() = Some(sender);
-        self.steerable.send_replace(Steerable { run_id, listens: true, paused: false, stopping: false, numbers });
+        self.steerable.send_modify(|now| {
+            if !RunInfo::is_same_simulation(&now.run_id, &run_id) {
+                *now = Steerable { run_id, ..Steerable::default() };
+            }
+            (now.listens, now.paused, now.stopping, now.numbers) = (true, false, false, numbers);
+        });
         Listening { requests, relay: self.clone() }
+    }
+
+    /// From now on `shown` is shown of the simulation's run that `spec` describes, as run `run_id`.
+    pub(crate) fn begin(&self, run_id: &str, spec: &RunSpec, shown: &str) {
+        *self.spec.lock() = Some(spec.clone());
+        self.steerable.send_modify(|now| {
+            // A simulation that began after this run's last steps listens.
+            if now.listens && !RunInfo::is_same_simulation(&now.run_id, run_id) {
+                return;
+            }
+            run_id.clone_into(&mut now.run_id);
+            (now.fields, now.shown) = (spec.fields().map(|(name, _)| name.to_owned()).collect(), shown.to_owned());
+        });
+    }
+
+    /// What people ask to be shown of the simulation's run `run_id`.
+    pub(crate) fn shown(&self, run_id: &str) -> Option<String> {
+        let now = self.steerable.borrow();
+        (RunInfo::is_same_simulation(&now.run_id, run_id) && !now.fields.is_empty()).then(|| now.shown.clone())
+    }
+
+    /// What `field` reads of the run that is shown, and the run.
+    ///
+    /// # Errors
+    /// If it cannot be shown.
+    pub(crate) fn check(&self, field: &str) -> Result<(ShownFields, RunSpec), Invalid> {
+        let spec = self.spec.lock().clone().ok_or_else(|| Invalid::new("field", "no run is shown yet"))?;
+        let names: Vec<&str> = spec.fields().map(|(name, _)| name).collect();
+        Ok((ShownFields::new(field, None, &names)?, spec))
+    }
+
+    /// Remembers for the pipeline what is to be shown, which has been checked.
+    ///
+    /// # Errors
+    /// If run `run_id` has ended.
+    pub(crate) fn show(&self, run_id: &str, field: String, asked_by: &str) -> Result<(), SteeringError> {
+        if !RunInfo::is_same_simulation(&self.steerable.borrow().run_id, run_id) {
+            return Err(SteeringError::OtherRun(run_id.to_owned()));
+        }
+        tracing::info!(run_id, field, asked_by, "another field is shown");
+        self.steerable.send_modify(|now| now.shown = field);
+        Ok(())
     }
 
     /// Hands a request on.
@@ -47,7 +98,7 @@ impl SteeringRelay {
     pub(crate) fn steer(&self, run_id: &str, steering: Steering) -> Result<(), SteeringError> {
         let listener = self.listener.lock();
         let mut steerable = self.steerable.borrow().clone();
-        if steerable.listens && steerable.run_id != run_id {
+        if steerable.listens && !RunInfo::is_same_simulation(&steerable.run_id, run_id) {
             return Err(SteeringError::OtherRun(run_id.to_owned()));
         }
         steerable.take(&steering.request)?;

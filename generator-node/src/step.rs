@@ -90,6 +90,7 @@ pub(crate) struct Step {
     /// Simulation time.
     pub time: f64,
     lost_ranks: Vec<u32>,
+    derivation: Duration,
     segmentation: Segmentation,
     source: FieldSource,
     reference: OnceLock<Result<ReferenceSamples, Invalid>>,
@@ -103,13 +104,20 @@ impl Step {
         segmentation: Segmentation,
         source: FieldSource,
     ) -> Self {
-        Self { run, step, time, lost_ranks: Vec::new(), segmentation, source, reference: OnceLock::new() }
+        let (lost_ranks, derivation) = (Vec::new(), Duration::ZERO);
+        Self { run, step, time, lost_ranks, derivation, segmentation, source, reference: OnceLock::new() }
     }
 
     /// The same, without the bricks of these ranks.
     #[must_use]
     pub(crate) fn without(self, lost_ranks: Vec<u32>) -> Self {
         Self { lost_ranks, ..self }
+    }
+
+    /// The same, whose field was computed from the run's in that time.
+    #[must_use]
+    pub(crate) fn derived_in(self, derivation: Duration) -> Self {
+        Self { derivation, ..self }
     }
 
     fn represent(&self, params: &GenerationParams) -> Result<(Intermediate, Duration), Invalid> {
@@ -226,6 +234,7 @@ impl Step {
             bytes: bytes.len() as u64,
             empty_voxels: self.source.empty_voxels(),
             lost_ranks: self.lost_ranks.clone(),
+            derivation: self.derivation,
             ..purpose
         };
         Delivery::frame(&self.run, frame, bytes)

@@ -22,7 +22,7 @@ int main(int argc, char **argv) {
     if (lamina_connect(&run, &client) < 0) return 1;
     for (int step = 0; step < STEPS; step++) {
         void *voxels, *colors;
-        if (lamina_buffer(client, run.dims, &voxels, &colors) < 0) return 1;
+        if (lamina_buffer(client, run.dims, &voxels, &colors, NULL) < 0) return 1;
         double *density = voxels, *heat = colors;
         for (int k = 0; k < NZ; k++)
             for (int j = 0; j < NY; j++)

@@ -27,7 +27,7 @@ int main(int argc, char **argv) {
         double begun = now();
         lamina_brick brick = {.dims = {NX, NY, NZ}, .voxels = field};
         void *buffer;
-        if (step % 2 && lamina_buffer(client, run.dims, &buffer, NULL) == 0) brick.voxels = buffer;
+        if (step % 2 && lamina_buffer(client, run.dims, &buffer, NULL, NULL) == 0) brick.voxels = buffer;
         memset((void *)brick.voxels, (int)(step % 60), sizeof field);
         if (lamina_push(client, step, (double)step, &brick) < 0) lost++;
         double ended = now();

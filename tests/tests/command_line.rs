@@ -161,7 +161,7 @@ fn effects_of_a_scene_are_seen_everywhere() {
         ("[effects]\nlight = [0.0, 0.0, 1.0]\nshadows = 3.0\n", &["effects.shadows"]),
         (
             "[effects.color_field]\nname = \"temperature\"\nrange = { lo = 0.0, hi = 1.0, scale = \"linear\" }\n",
-            &["temperature", ".vti"],
+            &["no field \"temperature\"", "density"],
         ),
     ] {
         let path = scene("bad.toml", body);

@@ -83,6 +83,23 @@ where
     assert_eq!(client.close().pushed, STEPS);
 }
 
+/// As `fields` in the other languages says: what is shown is computed here.
+fn push_fields(url: &str) {
+    let dims = [24, 20, 16];
+    let grid = Grid::new(dims, DVec3::ONE, DVec3::ZERO).unwrap();
+    let mut client = Client::connect(RunOptions::new(url, "fields", "magnitude(v)", grid, VoxelType::F32)).unwrap();
+    for step in 0..STEPS {
+        let speed = |n: usize| {
+            let [i, j, k] = [n % 24, n / 24 % 20, n / 480].map(|i| i as f64);
+            let (x, y, z) = (0.25 * i + step as f64, 0.5 * j, 0.125 * k * i);
+            (x * x + y * y + z * z).sqrt() as f32
+        };
+        let voxels: Vec<f32> = (0..24 * 20 * 16).map(speed).collect();
+        client.push(step, 0.1 * step as f64, &Brick::new([0; 3], dims, &voxels)).unwrap();
+    }
+    assert_eq!(client.close().pushed, STEPS);
+}
+
 /// Runs `program URL RANK 2` for both ranks at once.
 fn run_ranks(program: &[&Path], url: &str) {
     run_each(program, url, 2);
@@ -138,6 +155,17 @@ fn two_ranks_in_each_language_show_what_one_in_rust_does() {
     let script = source("tests/languages/bricks.py");
     for program in [&[c.as_path()][..], &[Path::new(python), &script]] {
         let recorded = recorder.record(|url| run_each(program, url, 2));
+        assert!(recorded == expected, "{program:?} pushed something else");
+    }
+
+    // Several fields, of which an expression is shown.
+    let expected = recorder.record(push_fields);
+    let c = compile(&["cc", "-std=c11"], &["tests/languages/fields.c"], folder.path());
+    let fortran = ["proto/client/fortran/lamina.f90", "tests/languages/fields.f90"];
+    let fortran = compile(&["gfortran"], &fortran, folder.path());
+    let script = source("tests/languages/fields.py");
+    for program in [&[c.as_path()][..], &[&fortran], &[Path::new(python), &script]] {
+        let recorded = recorder.record(|url| run_each(program, url, 1));
         assert!(recorded == expected, "{program:?} pushed something else");
     }
 

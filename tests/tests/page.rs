@@ -149,6 +149,46 @@ fn a_contract_asked_for_at_the_page_is_kept_from_then_on() {
 }
 
 #[test]
+fn another_field_is_chosen_or_written_on_the_page_and_tuned_anew() {
+    let (lamina, browser, _profile) = watched(&["--cells", "32", "--pace", "4", "--cpu-share", "100%"]);
+    browser.wait_js("!document.querySelector('#fields').hidden");
+    browser.js("document.querySelector('#fields').open = true");
+    browser.wait_js("/tuned/.test(document.querySelector('#readout').innerText)");
+    let readout = "document.querySelector('#readout').innerText";
+    assert!(!browser.js(readout).as_str().unwrap().contains("computed"), "density is shown as it is");
+    let choices = browser.js("[...document.querySelector('#field-choice').options].map(o => o.value).join('|')");
+    for field in ["density", "momentum.z", "energy", "magnitude(curl(momentum))", "magnitude(gradient(energy))"] {
+        assert!(choices.as_str().unwrap().split('|').any(|choice| choice == field), "{choices}");
+    }
+    browser.js("(() => { const f = document.querySelector('#field-choice'); f.value = 'magnitude(momentum)'; \
+         f.dispatchEvent(new Event('change')) })()");
+    let shows = |field: &str| {
+        let title = format!("document.querySelector('#run').textContent.includes({})", json!(field));
+        let computed = format!("{readout}.includes('computed in') && /tuned|provisional/.test({readout})");
+        format!("{title} && {computed} && {DRAWN}")
+    };
+    browser.wait_js(&shows("magnitude(momentum)"));
+    let write = |field: &str| {
+        browser.js(&format!(
+            "(() => {{ const f = document.querySelector('#field-line'); f.value = {}; \
+             f.dispatchEvent(new Event('input', {{bubbles: true}})) }})()",
+            json!(field)
+        ));
+        browser.wait_js("!document.querySelector('#field-ask').disabled");
+        browser.js("document.querySelector('#field-ask').click()");
+    };
+    write("pressure");
+    browser.wait_js("document.querySelector('#field-message').textContent.includes('no field \"pressure\"')");
+    // The browser notes the refusal, too.
+    let log = browser.post("/se/log", &json!({"type": "browser"}));
+    let mut severe = log.as_array().unwrap().iter().filter(|entry| entry["level"] == "SEVERE");
+    assert!(severe.all(|entry| entry["message"].as_str().unwrap().contains("/api/show")), "{log}");
+    write("magnitude(curl(momentum / density))");
+    browser.wait_js(&shows("magnitude(curl(momentum / density))"));
+    end(&browser, lamina);
+}
+
+#[test]
 fn the_simulation_is_paused_paced_and_stopped_from_the_page() {
     let (lamina, browser, _profile) = watched(&["--cells", "24", "--pace", "4", "--cpu-share", "100%"]);
     browser.wait_js("!document.querySelector('#steering').hidden");

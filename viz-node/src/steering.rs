@@ -3,7 +3,7 @@
 use crate::Config;
 use crate::store::{Event, Store};
 use crate::subscribe::frames;
-use lamina_model::{Steerable, Steering};
+use lamina_model::{RunInfo, Steerable, Steering};
 use lamina_rpc::credentials::Credentials;
 use lamina_rpc::v1;
 use parking_lot::Mutex;
@@ -32,7 +32,7 @@ impl SteeringDesk {
     /// What the simulation of the run shown can be asked for.
     pub(crate) fn steerable(&self) -> Steerable {
         let steerable = self.steerable.lock().clone();
-        let is_shown = self.store.run().is_some_and(|run| run.id == steerable.run_id);
+        let is_shown = self.store.run().is_some_and(|run| RunInfo::is_same_simulation(&run.id, &steerable.run_id));
         if is_shown { steerable } else { Steerable::default() }
     }
 
@@ -45,6 +45,19 @@ impl SteeringDesk {
         let (words, asked_by) = (steering.request.to_string(), steering.asked_by.clone());
         let request = v1::SteerRequest { run_id: run.id, steering: Some(steering.into()) };
         frames(&self.config, self.credentials.as_ref()).await?.steer(request).await?;
+        self.store.record_request(&asked_by, &words);
+        Ok(())
+    }
+
+    /// Asks the generator-node to show another field, which is in the run's record when this returns.
+    ///
+    /// # Errors
+    /// If the run has none such, or the generator-node does not answer.
+    pub(crate) async fn show(&self, field: String, asked_by: String) -> Result<(), Status> {
+        let run = self.store.run().ok_or_else(|| Status::failed_precondition("no run yet"))?;
+        let words = format!("show {field}");
+        let request = v1::ShowRequest { run_id: run.id, field, asked_by: asked_by.clone() };
+        frames(&self.config, self.credentials.as_ref()).await?.show(request).await?;
         self.store.record_request(&asked_by, &words);
         Ok(())
     }

@@ -145,6 +145,16 @@ impl Simulation {
         self.gas.state().component(state::DENSITY, z)
     }
 
+    /// Momentum in each cell along x, y and z, ordered as [`Simulation::density`].
+    pub fn momentum(&self) -> [Vec<f32>; 3] {
+        state::MOMENTUM.map(|quantity| self.gas.state().component(quantity, 0..self.cells()))
+    }
+
+    /// Energy in each cell, thermal and kinetic, ordered as [`Simulation::density`].
+    pub fn energy(&self) -> Vec<f32> {
+        self.gas.state().component(state::ENERGY, 0..self.cells())
+    }
+
     /// The share of each cell's gas that was in the blast, 0 to 1, ordered as [`Simulation::density`]; `None` unless the run
     /// follows it.
     pub fn tracer(&self) -> Option<&[f32]> {

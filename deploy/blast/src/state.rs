@@ -13,6 +13,8 @@ use std::ops::{AddAssign, Range};
 pub(crate) const QUANTITIES: usize = 5;
 /// Index of density, conserved and primitive.
 pub(crate) const DENSITY: usize = 0;
+/// Indices of momentum.
+pub(crate) const MOMENTUM: [usize; 3] = [1, 2, 3];
 /// Index of total energy (conserved) or pressure (primitive).
 pub(crate) const ENERGY: usize = 4;
 /// Cells that are worked on side by side, so that the compiler can use vector registers: one cache line of each quantity.

@@ -25,6 +25,10 @@ pub trait Source {
     fn scene(&self) -> &Scene;
     /// The next step's simulation time and volume; `None` at the end. Takes as long as computing or reading it does.
     fn next(&mut self) -> anyhow::Result<Option<(f64, Volume)>>;
+    /// Further fields of the step that came last, for people to choose from.
+    fn more_fields(&self) -> Vec<(String, Voxels)> {
+        Vec::new()
+    }
     /// Processor time of its own threads, if it has any.
     fn cpu_time(&self) -> Option<Duration> {
         None
@@ -124,6 +128,13 @@ impl Source for Example {
     }
     fn scene(&self) -> &Scene {
         &self.scene
+    }
+
+    fn more_fields(&self) -> Vec<(String, Voxels)> {
+        let momentum =
+            ["x", "y", "z"].map(|axis| format!("momentum.{axis}")).into_iter().zip(self.simulation.momentum());
+        let all = momentum.chain([("energy".to_owned(), self.simulation.energy())]);
+        all.map(|(name, values)| (name, Voxels::F32(values))).collect()
     }
 
     fn cpu_time(&self) -> Option<Duration> {

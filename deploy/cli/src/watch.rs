@@ -9,9 +9,9 @@ use crate::source::{Example, Recorded, Source, read_options};
 use crate::steering;
 use crate::terminal::{Shown, progress};
 use anyhow::{Context, bail, ensure};
-use lamina_client::{Brick, Client, ClientError, FullPolicy, RunOptions, SteerableNumber};
+use lamina_client::{Brick, Client, ClientError, FullPolicy, RunOptions, SteerableNumber, VoxelSlice};
 use lamina_compute::{CpuLimit, CpuShare};
-use lamina_model::{Representation, Scene, Volume};
+use lamina_model::{Representation, Volume, Voxels};
 use lamina_tuner::Contract;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::time::{Duration, Instant};
@@ -69,23 +69,37 @@ pub fn connect(
     policy: FullPolicy,
     steering: Option<Vec<SteerableNumber>>,
 ) -> Result<Client, ClientError> {
+    // Where nobody can ask for anything, nobody chooses another field.
+    let more_fields = if steering.is_some() { source.more_fields() } else { Vec::new() };
     let options = RunOptions {
         full_policy: policy,
         steering,
         scene: Some(source.scene().clone()),
         // Blocking is consent to wait: for as long as a study of the tuner may take.
         deadline: if policy == FullPolicy::Block { Duration::from_secs(600) } else { Duration::from_secs(5) },
+        more_fields: more_fields.into_iter().map(|(name, voxels)| (name, voxels.voxel_type())).collect(),
         color_field: volume.color_field().map(|(name, voxels)| (name.to_owned(), voxels.voxel_type())),
         ..RunOptions::new(generator, source.name(), source.field(), *volume.grid(), volume.voxels().voxel_type())
     };
     Client::connect(options)
 }
 
-/// Hands over a whole step.
-pub fn push(client: &mut Client, step: u64, time: f64, volume: &Volume) -> Result<(), ClientError> {
+/// The further fields of the step that came last, where the run has any.
+fn more_fields(client: &Client, source: &dyn Source) -> Vec<(String, Voxels)> {
+    if client.options().more_fields.is_empty() { Vec::new() } else { source.more_fields() }
+}
+
+/// Hands over a whole step, with its further fields.
+pub fn push(
+    client: &mut Client,
+    (step, time): (u64, f64),
+    volume: &Volume,
+    more: &[(String, Voxels)],
+) -> Result<(), ClientError> {
+    let more: Vec<VoxelSlice> = more.iter().map(|(_, voxels)| voxels.into()).collect();
     let brick = Brick::new([0; 3], volume.grid().dims(), volume.voxels());
     let brick = volume.color_field().map_or(brick, |(_, voxels)| brick.with_colors(voxels));
-    client.push(step, time, &brick).map(drop)
+    client.push(step, time, &brick.with_more_fields(&more)).map(drop)
 }
 
 /// Only the simulation: the nodes run elsewhere.
@@ -105,7 +119,8 @@ fn push_only(
         if steering::obey(&mut client, &mut pacer, &|| false, || Ok(()))? {
             break;
         }
-        match push(&mut client, step, time, &volume) {
+        let more = more_fields(&client, source);
+        match push(&mut client, (step, time), &volume, &more) {
             Ok(()) => say!("step {step:4}  time {time:.4}  pushed"),
             Err(error @ (ClientError::Invalid(_) | ClientError::Refused(_))) => return Err(error.into()),
             // The simulation goes on; the client tries again by itself.
@@ -149,7 +164,8 @@ pub(crate) fn tuning(options: &cli::NodeOptions) -> (Option<Vec<f64>>, Tuning) {
     (contract.angles_deg(), tuning)
 }
 
-fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume) -> anyhow::Result<Setup> {
+fn setup(options: &cli::Watch, source: &dyn Source, volume: &Volume) -> anyhow::Result<Setup> {
+    let scene = source.scene();
     let fixed = options.resolution.zip(options.gamma);
     let representation = options.nodes.representation.first().copied().unwrap_or_default();
     let params = |(resolution, gamma)| offline::params(representation, resolution, gamma, 1.0, scene);
@@ -165,8 +181,12 @@ fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume) -> anyhow::Result
             second.name
         );
     }
-    // In work, each field and its colors take four bytes a voxel.
-    let voxels = volume.grid().voxels() as u64 * (1 + u64::from(volume.color_field().is_some()));
+    let voxels = volume.grid().voxels() as u64;
+    let more = if options.headless { Vec::new() } else { source.more_fields() };
+    let more_bytes: u64 = more.iter().map(|(_, field)| voxels * field.voxel_type().size_bytes() as u64).sum();
+    // In work, each field and its colors take four bytes a voxel; so do one that is computed, and what derivatives of it are taken of.
+    let in_work =
+        12 * voxels * (1 + u64::from(volume.color_field().is_some())) + 16 * voxels * u64::from(!more.is_empty());
     Ok(Setup {
         listen: SocketAddr::from((Ipv4Addr::LOCALHOST, 0)),
         insecure: options.nodes.insecure,
@@ -175,7 +195,7 @@ fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume) -> anyhow::Result
         backend: options.nodes.backend,
         angles_deg,
         // Room for two waiting steps: more would only show the past.
-        memory_bytes: 4 * volume.size_bytes() as u64 + 12 * voxels + (1 << 20),
+        memory_bytes: 4 * (volume.size_bytes() as u64 + more_bytes) + in_work + (1 << 20),
         scene: Some(scene.clone()),
         params: fixed.map(params).transpose()?,
         step_voxels: scene.step_voxels,
@@ -198,7 +218,7 @@ fn watch(
     let scene = source.scene().clone();
     let mut outputs =
         options.nodes.out.as_deref().map(|dir| RunFolder::create(dir, source, &first.1, steps)).transpose()?;
-    let nodes = Nodes::start(setup(options, &scene, &first.1)?)?;
+    let nodes = Nodes::start(setup(options, source, &first.1)?)?;
     let stopped = nodes.stopped();
     if !options.headless {
         say!("watching {} ({}): open http://{}/   (Ctrl-C ends)", source.name(), source.field(), nodes.viewer);
@@ -216,7 +236,8 @@ fn watch(
             if steering::obey(&mut client, &mut pacer, &stopped, || shown.show_new(&nodes, &bar, outputs.as_mut()))? {
                 break;
             }
-            push(&mut client, step, time, &volume).with_context(|| format!("step {step}"))?;
+            let more = more_fields(&client, source);
+            push(&mut client, (step, time), &volume, &more).with_context(|| format!("step {step}"))?;
             if options.headless {
                 let Some(row) = nodes.settle(step, &stopped)? else { break };
                 if let Some(outputs) = &mut outputs {

@@ -200,7 +200,7 @@ fn coupled(arguments: &cli::BenchLive, time: Duration, burnt: &Burnt) -> anyhow:
         let picks = scope.spawn(move || watch_picks(nodes, done, begun));
         let took = steps(&mut *source, arguments.pace, time, |step, at, volume| {
             // A step that is not taken is one not shown.
-            let _ = push(&mut client, step, at, volume);
+            let _ = push(&mut client, (step, at), volume, &[]);
             Ok(())
         });
         done.store(true, Ordering::Relaxed);

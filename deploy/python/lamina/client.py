@@ -47,7 +47,18 @@ class _Options(ctypes.Structure):
         ("steering", ctypes.c_int32),
         ("number_count", ctypes.c_uint32),
         ("numbers", ctypes.c_void_p),
+        ("more_fields", ctypes.c_void_p),
+        ("more_field_count", ctypes.c_uint32),
+        ("shown", ctypes.c_char_p),
     ]
+
+
+class _Field(ctypes.Structure):
+    _fields_ = [("name", ctypes.c_char_p), ("type", ctypes.c_int32)]
+
+
+class _Array(ctypes.Structure):
+    _fields_ = [("voxels", ctypes.c_void_p), ("type", ctypes.c_int32)]
 
 
 class _Number(ctypes.Structure):
@@ -81,6 +92,7 @@ class _Brick(ctypes.Structure):
         ("colors", ctypes.c_void_p),
         ("type", ctypes.c_int32),
         ("color_type", ctypes.c_int32),
+        ("more", ctypes.c_void_p),
     ]
 
 
@@ -146,17 +158,28 @@ class _View:
         ctypes.pythonapi.PyBuffer_Release(ctypes.byref(self.buffer))
 
 
-def _brick(views, voxels, start, colors=None):
-    """Where a brick lies in memory, held there by `views`."""
+def _brick(views, names, voxels, start, colors=None, more=None):
+    """Where a brick lies in memory, held there by `views`; `names` are those of the run's further fields."""
     v = views.enter_context(_View(voxels))
     brick = _Brick(_three(ctypes.c_uint64, "start", start))
     brick.dims, brick.strides = _three(ctypes.c_uint64, "dims", v.dims), _three(ctypes.c_uint64, "strides", v.strides)
     brick.voxels, brick.type = v.buffer.buf, v.type
+
+    def beside(thing, array):
+        a = views.enter_context(_View(array))
+        if (a.dims, a.strides) != (v.dims, v.strides):
+            raise ValueError(f"{thing} are to be laid out in memory as voxels are")
+        return a.buffer.buf, a.type
+
     if colors is not None:
-        c = views.enter_context(_View(colors))
-        if (c.dims, c.strides) != (v.dims, v.strides):
-            raise ValueError("colors are to be laid out in memory as voxels are")
-        brick.colors, brick.color_type = c.buffer.buf, c.type
+        brick.colors, brick.color_type = beside("colors", colors)
+    more = more or {}
+    if set(more) != set(names):
+        raise ValueError(f"arrays of {sorted(more)}; the run's more_fields are {names}")
+    if names:
+        arrays = (_Array * len(names))(*(beside(name, more[name]) for name in names))
+        views.callback(lambda _: None, arrays)
+        brick.more = ctypes.addressof(arrays)
     return brick
 
 
@@ -189,6 +212,7 @@ def _library():
         ctypes.POINTER(ctypes.c_uint64),
         ctypes.POINTER(ctypes.c_void_p),
         ctypes.POINTER(ctypes.c_void_p),
+        ctypes.POINTER(ctypes.c_void_p),
     ]
     library.lamina_steering.argtypes = [ctypes.c_void_p, ctypes.POINTER(_Request)]
     library.lamina_close.argtypes = [ctypes.c_void_p, ctypes.POINTER(Summary)]
@@ -219,15 +243,23 @@ class Client:
         deadline_secs=5.0,
         credentials=None,
         steering=None,
+        more_fields=None,
+        shown=None,
     ):
         """Rank and ranks: as stated, those of `comm` (mpi4py), or as the MPI launcher's environment says; else one. `credentials`:
         folder of keys for a node at https://, else as LAMINA_CREDENTIALS says. `steering`: numbers that people who watch may change,
-        {"name": (value, least, most)}, or {} for none; requests are then given by steering()."""
+        {"name": (value, least, most)}, or {} for none; requests are then given by steering(). `more_fields`: {"name": type} of
+        fields that every push carries, too, of which people who watch may choose; `v.x`, `v.y`, `v.z` are together the vector `v`.
+        `shown`: what is shown first, a field or an expression such as "magnitude(v)"; else `field`."""
         if comm is not None:
             rank, ranks = comm.Get_rank(), comm.Get_size()
         self._library, self._lock, self._summary = _library(), threading.Lock(), None
         type_name = lambda of: getattr(of, "__name__", str(of))
-        self._types = [type_name(type)] + ([type_name(color_type)] if color_type else [])
+        more_fields = {name: type_name(of) for name, of in (more_fields or {}).items()}
+        self._types = [type_name(type)] + ([type_name(color_type)] if color_type else []) + list(more_fields.values())
+        self._more, self._colored = list(more_fields), bool(color_type)
+        fields = [_Field(name.encode(), _known(TYPES, of)) for name, of in more_fields.items()]
+        fields = (_Field * len(fields))(*fields)
         options = _Options(
             generator.encode(),
             name.encode(),
@@ -249,41 +281,45 @@ class Client:
         numbers = [_Number(name.encode(), *map(float, of)) for name, of in (steering or {}).items()]
         numbers = (_Number * len(numbers))(*numbers)
         options.number_count, options.numbers = len(numbers), ctypes.addressof(numbers)
+        options.more_field_count, options.more_fields = len(fields), ctypes.addressof(fields)
+        options.shown = shown.encode() if shown else None
         self._client = ctypes.c_void_p()
         self._check(self._library.lamina_connect(ctypes.byref(options), ctypes.byref(self._client)))
 
-    def push(self, step, time, voxels, start=(0, 0, 0), colors=None):
-        """Hands in this rank's part of a step, which begins at index `start` of the run's grid; False if the node is full
-        and dropped the step, as the run's policy says. ValueError for what does not fit the run; OSError where the node
+    def push(self, step, time, voxels, start=(0, 0, 0), colors=None, more=None):
+        """Hands in this rank's part of a step, which begins at index `start` of the run's grid; `more` has the arrays of the run's
+        more_fields by their names, laid out in memory as `voxels` are. False if the node is full and dropped the step, as the run's policy says. ValueError for what does not fit the run; OSError where the node
         refuses it, ConnectionError or TimeoutError where it cannot be reached: the step is lost, and the simulation may go
         on."""
         with contextlib.ExitStack() as views:
-            brick = _brick(views, voxels, start, colors)
+            brick = _brick(views, self._more, voxels, start, colors, more)
             with self._lock:
                 return self._check(self._library.lamina_push(self._client, step, time, ctypes.byref(brick))) == 0
 
     def push_bricks(self, step, time, bricks):
-        """The same of several bricks, or of none: pairs of `start` and an array, or triples with the colors."""
+        """The same of several bricks, or of none: pairs of `start` and an array, or more with the colors (or None) and `more`."""
         with contextlib.ExitStack() as views:
-            several = [_brick(views, voxels, start, *colors) for start, voxels, *colors in bricks]
+            several = [_brick(views, self._more, voxels, start, *others) for start, voxels, *others in bricks]
             several = (_Brick * len(several))(*several)
             with self._lock:
                 pushed = self._library.lamina_push_bricks(self._client, step, time, several, len(several))
                 return self._check(pushed) == 0
 
     def buffer(self, dims):
-        """A NumPy array of shape `dims`, axes x, y, z, to compute into, or, of a run with a second field, one for each: a node on
+        """A NumPy array of shape `dims`, axes x, y, z, to compute into, or, of a run with several fields, one for each: a node on
         the same host reads them where they are. Each is for one push, and not to be used after it."""
         import numpy
 
-        addresses = [ctypes.c_void_p(), ctypes.c_void_p()]
+        voxels, colors, more = ctypes.c_void_p(), ctypes.c_void_p(), (ctypes.c_void_p * len(self._more))()
         with self._lock:
-            self._check(self._library.lamina_buffer(self._client, _three(ctypes.c_uint64, "dims", dims), *map(ctypes.byref, addresses)))
+            places = [ctypes.byref(voxels), ctypes.byref(colors), more]
+            self._check(self._library.lamina_buffer(self._client, _three(ctypes.c_uint64, "dims", dims), *places))
         arrays = []
+        addresses = [voxels.value] + ([colors.value] if self._colored else []) + list(more)
         for address, type_name in zip(addresses, self._types):
             dtype = numpy.dtype(type_name)
             size = int(numpy.prod(dims, dtype=numpy.int64)) * dtype.itemsize
-            memory = (ctypes.c_char * size).from_address(address.value)
+            memory = (ctypes.c_char * size).from_address(address)
             arrays.append(numpy.frombuffer(memory, dtype).reshape(dims, order="F"))
         return arrays[0] if len(arrays) == 1 else tuple(arrays)
 

@@ -6,6 +6,7 @@
     lamina watch "diag/openpmd_%T.bp"           # an openPMD series
     lamina watch sim.bp                         # an ADIOS2 file while it is written; sim.sst is a stream
     lamina watch openpmd:sim.sst                # a stream of openPMD
+    lamina watch run.h5 --field rho --more-fields v.x=u,v.y=v,v.z=w --shown "magnitude(curl(v))"
 """
 
 from __future__ import annotations
@@ -66,10 +67,14 @@ class Feed:
         self.pushed, self.last = 0, -1
 
     def push(self, step: Step) -> None:
-        values = fit(step.values)
-        values = mark_missing(values, step.missing if self.options.missing is None else self.options.missing)
+        missing = step.missing if self.options.missing is None else self.options.missing
+        values = mark_missing(fit(step.values), missing)
+        colors = None if step.colors is None else mark_missing(fit(step.colors), missing)
+        more = {name: mark_missing(fit(of), missing) for name, of in step.more.items()}
         spacing, origin = self.options.spacing or step.spacing, self.options.origin or step.origin
-        run = step.field, values.shape, values.dtype.name, tuple(spacing), tuple(origin)
+        types = {name: of.dtype.name for name, of in more.items()}
+        color_type = None if colors is None else colors.dtype.name
+        run = step.field, values.shape, values.dtype.name, tuple(spacing), tuple(origin), color_type, tuple(types.items())
         if run != self.run:
             self.close()
             self.client = Client(
@@ -80,6 +85,10 @@ class Feed:
                 self.generator,
                 spacing,
                 origin,
+                self.options.color_field,
+                color_type,
+                more_fields=types,
+                shown=self.options.shown,
                 # The files are there: whoever reads them waits, and the simulation does not.
                 full_policy="block",
                 deadline_secs=600.0,
@@ -87,9 +96,13 @@ class Feed:
             self.run = run
         assert self.client is not None
         number = self.pushed if step.number is None else step.number
-        if any(stride <= 0 for stride in values.strides):
-            values = numpy.ascontiguousarray(values)
-        self.client.push(number, float(number) if step.time is None else step.time, values)
+        arrays = [values, *more.values()] + ([] if colors is None else [colors])
+        if any(stride <= 0 for stride in values.strides) or any(array.strides != values.strides for array in arrays):
+            # All are to lie in memory alike.
+            arrays = [numpy.ascontiguousarray(array) for array in arrays]
+        time = float(number) if step.time is None else step.time
+        beside = dict(zip(more, arrays[1:]))
+        self.client.push(number, time, arrays[0], colors=None if colors is None else arrays[-1], more=beside)
         self.pushed, self.last = self.pushed + 1, number
 
     def close(self) -> Summary | None:
@@ -170,7 +183,10 @@ def watch(
     nodes = None
     if generator is None:
         # Room for two steps that wait beside one that is worked on, as `lamina replay` has.
-        memory = str(max(2048, (4 * first.values.nbytes + 20 * first.values.size >> 20) + 64))
+        nbytes = first.values.nbytes + sum(of.nbytes for of in [*first.more.values(), first.colors] if of is not None)
+        # What is computed, and what derivatives of it are taken of.
+        derived = 16 if first.more or options.shown else 0
+        memory = str(max(2048, (4 * nbytes + (32 + derived) * first.values.size >> 20) + 64))
         given = {"--contract": contract, "--out": out, "--viewer": viewer, "--scene": scene, "--memory": memory}
         nodes = Nodes([part for key, of in given.items() if of is not None for part in (key, os.fspath(of))])
         generator = nodes.generator
@@ -211,6 +227,13 @@ def _dims(text: str) -> tuple[int, int, int]:
     return x, y, z
 
 
+def _names(text: str) -> dict[str, str]:
+    pairs = [part.strip().partition("=") for part in text.split(",")]
+    if any(not name for name, _, _ in pairs):
+        raise argparse.ArgumentTypeError(f"{text}: names are needed, such as pressure,v.x=u")
+    return {name: array or name for name, _, array in pairs}
+
+
 def _axes(text: str) -> str:
     if sorted(text) != ["x", "y", "z"]:
         raise argparse.ArgumentTypeError(f"{text}: an order of x, y and z is needed, such as zyx")
@@ -223,6 +246,9 @@ def command(arguments: Sequence[str]) -> int:
     add = parser.add_argument
     add("source", metavar="SOURCE", help="folder, pattern of files, store, series or stream")
     add("--field", metavar="NAME", help="array to show, where there are several")
+    add("--more-fields", type=_names, default={}, metavar="NAME=ARRAY,..", help="further arrays, to choose from on the page: v.x=u,v.y=v,v.z=w")
+    add("--color-field", metavar="NAME", help="array that colors come from")
+    add("--shown", metavar="EXPRESSION", help='what is shown first, such as "magnitude(v)"; default: the field')
     add("--contract", metavar="CONTRACT", help='such as "size <= 300kB, psnr >= 35dB"')
     add("--out", metavar="DIR", help="folder for what is recorded")
     add("--scene", metavar="FILE", help="scene file (TOML) that states camera and transfer function")
@@ -243,7 +269,21 @@ def command(arguments: Sequence[str]) -> int:
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    options = Options(of.field, of.axes, of.spacing, of.origin, of.quiet, of.dims, of.dtype, of.level, of.missing, stop.is_set)
+    options = Options(
+        of.field,
+        of.color_field,
+        of.more_fields,
+        of.shown,
+        of.axes,
+        of.spacing,
+        of.origin,
+        of.quiet,
+        of.dims,
+        of.dtype,
+        of.level,
+        of.missing,
+        stop.is_set,
+    )
     given = {key: getattr(of, key) for key in ("generator", "contract", "out", "viewer", "scene", "name", "steps")}
     try:
         pushed = watch(of.source, linger=not of.exit, options=options, **given)

@@ -514,6 +514,40 @@ def check_missing():
         assert int(row["empty_voxels"]) == holes.sum(), (name, row)
 
 
+def check_fields():
+    """Several arrays of a file: an expression over them is shown, colored by another, as it would be of an array of its values."""
+    import h5py
+
+    folder = FOLDER / "fields"
+    folder.mkdir()
+    u, v, w = (numpy.ascontiguousarray(f.transpose()) for f in numpy.gradient(blob(2).astype(numpy.float64), *SPACING))
+    with h5py.File(folder / "run.h5", "w") as file:
+        for name, values in {"rho": as_zyx(2), "u": u.astype(numpy.float32), "v": v, "w": w}.items():
+            file[name] = values
+        file["speed"] = numpy.sqrt(u * u + v * v + w * w).astype(numpy.float32)
+    more = ["--more-fields", "v.x=u,v.y=v,v.z=w"]
+    pictures = {}
+    for name, options in {
+        "array": ["--field", "speed"],
+        "computed": ["--field", "rho", *more, "--shown", "magnitude(v)"],
+        "derivative": ["--field", "rho", "--shown", "magnitude(gradient(rho))"],
+    }.items():
+        command = ["lamina", "watch", str(folder / "run.h5"), "--out", str(folder / name), "--scene", str(FOLDER / "scene.toml"), "--exit"]
+        command += ["--quiet", "1", "--viewer", "127.0.0.1:0", "--contract", "psnr >= 60dB", "--spacing", "0.05,0.05,0.05", *options]
+        command += ["--origin=-1.0,-0.9,-0.8"]
+        subprocess.run(command, check=True, capture_output=True, text=True, timeout=120)
+        pictures[name] = lamina.read(folder / name)[0].render(azimuth=25, size=256)
+        assert pictures[name].std() > 0.02, f"{name}: the picture shows nothing"
+    for name in ("computed", "derivative"):
+        same = psnr(pictures[name], pictures["array"])
+        print(f"fields: {name}, {same:.1f} dB from the array of its values")
+        assert same >= 55, (name, same)
+    wrong = ["lamina", "watch", str(folder / "run.h5"), "--exit", "--quiet", "1", "--viewer", "127.0.0.1:0", "--field", "rho"]
+    for options, words in [(["--shown", "magnitude(v)"], 'no field "v"'), (["--more-fields", "p"], 'no field "p"')]:
+        ended = subprocess.run([*wrong, *options], capture_output=True, text=True, timeout=60)
+        assert words in ended.stderr, (options, ended.stderr)
+
+
 def check_hostile():
     """What is no step is passed over by name, and what comes after it is shown; small files that claim to be large are not read."""
     import h5py
@@ -586,6 +620,7 @@ if not ONLY:
     check_reader()
     check_levels()
     check_missing()
+    check_fields()
     check_hostile()
     check_client()
     check_exports()

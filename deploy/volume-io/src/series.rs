@@ -5,7 +5,8 @@ use crate::nrrd::Nrrd;
 use crate::pvd::read_collection;
 use crate::raw::{RawFile, RawSpec};
 use crate::{ReadError, vti};
-use lamina_model::Volume;
+use lamina_field_expression::FieldExpression;
+use lamina_model::{Invalid, Volume, Voxels};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -14,7 +15,8 @@ use std::path::{Path, PathBuf};
 pub struct Options {
     /// The shape of raw files; none for files that describe themselves.
     pub raw: RawSpec,
-    /// The array to read where a file has several. Raw and NRRD files have a single, nameless one: it takes this name.
+    /// The array to read where a file has several, or an expression over them ([`FieldExpression`]). Raw and NRRD files have a
+    /// single, nameless one, which expressions call `scalar`: it takes any other name.
     pub field: Option<String>,
     /// The value that stands where a voxel is missing; NaN is missing in any case.
     pub missing: Option<f64>,
@@ -26,6 +28,9 @@ pub struct Series {
     path: PathBuf,
     name: String,
     field: String,
+    shown: FieldExpression,
+    /// Of all scalars in a step's file.
+    names: Vec<String>,
     missing: Option<f64>,
     steps: Vec<SeriesStep>,
 }
@@ -52,20 +57,23 @@ impl Series {
         let (stem, ending) = split_name(path);
         let single = |source| vec![SeriesStep { time: 0.0, source }];
         let wanted = options.field.as_deref();
-        let given = || wanted.unwrap_or(vti::UNNAMED_FIELD).to_owned();
-        let (field, steps) = match ending.as_str() {
-            "pvd" => open_collection(path, wanted)?,
-            "vti" => (vti::field_name(path, wanted)?, single(SeriesSource::Vti(path.into()))),
-            "nrrd" | "nhdr" => (given(), single(SeriesSource::Nrrd(Box::new(Nrrd::open(path)?)))),
-            "raw" | "raw.gz" => (given(), single(SeriesSource::Raw(RawFile::open(path, &options.raw)?))),
+        let steps = match ending.as_str() {
+            "pvd" => open_collection(path)?,
+            "vti" => single(SeriesSource::Vti(path.into())),
+            "nrrd" | "nhdr" => single(SeriesSource::Nrrd(Box::new(Nrrd::open(path)?))),
+            "raw" | "raw.gz" => single(SeriesSource::Raw(RawFile::open(path, &options.raw)?)),
             _ => return Err(ReadError::Extension { path: path.into() }),
+        };
+        let (field, shown, names) = match steps.first().map(|step| &step.source) {
+            Some(SeriesSource::Vti(first)) => choose_in_vti(first, wanted)?,
+            _ => choose_single(path, wanted)?,
         };
         let raw = steps.iter().all(|step| matches!(step.source, SeriesSource::Raw(_)));
         if !raw && options.raw != RawSpec::default() {
             let remedy = "it tells its own: leave out --dims and --dtype";
             return Err(ReadError::unsupported(path, "a shape from outside", remedy));
         }
-        Ok(Self { path: path.into(), name: stem, field, missing: options.missing, steps })
+        Ok(Self { path: path.into(), name: stem, field, shown, names, missing: options.missing, steps })
     }
 
     /// Number of steps, one or more.
@@ -80,7 +88,7 @@ impl Series {
     pub fn name(&self) -> &str {
         &self.name
     }
-    /// The name of the scalar, `scalar` where neither file nor options say.
+    /// The name of the scalar, `scalar` where neither file nor options say, or the expression.
     pub fn field(&self) -> &str {
         &self.field
     }
@@ -97,12 +105,36 @@ impl Series {
     /// # Errors
     /// If there is no such step, or its file cannot be read.
     pub fn read(&self, index: usize) -> Result<Volume, ReadError> {
+        self.evaluate(index, &self.shown)
+    }
+
+    /// What `expression` gives for step `index`.
+    fn evaluate(&self, index: usize, expression: &FieldExpression) -> Result<Volume, ReadError> {
+        if let Some(field) = expression.plain() {
+            return self.read_array(index, field);
+        }
+        let (mut grid, mut fields) = (None, vec![None; self.names.len()]);
+        for source in expression.sources() {
+            let (of, voxels, _) = self.read_array(index, source)?.into_parts();
+            if *grid.get_or_insert(of) != of {
+                return Err(self.other_points(&self.names[source]));
+            }
+            fields[source] = Some(voxels);
+        }
+        let constant = || ReadError::unsupported(&self.path, "an expression without a field", "name one in it");
+        let grid = grid.ok_or_else(constant)?;
+        let values = expression.evaluate(&grid, &fields).map(Voxels::F32);
+        values.and_then(|values| Volume::new(grid, values)).map_err(|e| ReadError::grid(&self.path, e))
+    }
+
+    /// The array of that place among the names, of step `index`.
+    fn read_array(&self, index: usize, field: usize) -> Result<Volume, ReadError> {
         let Some(step) = self.steps.get(index) else {
             return Err(ReadError::Step { path: self.path.clone(), index, last: self.steps.len().saturating_sub(1) });
         };
         let volume = match &step.source {
             // By name, so that a series does not change its scalar where a step lists its arrays differently.
-            SeriesSource::Vti(path) => vti::read(path, Some(&self.field)),
+            SeriesSource::Vti(path) => vti::read(path, Some(&self.names[field])),
             SeriesSource::Nrrd(nrrd) => nrrd.read(),
             SeriesSource::Raw(raw) => raw.read(),
         }?;
@@ -111,10 +143,13 @@ impl Series {
             None => Ok(volume),
         }
     }
-}
 
-impl Series {
-    /// `volume`, which is step `index`, with the array `name` of the same file as its second field.
+    fn other_points(&self, name: &str) -> ReadError {
+        let what = format!("array \"{name}\" on other points than those beside it");
+        ReadError::unsupported(&self.path, what, "write all as point data, or all as cell data")
+    }
+
+    /// `volume`, which is step `index`, with the array `name` of the same file, or an expression, as its second field.
     ///
     /// # Errors
     /// If there is no such array, it lies on other points, or it cannot be read.
@@ -123,20 +158,53 @@ impl Series {
             let itself = volume.voxels().clone();
             return volume.with_color_field(name, itself).map_err(|e| ReadError::grid(&self.path, e));
         }
-        let Some(SeriesSource::Vti(path)) = self.steps.get(index).map(|s| &s.source) else {
-            let what = format!("a second field, \"{name}\"");
-            return Err(ReadError::unsupported(&self.path, what, "a .vti can hold several arrays"));
+        let expression = match (expression(&self.path, name, &self.names), self.steps.get(index).map(|s| &s.source)) {
+            (Err(_), Some(SeriesSource::Nrrd(_) | SeriesSource::Raw(_))) => {
+                let what = format!("a second field, \"{name}\"");
+                return Err(ReadError::unsupported(&self.path, what, "a .vti can hold several arrays"));
+            }
+            (expression, _) => expression?,
         };
-        let second = vti::read(path, Some(name))?;
+        let second = self.evaluate(index, &expression)?;
         if second.grid() != volume.grid() {
-            let what = format!("array \"{name}\" on other points than \"{}\"", self.field);
-            return Err(ReadError::unsupported(path, what, "write both as point data, or both as cell data"));
+            return Err(self.other_points(name));
         }
-        volume.with_color_field(name, second.into_parts().1).map_err(|e| ReadError::grid(path, e))
+        volume.with_color_field(name, second.into_parts().1).map_err(|e| ReadError::grid(&self.path, e))
     }
 }
 
-fn open_collection(path: &Path, wanted: Option<&str>) -> Result<(String, Vec<SeriesStep>), ReadError> {
+fn expression(path: &Path, text: &str, names: &[String]) -> Result<FieldExpression, ReadError> {
+    let known: Vec<&str> = names.iter().map(String::as_str).collect();
+    let refused = |e: Invalid| ReadError::Field { path: path.into(), reason: e.reason, present: names.join(", ") };
+    FieldExpression::new(text, &known).map_err(refused)
+}
+
+/// What is shown, and the names of the scalars that it may be made of.
+type FieldChoice = (String, FieldExpression, Vec<String>);
+
+fn choose_in_vti(path: &Path, wanted: Option<&str>) -> Result<FieldChoice, ReadError> {
+    let names = vti::field_names(path)?;
+    let field = match (vti::field_name(path, wanted), wanted) {
+        // Not the name of an array: an expression, if it has the signs of one.
+        (Err(ReadError::Field { .. }), Some(text)) if text.contains(['(', '+', '-', '*', '/', '^']) => text.to_owned(),
+        (field, _) => field?,
+    };
+    let shown = expression(path, &field, &names)?;
+    Ok((field, shown, names))
+}
+
+/// The same of a file whose one array has no name.
+fn choose_single(path: &Path, wanted: Option<&str>) -> Result<FieldChoice, ReadError> {
+    let unnamed = vec![vti::UNNAMED_FIELD.to_owned()];
+    let derived = wanted.and_then(|text| Some((text, expression(path, text, &unnamed).ok()?)));
+    if let Some((text, shown)) = derived.filter(|(_, shown)| !shown.sources().is_empty()) {
+        return Ok((text.to_owned(), shown, unnamed));
+    }
+    let names = vec![wanted.unwrap_or(vti::UNNAMED_FIELD).to_owned()];
+    Ok((names[0].clone(), expression(path, &names[0], &names)?, names))
+}
+
+fn open_collection(path: &Path) -> Result<Vec<SeriesStep>, ReadError> {
     let entries = read_collection(path)?;
     // A file that is missing is reported before a long run starts, not in its middle.
     for entry in &entries {
@@ -146,12 +214,7 @@ fn open_collection(path: &Path, wanted: Option<&str>) -> Result<(String, Vec<Ser
         }
         fs::metadata(&entry.file).map_err(|e| ReadError::while_reading(&entry.file, e))?;
     }
-    let field = match entries.first() {
-        Some(first) => vti::field_name(&first.file, wanted)?,
-        None => vti::UNNAMED_FIELD.to_owned(),
-    };
-    let steps = entries.into_iter().map(|e| SeriesStep { time: e.time, source: SeriesSource::Vti(e.file) }).collect();
-    Ok((field, steps))
+    Ok(entries.into_iter().map(|e| SeriesStep { time: e.time, source: SeriesSource::Vti(e.file) }).collect())
 }
 
 /// The name's stem and its lower-case ending; `.raw.gz` counts as one ending.

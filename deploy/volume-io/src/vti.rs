@@ -4,7 +4,7 @@ use crate::ReadError;
 use crate::base64_text::Base64Text;
 use crate::scalars::ScalarType;
 use crate::vti_blocks::Framing;
-use crate::vti_header::{Array, Header, HeaderSection};
+use crate::vti_header::{Array, Header};
 use glam::DVec3;
 use lamina_model::{Grid, Volume, Voxels};
 use std::fs::File;
@@ -17,7 +17,11 @@ pub(crate) const UNNAMED_FIELD: &str = "scalar";
 /// The name of the array that [`read`] takes.
 pub(crate) fn field_name(path: &Path, wanted: Option<&str>) -> Result<String, ReadError> {
     let header = Header::read(path)?;
-    Ok(choose(path, &header, wanted)?.name().to_owned())
+    let choice = choose(path, &header, wanted)?;
+    Ok(match choice.component {
+        Some(component) => format!("{}.{}", choice.name(), AXES[component]),
+        None => choice.name().to_owned(),
+    })
 }
 
 /// Reads the scalar `wanted`, or the one that the file holds for its main one.
@@ -29,37 +33,77 @@ pub(crate) fn read(path: &Path, wanted: Option<&str>) -> Result<Volume, ReadErro
         let what = format!("array {} of type {}", choice.name(), choice.array.type_name);
         ReadError::unsupported(path, what, "integers of 8 to 64 bits, Float32 and Float64 are understood")
     })?;
-    let voxels = voxels(path, &header, &choice, scalar, grid.voxels())?;
+    let components = if choice.component.is_some() { 3 } else { 1 };
+    let too_many = || ReadError::damaged(path, format!("{} points are more than can be counted", grid.voxels()));
+    let count = grid.voxels().checked_mul(components).ok_or_else(too_many)?;
+    let mut voxels = voxels(path, &header, &choice, scalar, count)?;
+    if let Some(component) = choice.component {
+        voxels = every_third(&voxels, component);
+    }
     Volume::new(grid, voxels).map_err(|e| ReadError::grid(path, e))
 }
+
+/// The names of all scalars: arrays of one component, and the components `NAME.x`, `NAME.y`, `NAME.z` of those of three.
+pub(crate) fn field_names(path: &Path) -> Result<Vec<String>, ReadError> {
+    let header = Header::read(path)?;
+    let names = header.arrays().flat_map(|choice| match choice.components() {
+        Some(1) => vec![choice.name().to_owned()],
+        Some(3) => AXES.map(|axis| format!("{}.{axis}", choice.name())).to_vec(),
+        _ => Vec::new(),
+    });
+    Ok(names.collect())
+}
+
+/// Names of a vector's components.
+const AXES: [&str; 3] = ["x", "y", "z"];
 
 struct ArrayChoice<'a> {
     array: &'a Array,
     of_cells: bool,
+    /// Of an array of three components the one that is meant.
+    component: Option<usize>,
 }
 
 impl ArrayChoice<'_> {
     fn name(&self) -> &str {
         self.array.name.as_deref().unwrap_or(UNNAMED_FIELD)
     }
+    /// Its number of components, if its type is understood.
+    fn components(&self) -> Option<usize> {
+        self.array.scalar().and_then(|_| self.array.components.trim().parse().ok())
+    }
     fn is_scalar(&self) -> bool {
-        self.array.components.trim() == "1" && self.array.scalar().is_some()
+        self.components() == Some(1)
+    }
+}
+
+impl Header {
+    fn arrays(&self) -> impl Iterator<Item = ArrayChoice<'_>> {
+        let of_points = self.points.arrays.iter().map(|array| (array, false));
+        let all = of_points.chain(self.cells.arrays.iter().map(|array| (array, true)));
+        all.map(|(array, of_cells)| ArrayChoice { array, of_cells, component: None })
     }
 }
 
 fn choose<'a>(path: &Path, header: &'a Header, wanted: Option<&str>) -> Result<ArrayChoice<'a>, ReadError> {
-    let list =
-        |section: &'a HeaderSection, of_cells| section.arrays.iter().map(move |array| ArrayChoice { array, of_cells });
-    let all = || list(&header.points, false).chain(list(&header.cells, true));
+    let all = || header.arrays();
     let refuse = |reason: String| {
-        let present: Vec<_> = all().filter(ArrayChoice::is_scalar).map(|c| c.name().to_owned()).collect();
+        let scalars = all().filter(ArrayChoice::is_scalar).map(|c| c.name().to_owned());
+        let vectors = all().filter(|c| c.components() == Some(3)).map(|c| format!("{}.x, .y, .z", c.name()));
+        let present: Vec<_> = scalars.chain(vectors).collect();
         let present = if present.is_empty() { "none".to_owned() } else { present.join(", ") };
         Err(ReadError::Field { path: path.into(), reason, present })
     };
     let main = if header.points.arrays.is_empty() { &header.cells } else { &header.points };
     let named = |name: &str| all().find(|c| c.name() == name);
+    let component = |name: &str| {
+        let (vector, axis) = name.rsplit_once('.')?;
+        let component = Some(AXES.iter().position(|known| *known == axis)?);
+        let array = all().find(|c| c.name() == vector && c.components() == Some(3))?;
+        Some(ArrayChoice { component, ..array })
+    };
     let found = match (wanted, &main.scalars) {
-        (Some(name), _) => match named(name) {
+        (Some(name), _) => match named(name).or_else(|| component(name)) {
             None => return refuse(format!("there is no array \"{name}\"")),
             found => found,
         },
@@ -67,11 +111,26 @@ fn choose<'a>(path: &Path, header: &'a Header, wanted: Option<&str>) -> Result<A
         (None, None) => all().find(ArrayChoice::is_scalar),
     };
     match found {
-        Some(choice) if choice.array.components.trim() == "1" => Ok(choice),
+        Some(choice) if choice.component.is_some() || choice.array.components.trim() == "1" => Ok(choice),
         Some(choice) => {
             refuse(format!("array \"{}\" has {} components per sample", choice.name(), choice.array.components))
         }
         None => refuse("there is no scalar array".into()),
+    }
+}
+
+/// One component of an array of three.
+fn every_third(voxels: &Voxels, component: usize) -> Voxels {
+    fn pick<T: Copy>(v: &[T], component: usize) -> Vec<T> {
+        v.iter().skip(component).step_by(3).copied().collect()
+    }
+    match voxels {
+        Voxels::U8(v) => Voxels::U8(pick(v, component)),
+        Voxels::U16(v) => Voxels::U16(pick(v, component)),
+        Voxels::I16(v) => Voxels::I16(pick(v, component)),
+        Voxels::F16(v) => Voxels::F16(pick(v, component)),
+        Voxels::F32(v) => Voxels::F32(pick(v, component)),
+        Voxels::F64(v) => Voxels::F64(pick(v, component)),
     }
 }
 

@@ -1,6 +1,7 @@
 //! Boxes, specs and plans of group messages.
 
 use crate::ingest::{GridBox, RunSpec};
+use lamina_field_expression::ShownFields;
 use lamina_model::{Grid, Invalid, SamplePlan, Scene, VoxelType};
 use lamina_raycast::GridPart;
 use lamina_rpc::{required, v1};
@@ -20,23 +21,34 @@ pub(super) fn boxes(messages: &[v1::GroupBox], grid: &Grid) -> Result<Vec<GridBo
 /// What all members make fields of.
 pub(super) struct Preparation {
     pub grid: Grid,
-    pub voxel_type: VoxelType,
-    pub color_field: Option<(String, VoxelType)>,
+    /// All fields, in the order of a brick's bytes.
+    pub fields: Vec<(String, VoxelType)>,
+    /// What is shown of them.
+    pub shown: String,
     pub scene: Scene,
     /// Of each member.
     pub members: Vec<Vec<GridBox>>,
 }
 
 impl Preparation {
-    /// Layers of points around a box that its samples need.
-    fn ghost(&self) -> usize {
+    /// What the expressions read.
+    pub(super) fn shown_fields(&self) -> Result<ShownFields, Invalid> {
+        let names: Vec<&str> = self.fields.iter().map(|(name, _)| name.as_str()).collect();
+        ShownFields::under(&self.shown, &self.scene, &names)
+    }
+
+    /// Layers of points around a box that its samples need, and what those are computed from.
+    fn ghost(&self) -> Result<usize, Invalid> {
         // Shading looks a point further, effects half a step; clipped steps are sampled elsewhere in theirs.
-        if self.scene.effects.is_none() { 1 } else { 3 + self.scene.step_voxels.ceil().clamp(1.0, 64.0) as usize }
+        let beside = 3 + self.scene.step_voxels.ceil().clamp(1.0, 64.0) as usize;
+        let of_samples = if self.scene.effects.is_none() { 1 } else { beside };
+        Ok(of_samples + self.shown_fields()?.reach())
     }
 
     /// The parts of member `member`: its boxes, joined where two make up a larger one, as far as they have cells.
     pub(super) fn parts(&self, member: usize) -> Result<Vec<GridPart>, Invalid> {
-        let part = |b: &GridBox| GridPart::of_points(&self.grid, b.start(), b.dims(), self.ghost()).transpose();
+        let ghost = self.ghost()?;
+        let part = |b: &GridBox| GridPart::of_points(&self.grid, b.start(), b.dims(), ghost).transpose();
         joined(self.members[member].clone()).iter().filter_map(part).collect()
     }
 
@@ -46,8 +58,8 @@ impl Preparation {
         v1::GroupPrepare {
             step,
             grid: Some((&self.grid).into()),
-            voxel_type: v1::VoxelType::from(self.voxel_type).into(),
-            color_field: self.color_field.as_ref().map(Into::into),
+            fields: self.fields.iter().map(Into::into).collect(),
+            shown: self.shown.clone(),
             scene: Some((&self.scene).into()),
             members: self.members.iter().map(boxes).collect(),
         }
@@ -57,18 +69,18 @@ impl Preparation {
     pub(super) fn read(message: v1::GroupPrepare) -> Result<Self, Invalid> {
         let grid = required(message.grid, "grid")?.try_into()?;
         Ok(Self {
-            voxel_type: message.voxel_type().try_into()?,
-            color_field: message.color_field.as_ref().map(TryInto::try_into).transpose()?,
+            fields: message.fields.iter().map(TryInto::try_into).collect::<Result<_, _>>()?,
+            shown: message.shown,
             scene: required(message.scene, "scene")?.try_into()?,
             members: message.members.iter().map(|m| boxes(&m.boxes, &grid)).collect::<Result<_, _>>()?,
             grid,
         })
     }
 
-    /// Of a run.
-    pub(super) fn of_run(spec: &RunSpec, scene: Scene, members: Vec<Vec<GridBox>>) -> Self {
-        let RunSpec { grid, voxel_type, color_field, .. } = spec;
-        Self { grid: *grid, voxel_type: *voxel_type, color_field: color_field.clone(), scene, members }
+    /// Of a run of which `shown` is shown.
+    pub(super) fn of_run(spec: &RunSpec, shown: &str, scene: Scene, members: Vec<Vec<GridBox>>) -> Self {
+        let fields = spec.fields().map(|(name, voxel_type)| (name.to_owned(), voxel_type)).collect();
+        Self { grid: spec.grid, fields, shown: shown.to_owned(), scene, members }
     }
 }
 

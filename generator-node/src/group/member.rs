@@ -4,7 +4,7 @@ use super::convert::{Preparation, read_cast, tile};
 use super::{Kind, lists, send, sums, window};
 use crate::ingest::{BrickBytes, GridBox, RunSpec};
 use glam::DVec3;
-use lamina_model::{GenerationParams, Grid, Invalid, Scene, Segmentation, Volume, VoxelType, Voxels};
+use lamina_model::{GenerationParams, Grid, Invalid, Scene, Segmentation, VoxelType, Voxels};
 use lamina_mpi::Outbox;
 use lamina_raycast::{Backend, Compositor, Field, GridPart, PartSums, RowBand};
 use lamina_rpc::v1;
@@ -172,15 +172,18 @@ impl Member {
             |p: &GridPart| GridBox::new(p.start().map(|n| n as u64), p.dims().map(|n| n as u64), &preparation.grid);
         let windows_of = |parts: &Vec<GridPart>| parts.iter().map(window).collect::<Result<Vec<_>, _>>();
         let windows = parts.iter().map(windows_of).collect::<Result<Vec<_>, _>>()?;
-        let second = preparation.color_field.as_ref().map(|(_, t)| *t);
-        let types: Vec<VoxelType> = std::iter::once(preparation.voxel_type).chain(second).collect();
-        // Each field's own bytes of each brick.
+        let (shown, types) = (preparation.shown_fields()?, preparation.fields.iter().map(|(_, t)| *t));
+        let types: Vec<VoxelType> = types.collect();
+        let sources = shown.sources();
+        // Each field's own bytes of each brick; nothing is exchanged of those that are not read.
         let mut own: Vec<Vec<(GridBox, &[u8])>> = vec![Vec::new(); types.len()];
         for (brick, bytes) in &bricks {
             let mut rest = &bytes[..];
-            for (own, voxel_type) in own.iter_mut().zip(&types) {
+            for (n, (own, voxel_type)) in own.iter_mut().zip(&types).enumerate() {
                 let (field, behind) = rest.split_at(brick.voxels() * voxel_type.size_bytes());
-                own.push((*brick, field));
+                if sources.contains(&n) {
+                    own.push((*brick, field));
+                }
                 rest = behind;
             }
         }
@@ -195,9 +198,10 @@ impl Member {
         }
         let owing = (0..members).filter(|&other| other != me && meet(&windows[me], &preparation.members[other]));
         let ghosts = self.gather(sequence, owing.map(|m| m as u32).collect(), ghost_points)?;
-        let mut filled = Vec::new();
+        let mut filled: Vec<Vec<Option<Voxels>>> = vec![vec![None; types.len()]; windows[me].len()];
         let mut consumed = vec![0; ghosts.len()];
-        for (own, voxel_type) in own.iter().zip(&types) {
+        for &source in &sources {
+            let (own, voxel_type) = (&own[source], types[source]);
             let size = voxel_type.size_bytes();
             let empty = |w: &GridBox| (*w, vec![0; w.voxels() * size]);
             let mut of_field: Vec<(GridBox, Vec<u8>)> = windows[me].iter().map(empty).collect();
@@ -214,25 +218,28 @@ impl Member {
             if !complete {
                 return Err(Invalid::new("group", format!("step {step}: ghost points of another kind arrived")));
             }
-            filled.push(of_field.into_iter().map(|(_, bytes)| Voxels::from_le_bytes(*voxel_type, &bytes)));
+            for (window, (_, bytes)) in filled.iter_mut().zip(of_field) {
+                window[source] = Some(Voxels::from_le_bytes(voxel_type, &bytes));
+            }
         }
-        let not_finite: u64 = own[0].iter().map(|(_, bytes)| not_finite(preparation.voxel_type, bytes)).sum();
         // The simulation gets its memory back.
         drop(bricks);
-        let mut fields = Vec::new();
-        for part in parts.swap_remove(me) {
+        let (mut fields, mut uncounted) = (Vec::new(), mine.clone());
+        let (mut empty_voxels, mut empty_seen) = (0, false);
+        for ((part, window), of_window) in parts.swap_remove(me).into_iter().zip(&windows[me]).zip(filled) {
             let grid = Grid::new(part.dims(), preparation.grid.spacing(), DVec3::ZERO)?;
-            let mut next = filled.iter_mut().filter_map(Iterator::next);
-            let Some(voxels) = next.next() else { return Err(missing(step)) };
-            let mut volume = Volume::new(grid, voxels)?;
-            if let (Some((name, _)), Some(colors)) = (&preparation.color_field, next.next()) {
-                volume = volume.with_color_field(name, colors)?;
-            }
+            let volume = shown.volume(grid, of_window)?;
+            // Each box in the first window that has all of it: a point may be in several.
+            let (here, elsewhere) = uncounted.iter().partition(|own| window.intersection(own).as_ref() == Some(*own));
+            uncounted = elsewhere;
+            let here: Vec<GridBox> = here;
+            empty_voxels += here.iter().map(|own| not_finite(volume.voxels(), window, own)).sum::<u64>();
+            empty_seen |= not_finite(volume.voxels(), window, window) > 0;
             fields.push(Field::part(volume, (preparation.grid, part), &preparation.scene)?);
         }
         let Preparation { grid, scene, .. } = preparation;
         self.fields.insert(step, PartFields { grid, scene, parts: fields });
-        Ok(not_finite.to_le_bytes().to_vec())
+        Ok([&empty_voxels.to_le_bytes()[..], &[u8::from(empty_seen)]].concat())
     }
 
     /// Makes the lists of its boxes, and of all boxes those of its tile.
@@ -305,11 +312,11 @@ impl Member {
     fn sample(&mut self, command: &v1::GroupSample) -> Result<Vec<u8>, Invalid> {
         let held = self.held.lock();
         let step = held.get(&command.step).ok_or_else(|| missing(command.step))?;
-        let sizes = std::iter::once(step.spec.voxel_type).chain(step.spec.color_field.as_ref().map(|(_, t)| *t));
+        let sizes: Vec<usize> = step.spec.fields().map(|(_, voxel_type)| voxel_type.size_bytes()).collect();
         let mut out = Vec::new();
         for (brick, bytes) in &step.bricks {
             let mut before = 0;
-            for size in sizes.clone().map(VoxelType::size_bytes) {
+            for &size in &sizes {
                 let [nx, ny, _] = brick.dims();
                 for [x, y, z] in lattice(brick, command.stride) {
                     let [x, y, z] = [x - brick.start()[0], y - brick.start()[1], z - brick.start()[2]];
@@ -343,12 +350,13 @@ pub(super) fn lattice(of: &GridBox, stride: u32) -> impl Iterator<Item = [usize;
     axis(2).flat_map(move |z| axis(1).flat_map(move |y| axis(0).map(move |x| [x, y, z])))
 }
 
-/// The number of points that are NaN or infinite.
-fn not_finite(voxel_type: VoxelType, bytes: &[u8]) -> u64 {
-    match Voxels::from_le_bytes(voxel_type, bytes) {
-        Voxels::F16(v) => v.iter().filter(|x| !x.is_finite()).count() as u64,
-        Voxels::F32(v) => v.iter().filter(|x| !x.is_finite()).count() as u64,
-        Voxels::F64(v) => v.iter().filter(|x| !x.is_finite()).count() as u64,
-        _ => 0,
+/// The number of points of `own` that are NaN or infinite in `voxels`, which are those of `window`.
+fn not_finite(voxels: &Voxels, window: &GridBox, own: &GridBox) -> u64 {
+    if matches!(voxels, Voxels::U8(_) | Voxels::U16(_) | Voxels::I16(_)) {
+        return 0;
     }
+    let Some(shared) = window.intersection(own) else { return 0 };
+    let rows = window::row_starts(window, &shared);
+    let count = |first: usize| (first..first + shared.dims()[0]).filter(|&n| !voxels.get(n).is_finite()).count();
+    rows.map(count).sum::<usize>() as u64
 }

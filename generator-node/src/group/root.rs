@@ -5,6 +5,7 @@ use super::member::lattice;
 use super::{Kind, lists, send, sums};
 use crate::ingest::{GridBox, RunSpec};
 use glam::DVec3;
+use lamina_field_expression::ShownFields;
 use lamina_model::{
     Aabb, Grid, Intermediate, Invalid, ReducedVolume, ReferenceSamples, SamplePlan, Scene, Segmentation, VdiParams,
     Volume, VolumeParams, VoxelType, Voxels,
@@ -72,14 +73,19 @@ impl Root {
     }
 
     /// The step on a lattice so coarse that it has few points, to choose a scene from.
-    pub(crate) fn coarse(&self, step: u64, spec: &RunSpec, members: &[Vec<GridBox>]) -> Result<Volume, Invalid> {
+    /// Derivatives are those of the lattice.
+    pub(crate) fn coarse(
+        &self,
+        step: u64,
+        (spec, shown): (&RunSpec, &ShownFields),
+        members: &[Vec<GridBox>],
+    ) -> Result<Volume, Invalid> {
         let grid = &spec.grid;
         let stride = grid.dims().into_iter().max().unwrap_or(1).div_ceil(COARSE_POINTS).max(1);
         let dims = grid.dims().map(|n| n.div_ceil(stride));
         let coarse = Grid::new(dims, grid.spacing() * stride as f64, grid.origin())?;
         let (answers, _) = self.ask(&Kind::Sample(v1::GroupSample { step, stride: stride as u32 }))?;
-        let types: Vec<VoxelType> =
-            std::iter::once(spec.voxel_type).chain(spec.color_field.as_ref().map(|(_, t)| *t)).collect();
+        let types: Vec<VoxelType> = spec.fields().map(|(_, voxel_type)| voxel_type).collect();
         let mut fields: Vec<Vec<u8>> = types.iter().map(|t| vec![0; coarse.voxels() * t.size_bytes()]).collect();
         for (boxes, answer) in members.iter().zip(answers) {
             let mut rest = &answer.payload[..];
@@ -95,11 +101,8 @@ impl Root {
                 }
             }
         }
-        let volume = Volume::new(coarse, Voxels::from_le_bytes(types[0], &fields[0]))?;
-        match &spec.color_field {
-            Some((name, t)) => volume.with_color_field(name, Voxels::from_le_bytes(*t, &fields[1])),
-            None => Ok(volume),
-        }
+        let sampled = types.iter().zip(&fields).map(|(t, bytes)| Some(Voxels::from_le_bytes(*t, bytes)));
+        shown.volume(coarse, sampled.collect())
     }
 }
 
@@ -112,25 +115,28 @@ pub(crate) struct GroupField {
     /// Of all members, in their order.
     parts: Vec<GridPart>,
     empty_voxels: u64,
+    /// Some member has such voxels, also among its ghost points.
+    empty_seen: bool,
 }
 
 impl GroupField {
-    /// Lets all members prepare the step whose boxes are those of `members`.
+    /// Lets all members prepare what is `shown` of the step whose boxes are those of `members`.
     pub(crate) fn prepare(
         root: &Arc<Root>,
         step: u64,
-        spec: &RunSpec,
+        (spec, shown): (&RunSpec, &str),
         scene: Scene,
         members: Vec<Vec<GridBox>>,
     ) -> Result<Self, Invalid> {
-        let preparation = Preparation::of_run(spec, scene, members);
+        let preparation = Preparation::of_run(spec, shown, scene, members);
         let (answers, _) = root.ask(&Kind::Prepare(preparation.message(step)))?;
         let number = |reply: &v1::GroupReply| reply.payload.first_chunk().map_or(0, |bytes| u64::from_le_bytes(*bytes));
         let empty_voxels = answers.iter().map(number).sum();
+        let empty_seen = answers.iter().any(|reply| reply.payload.last() == Some(&1));
         let parts = (0..preparation.members.len()).map(|member| preparation.parts(member));
         let parts = parts.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
         let Preparation { grid, scene, .. } = preparation;
-        Ok(Self { root: root.clone(), step, grid, scene, parts, empty_voxels })
+        Ok(Self { root: root.clone(), step, grid, scene, parts, empty_voxels, empty_seen })
     }
 
     /// Voxels that are NaN or infinite.
@@ -164,7 +170,7 @@ impl GroupField {
         let command = v1::GroupReduce {
             step: self.step,
             params: Some((&lamina_model::GenerationParams::Volume(*params)).into()),
-            masked: self.empty_voxels > 0,
+            masked: self.empty_seen,
         };
         let (answers, slowest) = self.root.ask(&Kind::Reduce(command))?;
         let mut whole = PartReduction::new(&self.grid, &self.scene, params);

@@ -38,6 +38,8 @@ fn spec() -> RunSpec {
         grid: grid(),
         voxel_type: VoxelType::F32,
         color_field: None,
+        more_fields: Vec::new(),
+        shown: None,
         ranks: 1,
         full_policy: FullPolicy::Block,
         scene: None,
@@ -70,13 +72,23 @@ fn group(layout: &[Vec<GridBox>], steps: u64) -> Arc<Root> {
 
 /// The same of members that hold `steps(member)` steps.
 fn group_of(layout: &[Vec<GridBox>], steps: impl Fn(u32) -> u64) -> Arc<Root> {
+    group_with(layout, &spec(), bytes_of, steps)
+}
+
+/// The same of a run of its own, whose bricks have the bytes that `bytes` gives.
+fn group_with(
+    layout: &[Vec<GridBox>],
+    spec: &RunSpec,
+    bytes: impl Fn(&GridBox) -> Vec<u8>,
+    steps: impl Fn(u32) -> u64,
+) -> Arc<Root> {
     let mut root = None;
     for ((outbox, inbox), boxes) in lamina_mpi::in_process(layout.len() as u32).into_iter().zip(layout) {
         let channels = receive(inbox);
         let held = HeldSteps::default();
         for step in 0..steps(outbox.rank()) {
-            let bricks = boxes.iter().map(|b| (*b, bytes_of(b).into())).collect();
-            held.lock().insert(step, HeldStep { spec: spec(), bricks });
+            let bricks = boxes.iter().map(|b| (*b, bytes(b).into())).collect();
+            held.lock().insert(step, HeldStep { spec: spec.clone(), bricks });
         }
         let member = Member::new(outbox.clone(), channels.member, held, Backend::cpu());
         std::thread::spawn(move || member.run());
@@ -110,7 +122,7 @@ fn a_group_makes_the_vdi_of_one_node() {
     for layout in layouts() {
         let root = group(&layout, 3);
         for step in 0..3 {
-            let field = GroupField::prepare(&root, step, &spec(), scene.clone(), layout.clone()).unwrap();
+            let field = GroupField::prepare(&root, step, (&spec(), "f"), scene.clone(), layout.clone()).unwrap();
             assert_eq!(field.empty_voxels(), 1);
             for (gamma, segmentation) in [(0.0, Segmentation::Greedy), (0.02, Segmentation::Fitted)] {
                 let params = VdiParams::new(33, gamma).unwrap();
@@ -130,7 +142,7 @@ fn a_group_reduces_to_the_volume_of_one_node() {
     let scene = scene();
     for layout in layouts() {
         let root = group(&layout, 1);
-        let field = GroupField::prepare(&root, 0, &spec(), scene.clone(), layout.clone()).unwrap();
+        let field = GroupField::prepare(&root, 0, (&spec(), "f"), scene.clone(), layout.clone()).unwrap();
         assert_eq!(field.longest_side(), 21);
         for longest in [21, 11, 4] {
             let params = VolumeParams::new(longest, 0.01).unwrap();
@@ -152,7 +164,7 @@ fn reference_pixels_of_a_group_are_those_of_one_node() {
     let alone = Backend::cpu().reference_slice(&whole(&scene), &plan, 0, 1..3).unwrap();
     for layout in layouts() {
         let root = group(&layout, 1);
-        let field = GroupField::prepare(&root, 0, &spec(), scene.clone(), layout).unwrap();
+        let field = GroupField::prepare(&root, 0, (&spec(), "f"), scene.clone(), layout).unwrap();
         let together = field.reference_slice(&plan, 1..3).unwrap();
         assert_eq!((&together.plan, &together.batches, together.colors.len()), (&alone.plan, &alone.batches, 3));
         for (a, b) in alone.colors.iter().zip(&together.colors) {
@@ -167,7 +179,8 @@ fn reference_pixels_of_a_group_are_those_of_one_node() {
 fn a_scene_can_be_chosen_from_a_coarse_volume() {
     for layout in layouts() {
         let root = group(&layout, 1);
-        let coarse = root.coarse(0, &spec(), &layout).unwrap();
+        let shown = spec().shown_fields("f", None).unwrap();
+        let coarse = root.coarse(0, (&spec(), &shown), &layout).unwrap();
         // So small a grid is not coarsened at all.
         let Voxels::F32(points) = coarse.voxels() else { panic!("another type") };
         let expected = floats(&bytes_of(&at([0; 3], DIMS)));
@@ -181,7 +194,7 @@ fn a_scene_can_be_chosen_from_a_coarse_volume() {
 fn what_a_member_lacks_or_cannot_make_is_said_with_its_number_and_the_group_goes_on() {
     let layout = &layouts()[1];
     let root = group(layout, 1);
-    let prepare = |step| GroupField::prepare(&root, step, &spec(), scene(), layout.clone());
+    let prepare = |step| GroupField::prepare(&root, step, (&spec(), "f"), scene(), layout.clone());
     let missing = prepare(7).err().unwrap();
     assert!(missing.reason.contains("member 0") && missing.reason.contains("nothing of step 7"), "{missing}");
     let field = prepare(0).unwrap();
@@ -200,10 +213,47 @@ fn nobody_waits_for_what_a_member_that_lacks_the_step_cannot_send() {
     let layout = &layouts()[1];
     let lacking = (layout.len() - 1) as u32;
     let root = group_of(layout, |member| u64::from(member != lacking) + 1);
-    let prepare = |step| GroupField::prepare(&root, step, &spec(), scene(), layout.clone());
+    let prepare = |step| GroupField::prepare(&root, step, (&spec(), "f"), scene(), layout.clone());
     let begun = std::time::Instant::now();
     let missing = prepare(1).err().unwrap();
     assert!(missing.reason.contains("nothing of step 1"), "{missing}");
     assert!(begun.elapsed() < Duration::from_secs(30), "members wait a minute for one that is silent");
     assert!(prepare(0).is_ok(), "the group goes on");
+}
+
+#[test]
+fn what_members_compute_of_several_fields_is_what_one_node_does() {
+    let names = ["v.x", "v.y", "v.z"];
+    let run =
+        RunSpec { more_fields: names.iter().map(|name| ((*name).to_owned(), VoxelType::F32)).collect(), ..spec() };
+    let component = |axis: usize, x: usize, y: usize, z: usize| {
+        let p = [x as f32 / 20.0, y as f32 / 17.0, z as f32 / 14.0];
+        (6.0 * p[(axis + 1) % 3]).sin() * (5.0 * p[axis]).cos() + p[(axis + 2) % 3] * p[axis]
+    };
+    let field = |axis: usize, b: &GridBox| -> Vec<u8> {
+        let ([x0, y0, z0], [nx, ny, nz]) = (b.start(), b.dims());
+        let rows = (z0..z0 + nz).flat_map(|z| (y0..y0 + ny).map(move |y| (y, z)));
+        rows.flat_map(|(y, z)| (x0..x0 + nx).flat_map(move |x| component(axis, x, y, z).to_le_bytes())).collect()
+    };
+    let all = at([0; 3], DIMS);
+    for (text, empty) in
+        [("magnitude(curl(v))", 0), ("magnitude(curl(curl(v)))", 0), ("q_criterion(v) - density_of", 1)]
+    {
+        let text = text.replace("density_of", "f");
+        let shown = run.shown_fields(&text, None).unwrap();
+        let mut fields = vec![Some(Voxels::F32(floats(&bytes_of(&all))))];
+        fields.extend((0..3).map(|axis| Some(Voxels::F32(floats(&field(axis, &all))))));
+        let volume = shown.volume(grid(), fields).unwrap();
+        let scene = suggest(&[&volume]).unwrap();
+        let alone = Field::new(volume, &scene);
+        let params = VdiParams::new(33, 0.0).unwrap();
+        let expected = Backend::cpu().generate(&alone, &params, Segmentation::Greedy).unwrap().0;
+        for layout in layouts() {
+            let bytes = |b: &GridBox| (0..3).fold(bytes_of(b), |bytes, axis| [bytes, field(axis, b)].concat());
+            let root = group_with(&layout, &run, bytes, |_| 1);
+            let made = GroupField::prepare(&root, 0, (&run, &text), scene.clone(), layout.clone()).unwrap();
+            assert_eq!(made.empty_voxels(), empty, "{text}");
+            assert!(vdi(made.generate(&params, Segmentation::Greedy).unwrap().0) == expected, "{text}: samples differ");
+        }
+    }
 }

@@ -16,6 +16,11 @@ fn rows(region: &GridBox) -> impl Iterator<Item = (usize, usize)> + use<> {
     (z0..z0 + nz).flat_map(move |z| (y0..y0 + ny).map(move |y| (y, z)))
 }
 
+/// Where the rows of `region`, which lies in `of`, begin among the points of that.
+pub(super) fn row_starts(of: &GridBox, region: &GridBox) -> impl Iterator<Item = usize> {
+    rows(region).map(move |row| offset(of, region, row, 1))
+}
+
 /// Appends the points of `region`, which lies in `of`, whose `bytes` are given.
 pub(super) fn read_region(of: &GridBox, bytes: &[u8], region: &GridBox, size: usize, out: &mut Vec<u8>) {
     for row in rows(region) {

@@ -5,6 +5,7 @@
 use super::brick::{BrickBytes, BrickOffer};
 use super::run::{IngestRun, RunSpec};
 use super::{GridBox, IngestError, assembly::Assembly, brick};
+use lamina_field_expression::ShownFields;
 use lamina_model::{FullPolicy, Invalid, Volume};
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -40,18 +41,25 @@ impl CompleteStep {
         self.bricks.iter().map(|(place, _)| place)
     }
 
-    /// The step's volume; NaN where bricks of lost ranks would be, integers then in single precision.
+    /// What is `shown` of the step; NaN where bricks of lost ranks would be, integers then in single precision. Also the time that
+    /// computing took what is no field itself.
     ///
     /// # Errors
     /// If the bricks do not make up the grid.
-    pub fn into_volume(self) -> Result<Volume, Invalid> {
-        let RunSpec { grid, voxel_type, color_field, .. } = &self.spec;
-        let first_bytes = |brick: &GridBox| brick.voxels() * voxel_type.size_bytes();
-        let first = self.bricks.iter().map(|(brick, bytes)| (*brick, &bytes[..first_bytes(brick)]));
-        let volume = Volume::new(*grid, brick::join(grid, *voxel_type, first))?;
-        let Some((name, color_type)) = color_field else { return Ok(volume) };
-        let second = self.bricks.iter().map(|(brick, bytes)| (*brick, &bytes[first_bytes(brick)..]));
-        volume.with_color_field(name, brick::join(grid, *color_type, second))
+    pub fn into_volume(self, shown: &ShownFields) -> Result<(Volume, Duration), Invalid> {
+        let (grid, sources, mut before) = (&self.spec.grid, shown.sources(), 0);
+        let mut fields = Vec::new();
+        for (n, (_, voxel_type)) in self.spec.fields().enumerate() {
+            let size = voxel_type.size_bytes();
+            let of = |brick: &GridBox| brick.voxels() * before..brick.voxels() * (before + size);
+            let bricks = self.bricks.iter().map(|(brick, bytes)| (*brick, &bytes[of(brick)]));
+            // What nothing reads stays as it came.
+            fields.push(sources.contains(&n).then(|| brick::join(grid, voxel_type, bricks)));
+            before += size;
+        }
+        let begun = Instant::now();
+        let volume = shown.volume(*grid, fields)?;
+        Ok((volume, if shown.is_derived() { begun.elapsed() } else { Duration::ZERO }))
     }
 }
 
@@ -99,6 +107,7 @@ impl Core {
         now: Instant,
     ) -> Result<String, IngestError> {
         spec.check(rank, self.memory_bytes)?;
+        let working_bytes = spec.working_bytes(&spec.shown_fields(spec.shown(), spec.scene.as_ref())?);
         if let Some(run) = &mut self.run
             && run.is_of(&spec, rank, resume, now.duration_since(run.last_heard), self.idle)?
         {
@@ -111,10 +120,22 @@ impl Core {
         self.abandon_run();
         let id = if resume.is_empty() { fresh_id } else { resume.to_owned() };
         let told_ranks = self.told.as_ref().filter(|(run, _)| *run == id).map(|(_, ranks)| *ranks);
-        let mut run = IngestRun::new(id.clone(), spec, rank, now);
+        let mut run = IngestRun::new(id.clone(), spec, working_bytes, rank, now);
         run.told_ranks = told_ranks;
         self.run = Some(run);
         Ok(id)
+    }
+
+    /// Another field of the run that `spec` describes is to be shown: admits fewer steps where that takes more memory.
+    ///
+    /// # Errors
+    /// If there is not the memory that this takes.
+    pub fn show(&mut self, spec: &RunSpec, shown: &ShownFields) -> Result<(), IngestError> {
+        spec.check_memory(shown, self.memory_bytes)?;
+        if let Some(run) = self.run.as_mut().filter(|run| run.spec == *spec) {
+            run.working_bytes = spec.working_bytes(shown);
+        }
+        Ok(())
     }
 
     /// A member of the group has heard of run `run_id`.
@@ -169,7 +190,7 @@ impl Core {
             run.drop_step(step);
             return Ok(Admit::Dropped);
         }
-        let (need, working, policy) = (run.spec.step_bytes(), run.spec.working_bytes(), run.spec.full_policy);
+        let (need, working, policy) = (run.spec.step_bytes(), run.working_bytes, run.spec.full_policy);
         while let Some(passed) = self.run(run_id)?.passed_by(rank, step) {
             self.forget(passed);
             self.run(run_id)?.drop_step(passed);

@@ -2,7 +2,8 @@
 
 use super::brick::{BrickOffer, GridBox};
 use super::{IngestError, assembly::Assembly};
-use lamina_model::{ColorField, FullPolicy, Grid, Scene, VoxelType};
+use lamina_field_expression::ShownFields;
+use lamina_model::{ColorField, FullPolicy, Grid, Invalid, Scene, VoxelType};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
@@ -19,6 +20,10 @@ pub struct RunSpec {
     pub voxel_type: VoxelType,
     /// Name and type of a second field, for colors.
     pub color_field: Option<(String, VoxelType)>,
+    /// Names and types of further fields.
+    pub more_fields: Vec<(String, VoxelType)>,
+    /// What is shown, an expression over the fields; `None`: the first.
+    pub shown: Option<String>,
     /// Number of ranks, each with its own brick.
     pub ranks: u32,
     /// What happens when the node is full.
@@ -30,9 +35,32 @@ pub struct RunSpec {
 }
 
 impl RunSpec {
-    /// Bytes of one sample point, of both fields.
+    /// All fields, in the order of a brick's bytes.
+    pub fn fields(&self) -> impl Iterator<Item = (&str, VoxelType)> {
+        let others = self.color_field.iter().chain(&self.more_fields).map(|(name, t)| (name.as_str(), *t));
+        std::iter::once((self.field.as_str(), self.voxel_type)).chain(others)
+    }
+
+    /// What is shown where nobody asks for another field.
+    pub fn shown(&self) -> &str {
+        self.shown.as_deref().unwrap_or(&self.field)
+    }
+
+    /// What the expression `shown` reads; colors are those of `scene` or, where that is still to be chosen, the second field.
+    ///
+    /// # Errors
+    /// If the run has no such fields.
+    pub fn shown_fields(&self, shown: &str, scene: Option<&Scene>) -> Result<ShownFields, Invalid> {
+        let names: Vec<&str> = self.fields().map(|(name, _)| name).collect();
+        match scene {
+            Some(scene) => ShownFields::under(shown, scene, &names),
+            None => ShownFields::new(shown, self.color_field.as_ref().map(|(name, _)| name.as_str()), &names),
+        }
+    }
+
+    /// Bytes of one sample point, of all fields.
     pub fn point_bytes(&self) -> usize {
-        self.voxel_type.size_bytes() + self.color_field.as_ref().map_or(0, |(_, t)| t.size_bytes())
+        self.fields().map(|(_, voxel_type)| voxel_type.size_bytes()).sum()
     }
 
     /// Bytes of a step.
@@ -45,11 +73,21 @@ impl RunSpec {
         (self.grid.voxels() as u64).div_ceil(u64::from(self.members))
     }
 
-    /// Bytes besides waiting steps: one step's bricks and joined volume, and three fields (in work, newest, in trials), each
-    /// with its colors.
-    pub fn working_bytes(&self) -> u64 {
-        let fields = 3 * (1 + u64::from(self.color_field.is_some()));
-        2 * self.step_bytes() + fields * 4 * self.voxels_here()
+    /// Bytes besides waiting steps: one step's bricks and joined volume, three fields (in work, newest, in trials), each with its
+    /// colors, and what computing the one `shown` takes.
+    pub fn working_bytes(&self, shown: &ShownFields) -> u64 {
+        let fields = 3 * (1 + u64::from(shown.has_colors()));
+        2 * self.step_bytes() + (fields * 4 + shown.point_bytes() as u64) * self.voxels_here()
+    }
+
+    /// Passes what memory of `memory_bytes` has room for: a step that waits and one that is shown as `shown`.
+    pub fn check_memory(&self, shown: &ShownFields, memory_bytes: u64) -> Result<(), IngestError> {
+        let needed_bytes = self.step_bytes().saturating_add(self.working_bytes(shown));
+        if needed_bytes <= memory_bytes {
+            return Ok(());
+        }
+        let types: Vec<String> = self.fields().map(|(_, voxel_type)| voxel_type.to_string()).collect();
+        Err(IngestError::Exhausted { dims: self.grid.dims(), voxels: types.join(" and "), needed_bytes, memory_bytes })
     }
 
     /// Passes what `rank` says of the run, on a node with so much memory.
@@ -63,24 +101,24 @@ impl RunSpec {
                 "rank {rank} of {ranks}: ranks must be 1 to 1048576, counted from 0"
             )));
         }
-        let second = self.color_field.as_ref().map(|(name, _)| name.as_str());
-        let named = second.map_or(Ok(()), ColorField::check_name);
-        named?;
-        let shown = self.scene.as_ref().map_or(Ok(()), |scene| scene.check_second_field(second));
-        shown?;
-        let need = self.step_bytes().saturating_add(self.working_bytes());
-        if need > memory_bytes {
-            let second = self.color_field.as_ref().map_or_else(String::new, |(_, t)| format!(" and {t}"));
-            return Err(IngestError::Exhausted {
-                dims: self.grid.dims(),
-                voxels: format!("{}{second}", self.voxel_type),
-                needed_bytes: need,
-                memory_bytes,
-            });
+        if self.more_fields.len() > MOST_FIELDS {
+            let fields = self.more_fields.len();
+            return Err(IngestError::Refused(format!("{fields} further fields; at most {MOST_FIELDS} are taken")));
         }
-        Ok(())
+        let mut names = BTreeSet::new();
+        for (name, _) in self.fields().skip(1) {
+            let named = ColorField::check_name(name);
+            named?;
+            if !names.insert(name) || name == self.field {
+                return Err(IngestError::Refused(format!("two fields are named \"{name}\"")));
+            }
+        }
+        self.check_memory(&self.shown_fields(self.shown(), self.scene.as_ref())?, memory_bytes)
     }
 }
+
+/// Further fields of a run.
+const MOST_FIELDS: usize = 64;
 
 /// A run that is open, or was.
 #[derive(Debug)]
@@ -89,6 +127,8 @@ pub(super) struct IngestRun {
     pub id: String,
     /// What the simulation says of it.
     pub spec: RunSpec,
+    /// Bytes besides waiting steps.
+    pub working_bytes: u64,
     /// Ranks that have come.
     pub attached: BTreeSet<u32>,
     /// Those of them that are done.
@@ -121,11 +161,12 @@ const REMEMBERED_DROPS: usize = 1024;
 
 impl IngestRun {
     /// Opened by `rank`.
-    pub(super) fn new(id: String, spec: RunSpec, rank: u32, now: Instant) -> Self {
+    pub(super) fn new(id: String, spec: RunSpec, working_bytes: u64, rank: u32, now: Instant) -> Self {
         let last_step = vec![None; spec.ranks as usize];
         Self {
             id,
             spec,
+            working_bytes,
             attached: BTreeSet::from([rank]),
             closed: BTreeSet::new(),
             last_step,

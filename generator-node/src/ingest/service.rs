@@ -5,6 +5,7 @@ use super::{Admit, BrickOffer, CompleteStep, Core, IngestError, RunSpec};
 use crate::overhead::Overhead;
 use crate::steering::SteeringRelay;
 use futures::{Stream, StreamExt};
+use lamina_field_expression::ShownFields;
 use lamina_model::{Invalid, Scene};
 use lamina_rpc::v1::{self, ingest_server, push_part::Part};
 use lamina_rpc::{chunks::CHUNK_BYTES, invalid, required};
@@ -89,6 +90,14 @@ impl Ingest {
     /// What viz-nodes ask the simulation for.
     pub(crate) fn steering(&self) -> &Arc<SteeringRelay> {
         &self.steering
+    }
+
+    /// Another field of the run that `spec` describes is to be shown.
+    ///
+    /// # Errors
+    /// If there is not the memory that this takes.
+    pub(crate) fn show(&self, spec: &RunSpec, shown: &ShownFields) -> Result<(), IngestError> {
+        self.core().show(spec, shown)
     }
 
     /// A member of the group has heard of run `run_id`.
@@ -345,6 +354,8 @@ fn spec_from(r: &v1::OpenRequest) -> Result<RunSpec, Invalid> {
         grid: required(r.grid, "grid")?.try_into()?,
         voxel_type: r.voxel_type().try_into()?,
         color_field: r.color_field.as_ref().map(TryInto::try_into).transpose()?,
+        more_fields: r.more_fields.iter().map(TryInto::try_into).collect::<Result<_, _>>()?,
+        shown: Some(r.shown.clone()).filter(|shown| !shown.is_empty()),
         ranks: r.ranks,
         full_policy: r.full_policy().into(),
         scene: r.scene.clone().map(TryInto::try_into).transpose()?,

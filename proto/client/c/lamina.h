@@ -44,6 +44,12 @@ typedef struct {
     double value, least, most;
 } lamina_number;
 
+/* A field: its name, and the type of its voxels. */
+typedef struct {
+    const char *name;
+    int32_t type;
+} lamina_field;
+
 /* A run. What is 0 or NULL has its default: lamina_options run = { .name = "blast", ... }. */
 typedef struct {
     const char *generator;   /* the generator-node; default http://127.0.0.1:7101. One at https:// asks for credentials */
@@ -66,7 +72,17 @@ typedef struct {
                                 tells the others, asks for that with lamina_steering */
     uint32_t number_count;   /* of the numbers, at most 64 */
     const lamina_number *numbers;
+    const lamina_field *more_fields; /* further fields, which every brick carries behind those: people who watch may choose one, or an
+                                expression over several. v.x, v.y and v.z are together the vector v */
+    uint32_t more_field_count; /* at most 64 */
+    const char *shown;       /* what is shown first, a field or an expression such as "magnitude(v)"; default `field` */
 } lamina_options;
+
+/* The first voxel of a further field's, laid out as the others are, and their type; default the run's. */
+typedef struct {
+    const void *voxels;
+    int32_t type;
+} lamina_array;
 
 /* A rank's part of a step, in the simulation's own memory, which is only read, and only during the call. */
 typedef struct {
@@ -78,6 +94,7 @@ typedef struct {
     const void *colors;      /* the first of the second field's, laid out alike; or NULL */
     int32_t type;            /* of the voxels; default the run's. Another is refused */
     int32_t color_type;      /* the same of the colors */
+    const lamina_array *more; /* one for each of the run's more_fields; or NULL */
 } lamina_brick;
 
 /* What somebody asked for. */
@@ -111,10 +128,11 @@ int32_t lamina_push(lamina_client *client, uint64_t step, double time, const lam
 int32_t lamina_push_bricks(lamina_client *client, uint64_t step, double time, const lamina_brick *bricks, size_t count);
 
 /* Memory for a brick of `dims` sample points, x fastest and without gaps, to compute into: a node on the same host reads it
- * where it is, and nothing is copied. *voxels and, of a run with a second field, *colors (else NULL; `colors` may be NULL) are
- * the simulation's until it gives them to lamina_push as a brick's, or closes; each is for one push. What they hold at first is
- * of no meaning. Without such a node the memory is the process's own, and is sent. 0, or an error. */
-int32_t lamina_buffer(lamina_client *client, const uint64_t dims[3], void **voxels, void **colors);
+ * where it is, and nothing is copied. *voxels and, of a run with a second field, *colors (else NULL; `colors` may be NULL), and as
+ * many of `more` (may be NULL) as the run has further fields, are the simulation's until it gives them to lamina_push as a brick's,
+ * or closes; each is for one push. What they hold at first is of no meaning. Without such a node the memory is the process's own,
+ * and is sent. 0, or an error. */
+int32_t lamina_buffer(lamina_client *client, const uint64_t dims[3], void **voxels, void **colors, void **more);
 
 /* The oldest request not given out yet; gives what it asks for, LAMINA_NOTHING if there is none, or an error. At once; to be called
  * between steps until there is none. What of it is done is the simulation's choice. A pause whose node is lost is ended by a

@@ -8,7 +8,7 @@ module lamina
     use, intrinsic :: iso_c_binding
     implicit none
     private
-    public :: lamina_number, lamina_steering
+    public :: lamina_number, lamina_steering, lamina_field
     public :: lamina_run, lamina_connection, lamina_summary, lamina_open, lamina_put, lamina_buffer, &
         lamina_box, lamina_brick, lamina_put_bricks, lamina_end, lamina_message
 
@@ -27,10 +27,16 @@ module lamina
         real(c_double) :: value = 0, least = 0, most = 0
     end type
 
+    ! A further field: its name, and the type of its voxels.
+    type :: lamina_field
+        character(200) :: name = ''
+        integer(c_int32_t) :: voxel_type = 0
+    end type
+
     ! A run; dims, name, field and voxel_type are to be stated. Where rank and ranks are 0 they are as the MPI launcher's environment
     ! says, else one rank.
     type :: lamina_run
-        character(:), allocatable :: generator, name, field, color_field, credentials
+        character(:), allocatable :: generator, name, field, color_field, credentials, shown
         integer(c_int64_t) :: dims(3) = 0
         real(c_double) :: spacing(3) = 1, origin(3) = 0
         integer(c_int32_t) :: voxel_type = 0, color_type = 0
@@ -39,6 +45,8 @@ module lamina
         ! People may ask to pause, to go on, to stop and to change these numbers: lamina_steering.
         logical :: steering = .false.
         type(lamina_number), allocatable :: numbers(:)
+        ! Every brick carries these, too; `shown` may be an expression over them, such as magnitude(v), which has v.x, v.y and v.z.
+        type(lamina_field), allocatable :: more_fields(:)
     end type
 
     type :: lamina_connection
@@ -60,7 +68,19 @@ module lamina
         real(c_double) :: deadline_secs
         type(c_ptr) :: credentials
         integer(c_int32_t) :: steering, number_count
-        type(c_ptr) :: numbers
+        type(c_ptr) :: numbers, more_fields
+        integer(c_int32_t) :: more_field_count
+        type(c_ptr) :: shown
+    end type
+
+    type, bind(c) :: c_field
+        type(c_ptr) :: name
+        integer(c_int32_t) :: voxel_type
+    end type
+
+    type, bind(c) :: c_array
+        type(c_ptr) :: voxels
+        integer(c_int32_t) :: voxel_type
     end type
 
     type, bind(c) :: c_number
@@ -74,12 +94,18 @@ module lamina
         character(kind=c_char) :: asked_by(64)
     end type
 
-    ! Where a brick lies in memory.
-    type, bind(c) :: lamina_brick
-        private
+    type, bind(c) :: c_brick
         integer(c_int64_t) :: start(3), dims(3), strides(3)
         type(c_ptr) :: voxels, colors
         integer(c_int32_t) :: voxel_type = 0, color_type = 0
+        type(c_ptr) :: more = c_null_ptr
+    end type
+
+    ! Where a brick lies in memory.
+    type :: lamina_brick
+        private
+        type(c_brick) :: place
+        type(c_array), allocatable :: more(:)
     end type
 
     interface
@@ -90,27 +116,28 @@ module lamina
             integer(c_int32_t) :: code
         end function
         function c_push(client, step, time, given) bind(c, name="lamina_push") result(code)
-            import :: c_ptr, c_int32_t, c_int64_t, c_double, lamina_brick
+            import :: c_ptr, c_int32_t, c_int64_t, c_double, c_brick
             type(c_ptr), value :: client
             integer(c_int64_t), value :: step
             real(c_double), value :: time
-            type(lamina_brick), intent(in) :: given
+            type(c_brick), intent(in) :: given
             integer(c_int32_t) :: code
         end function
         function c_push_bricks(client, step, time, given, count) bind(c, name="lamina_push_bricks") result(code)
-            import :: c_ptr, c_int32_t, c_int64_t, c_double, c_size_t, lamina_brick
+            import :: c_ptr, c_int32_t, c_int64_t, c_double, c_size_t, c_brick
             type(c_ptr), value :: client
             integer(c_int64_t), value :: step
             real(c_double), value :: time
-            type(lamina_brick), intent(in) :: given(*)
+            type(c_brick), intent(in) :: given(*)
             integer(c_size_t), value :: count
             integer(c_int32_t) :: code
         end function
-        function c_buffer(client, dims, voxels, colors) bind(c, name="lamina_buffer") result(code)
+        function c_buffer(client, dims, voxels, colors, more) bind(c, name="lamina_buffer") result(code)
             import :: c_ptr, c_int32_t, c_int64_t
             type(c_ptr), value :: client
             integer(c_int64_t), intent(in) :: dims(3)
             type(c_ptr), intent(out) :: voxels, colors
+            type(c_ptr), intent(inout), optional :: more(*)
             integer(c_int32_t) :: code
         end function
         function c_steering(client, request) bind(c, name="lamina_steering") result(code)
@@ -135,21 +162,23 @@ module lamina
         end function
     end interface
 
-    ! call lamina_put(connection, step, time, first, values, code [, colors]): this rank's part of the step, whose first sample
+    ! call lamina_put(connection, step, time, first, values, code [, colors, more]): this rank's part of the step, whose first sample
     ! point has the indices `first`, counted from 1, in the run's grid; colors, of the second field, lie in memory as the
-    ! values do. The code is one of those above; the simulation may go on in any case.
+    ! values do, and so do the further fields: more=[lamina_box(u, first), lamina_box(v, first)], in the order of the run's more_fields.
+    ! The code is one of those above; the simulation may go on in any case.
     interface lamina_put
         module procedure put_f32, put_f64
     end interface
 
-    ! lamina_box(values, first [, colors]): a brick as lamina_put takes it, for call lamina_put_bricks(connection, step, time, bricks,
+    ! lamina_box(values, first [, colors, more]): a brick as lamina_put takes it, for call lamina_put_bricks(connection, step, time, bricks,
     ! code), which hands over several of this rank, or none.
     interface lamina_box
         module procedure box_f32, box_f64
     end interface
 
-    ! call lamina_buffer(connection, n, values, code [, colors]): pointers to arrays of n(1) x n(2) x n(3) to compute into, which
-    ! a node on the same host reads where they are. Each is for one lamina_put, and not to be used after it.
+    ! call lamina_buffer(connection, n, values, code [, colors, more]): pointers to arrays of n(1) x n(2) x n(3) to compute into, which
+    ! a node on the same host reads where they are; more(:) gets the addresses of the further fields', for c_f_pointer. Each is for
+    ! one lamina_put, and not to be used after it.
     interface lamina_buffer
         module procedure buffer_f32, buffer_f64
     end interface
@@ -161,7 +190,9 @@ contains
         type(lamina_run), intent(in) :: run
         type(lamina_connection), intent(out) :: connection
         integer(c_int32_t), intent(out) :: code
-        character(kind=c_char, len=:), allocatable, target :: generator, name, field, color_field, credentials
+        character(kind=c_char, len=:), allocatable, target :: generator, name, field, color_field, credentials, shown
+        character(kind=c_char, len=201), allocatable, target :: field_names(:)
+        type(c_field), allocatable, target :: fields(:)
         character(kind=c_char, len=64), allocatable, target :: names(:)
         type(c_number), allocatable, target :: numbers(:)
         type(options) :: o
@@ -192,6 +223,17 @@ contains
         o%number_count = n
         o%numbers = c_null_ptr
         if (n > 0) o%numbers = c_loc(numbers)
+        n = 0
+        if (allocated(run%more_fields)) n = size(run%more_fields)
+        allocate (field_names(n), fields(n))
+        do i = 1, n
+            field_names(i) = trim(run%more_fields(i)%name) // c_null_char
+            fields(i) = c_field(c_loc(field_names(i)), run%more_fields(i)%voxel_type)
+        end do
+        o%more_field_count = n
+        o%more_fields = c_null_ptr
+        if (n > 0) o%more_fields = c_loc(fields)
+        o%shown = text(run%shown, shown)
         code = c_connect(o, connection%client)
     end subroutine
 
@@ -206,61 +248,68 @@ contains
         address = c_loc(kept)
     end function
 
-    subroutine buffer_f32(connection, n, values, code, colors)
+    subroutine buffer_f32(connection, n, values, code, colors, more)
         type(lamina_connection), intent(in) :: connection
         integer, intent(in) :: n(3)
         real(c_float), pointer, intent(out) :: values(:, :, :)
         integer(c_int32_t), intent(out) :: code
         real(c_float), pointer, intent(out), optional :: colors(:, :, :)
+        type(c_ptr), intent(inout), optional :: more(:)
         type(c_ptr) :: first, second
 
         nullify (values)
-        code = c_buffer(connection%client, int(n, c_int64_t), first, second)
+        code = c_buffer(connection%client, int(n, c_int64_t), first, second, more)
         if (code == 0) call c_f_pointer(first, values, n)
         if (code == 0 .and. present(colors)) call c_f_pointer(second, colors, n)
     end subroutine
 
-    subroutine buffer_f64(connection, n, values, code, colors)
+    subroutine buffer_f64(connection, n, values, code, colors, more)
         type(lamina_connection), intent(in) :: connection
         integer, intent(in) :: n(3)
         real(c_double), pointer, intent(out) :: values(:, :, :)
         integer(c_int32_t), intent(out) :: code
         real(c_double), pointer, intent(out), optional :: colors(:, :, :)
+        type(c_ptr), intent(inout), optional :: more(:)
         type(c_ptr) :: first, second
 
         nullify (values)
-        code = c_buffer(connection%client, int(n, c_int64_t), first, second)
+        code = c_buffer(connection%client, int(n, c_int64_t), first, second, more)
         if (code == 0) call c_f_pointer(first, values, n)
         if (code == 0 .and. present(colors)) call c_f_pointer(second, colors, n)
     end subroutine
 
-    subroutine put_f32(connection, step, time, first, values, code, colors)
+    subroutine put_f32(connection, step, time, first, values, code, colors, more)
         type(lamina_connection), intent(in) :: connection
         integer, intent(in) :: step, first(3)
         real(c_double), intent(in) :: time
         real(c_float), intent(in), target :: values(:, :, :)
         integer(c_int32_t), intent(out) :: code
         real(c_float), intent(in), target, optional :: colors(:, :, :)
+        type(lamina_brick), intent(in), optional :: more(:)
+        type(lamina_brick), target :: given
 
-        code = c_push(connection%client, int(step, c_int64_t), time, box_f32(values, first, colors))
+        given = box_f32(values, first, colors, more)
+        code = c_push(connection%client, int(step, c_int64_t), time, placed(given))
     end subroutine
 
-    function box_f32(values, first, colors) result(given)
+    function box_f32(values, first, colors, more) result(given)
         real(c_float), intent(in), target :: values(:, :, :)
         integer, intent(in) :: first(3)
         real(c_float), intent(in), target, optional :: colors(:, :, :)
+        type(lamina_brick), intent(in), optional :: more(:)
         type(lamina_brick) :: given
 
-        given = place_f32(values, first)
-        given%voxel_type = lamina_f32
-        if (present(colors)) call add_colors(given, place_f32(colors, first), lamina_f32)
+        given%place = place_f32(values, first)
+        given%place%voxel_type = lamina_f32
+        if (present(colors)) call add_colors(given%place, place_f32(colors, first), lamina_f32)
+        if (present(more)) given%more = laid_out_as(given%place, more)
     end function
 
     ! Where an array lies.
     function place_f32(values, first) result(given)
         real(c_float), intent(in), target :: values(:, :, :)
         integer, intent(in) :: first(3)
-        type(lamina_brick) :: given
+        type(c_brick) :: given
         integer :: n(3)
 
         n = shape(values)
@@ -276,33 +325,38 @@ contains
         if (n(3) > 1) given%strides(3) = apart(given%voxels, c_loc(values(1, 1, 2)), c_sizeof(values(1, 1, 1)))
     end function
 
-    subroutine put_f64(connection, step, time, first, values, code, colors)
+    subroutine put_f64(connection, step, time, first, values, code, colors, more)
         type(lamina_connection), intent(in) :: connection
         integer, intent(in) :: step, first(3)
         real(c_double), intent(in) :: time
         real(c_double), intent(in), target :: values(:, :, :)
         integer(c_int32_t), intent(out) :: code
         real(c_double), intent(in), target, optional :: colors(:, :, :)
+        type(lamina_brick), intent(in), optional :: more(:)
+        type(lamina_brick), target :: given
 
-        code = c_push(connection%client, int(step, c_int64_t), time, box_f64(values, first, colors))
+        given = box_f64(values, first, colors, more)
+        code = c_push(connection%client, int(step, c_int64_t), time, placed(given))
     end subroutine
 
-    function box_f64(values, first, colors) result(given)
+    function box_f64(values, first, colors, more) result(given)
         real(c_double), intent(in), target :: values(:, :, :)
         integer, intent(in) :: first(3)
         real(c_double), intent(in), target, optional :: colors(:, :, :)
+        type(lamina_brick), intent(in), optional :: more(:)
         type(lamina_brick) :: given
 
-        given = place_f64(values, first)
-        given%voxel_type = lamina_f64
-        if (present(colors)) call add_colors(given, place_f64(colors, first), lamina_f64)
+        given%place = place_f64(values, first)
+        given%place%voxel_type = lamina_f64
+        if (present(colors)) call add_colors(given%place, place_f64(colors, first), lamina_f64)
+        if (present(more)) given%more = laid_out_as(given%place, more)
     end function
 
     ! Where an array lies.
     function place_f64(values, first) result(given)
         real(c_double), intent(in), target :: values(:, :, :)
         integer, intent(in) :: first(3)
-        type(lamina_brick) :: given
+        type(c_brick) :: given
         integer :: n(3)
 
         n = shape(values)
@@ -323,9 +377,16 @@ contains
         type(lamina_connection), intent(in) :: connection
         integer, intent(in) :: step
         real(c_double), intent(in) :: time
-        type(lamina_brick), intent(in) :: bricks(:)
+        type(lamina_brick), intent(in), target :: bricks(:)
         integer(c_int32_t), intent(out) :: code
-        code = c_push_bricks(connection%client, int(step, c_int64_t), time, bricks, size(bricks, kind=c_size_t))
+        type(c_brick), allocatable :: places(:)
+        integer :: i
+
+        allocate (places(size(bricks)))
+        do i = 1, size(bricks)
+            places(i) = placed(bricks(i))
+        end do
+        code = c_push_bricks(connection%client, int(step, c_int64_t), time, places, size(bricks, kind=c_size_t))
     end subroutine
 
     ! How many voxels lie between two addresses.
@@ -338,12 +399,36 @@ contains
 
     ! Colors laid out otherwise than the values are none: NULL with a type is refused.
     subroutine add_colors(given, colors, color_type)
-        type(lamina_brick), intent(inout) :: given
-        type(lamina_brick), intent(in) :: colors
+        type(c_brick), intent(inout) :: given
+        type(c_brick), intent(in) :: colors
         integer(c_int32_t), intent(in) :: color_type
         given%color_type = color_type
         if (all(given%dims == colors%dims) .and. all(given%strides == colors%strides)) given%colors = colors%voxels
     end subroutine
+
+    ! The arrays of further fields; those laid out otherwise than the values are NULL, which is refused.
+    function laid_out_as(given, more) result(arrays)
+        type(c_brick), intent(in) :: given
+        type(lamina_brick), intent(in) :: more(:)
+        type(c_array) :: arrays(size(more))
+        integer :: i
+
+        do i = 1, size(more)
+            arrays(i) = c_array(c_null_ptr, more(i)%place%voxel_type)
+            if (any(given%dims /= more(i)%place%dims) .or. any(given%strides /= more(i)%place%strides)) cycle
+            arrays(i)%voxels = more(i)%place%voxels
+        end do
+    end function
+
+    ! A brick as C reads it, as long as `given` is there.
+    function placed(given) result(place)
+        type(lamina_brick), intent(in), target :: given
+        type(c_brick) :: place
+
+        place = given%place
+        if (.not. allocated(given%more)) return
+        if (size(given%more) > 0) place%more = c_loc(given%more)
+    end function
 
     ! The oldest request not given out yet: lamina_nothing if there is none, or below 0 an error. At once; to be called between steps
     ! until there is none. Of lamina_set: which of the run's numbers, from 1, and its new value. A pause whose node is lost is ended

@@ -137,12 +137,13 @@ pub struct Brick<'a> {
     strides: [usize; 3],
     voxels: VoxelSlice<'a>,
     colors: Option<VoxelSlice<'a>>,
+    more: &'a [VoxelSlice<'a>],
 }
 
 impl<'a> Brick<'a> {
     /// The box of `dims` sample points from `start` on.
     pub fn new(start: [usize; 3], dims: [usize; 3], voxels: impl Into<VoxelSlice<'a>>) -> Self {
-        Self { start, dims, strides: dense(dims), voxels: voxels.into(), colors: None }
+        Self { start, dims, strides: dense(dims), voxels: voxels.into(), colors: None, more: &[] }
     }
 
     /// The same where the voxels, in memory from the box's first one on, lie so many voxels apart along x, y and z: inside of
@@ -156,6 +157,17 @@ impl<'a> Brick<'a> {
     #[must_use]
     pub fn with_colors(self, colors: impl Into<VoxelSlice<'a>>) -> Self {
         Self { colors: Some(colors.into()), ..self }
+    }
+
+    /// The same with the voxels of the run's further fields, in their order.
+    #[must_use]
+    pub fn with_more_fields(self, more: &'a [VoxelSlice<'a>]) -> Self {
+        Self { more, ..self }
+    }
+
+    /// The voxels of all its fields.
+    fn fields(&self) -> impl Iterator<Item = &VoxelSlice<'a>> {
+        std::iter::once(&self.voxels).chain(&self.colors).chain(self.more)
     }
 
     /// Refuses, before anything is sent, what cannot belong to the run.
@@ -173,6 +185,14 @@ impl<'a> Brick<'a> {
             check_type(field, voxels.voxel_type(), of_run)
         };
         check(&run.field, &self.voxels, run.voxel_type)?;
+        if self.more.len() != run.more_fields.len() {
+            let (have, need) = (self.more.len(), run.more_fields.len());
+            let reason = format!("voxels of {have} further fields; the run's options name {need} (more_fields)");
+            return Err(Invalid::new("brick", reason));
+        }
+        for (voxels, (name, voxel_type)) in self.more.iter().zip(&run.more_fields) {
+            check(name, voxels, *voxel_type)?;
+        }
         match (&self.colors, &run.color_field) {
             (None, None) => Ok(()),
             (Some(colors), Some((name, voxel_type))) => check(name, colors, *voxel_type),
@@ -198,9 +218,9 @@ impl<'a> Brick<'a> {
         })
     }
 
-    /// Its bytes, those of the second field last, in pieces of about `chunk_bytes`, converted one at a time.
+    /// Its bytes, field by field, in pieces of about `chunk_bytes`, converted one at a time.
     pub(crate) fn chunks(&self, chunk_bytes: usize) -> impl Iterator<Item = Vec<u8>> + '_ {
-        std::iter::once(&self.voxels).chain(&self.colors).flat_map(move |voxels| {
+        self.fields().flat_map(move |voxels| {
             let voxel_bytes = voxels.voxel_type().size_bytes();
             let per_chunk = (chunk_bytes / voxel_bytes).max(1);
             let len = self.dims.iter().product::<usize>();
@@ -216,14 +236,14 @@ impl<'a> Brick<'a> {
 
     /// How many bytes that is.
     pub(crate) fn size_bytes(&self) -> usize {
-        let point = self.voxels.voxel_type().size_bytes() + self.colors.map_or(0, |c| c.voxel_type().size_bytes());
+        let point: usize = self.fields().map(|voxels| voxels.voxel_type().size_bytes()).sum();
         self.dims.iter().product::<usize>() * point
     }
 
     /// All its bytes into `to`, which has room for them.
     pub(crate) fn copy_to(&self, mut to: &mut [u8]) {
         let len = self.dims.iter().product::<usize>();
-        for voxels in std::iter::once(&self.voxels).chain(&self.colors) {
+        for voxels in self.fields() {
             let (field, rest) = std::mem::take(&mut to).split_at_mut(len * voxels.voxel_type().size_bytes());
             voxels.copy_le_bytes(self.rows(0, len), field);
             to = rest;

@@ -1,6 +1,6 @@
 //! Memory to compute a brick into, which the generator-node reads where it is.
 
-use crate::{Brick, RunOptions, VoxelSlice};
+use crate::{RunOptions, VoxelSlice};
 use bytemuck::{Pod, cast_slice, cast_slice_mut};
 use half::f16;
 use lamina_model::{Invalid, VoxelType};
@@ -34,29 +34,28 @@ enum BufferMemory {
 pub struct Buffer {
     start: [usize; 3],
     dims: [usize; 3],
-    voxel_type: VoxelType,
-    color_type: Option<VoxelType>,
+    /// Of the run's fields.
+    types: Vec<VoxelType>,
     memory: BufferMemory,
 }
 
 impl Buffer {
-    /// Bytes of a box of `dims` sample points, and of its first field alone.
+    /// Bytes of a box of `dims` sample points, of all fields.
     ///
     /// # Errors
-    /// If that is beyond counting, or the second field would not be aligned behind the first.
-    pub(crate) fn sizes(dims: [usize; 3], run: &RunOptions) -> Result<(usize, usize), Invalid> {
-        let bytes_of = |voxel_type: VoxelType| {
-            dims.iter().try_fold(voxel_type.size_bytes(), |n, d| n.checked_mul(*d)).filter(|&n| n > 0)
-        };
-        let none = || Invalid::new("buffer", format!("a box of {dims:?} is none"));
-        let first = bytes_of(run.voxel_type).ok_or_else(none)?;
-        let Some((name, color_type)) = &run.color_field else { return Ok((first, first)) };
-        if !first.is_multiple_of(color_type.size_bytes()) {
-            let why = format!("{dims:?} voxels leave {name} unaligned; push a brick from memory of your own");
-            return Err(Invalid::new("buffer", why));
+    /// If that is beyond counting, or a field would not be aligned behind those before it.
+    pub(crate) fn size(dims: [usize; 3], run: &RunOptions) -> Result<usize, Invalid> {
+        let mut bytes = 0_usize;
+        for (name, voxel_type) in run.fields() {
+            if !bytes.is_multiple_of(voxel_type.size_bytes()) {
+                let why = format!("{dims:?} voxels leave {name} unaligned; push a brick from memory of your own");
+                return Err(Invalid::new("buffer", why));
+            }
+            let counted = dims.iter().try_fold(voxel_type.size_bytes(), |n, d| n.checked_mul(*d)).filter(|&n| n > 0);
+            let none = || Invalid::new("buffer", format!("a box of {dims:?} is none"));
+            bytes = counted.and_then(|field| bytes.checked_add(field)).ok_or_else(none)?;
         }
-        let both = bytes_of(*color_type).and_then(|second| first.checked_add(second)).ok_or_else(none)?;
-        Ok((both, first))
+        Ok(bytes)
     }
 
     /// In `lease`, or in memory of this process where there is none.
@@ -66,14 +65,13 @@ impl Buffer {
         run: &RunOptions,
         lease: Option<Lease>,
     ) -> Result<Self, Invalid> {
-        let (bytes, _) = Self::sizes(dims, run)?;
+        let bytes = Self::size(dims, run)?;
         let memory = lease.map_or_else(|| BufferMemory::Own(vec![0; bytes.div_ceil(8)]), BufferMemory::Shared);
-        let color_type = run.color_field.as_ref().map(|(_, t)| *t);
-        Ok(Self { start, dims, voxel_type: run.voxel_type, color_type, memory })
+        Ok(Self { start, dims, types: run.fields().map(|(_, voxel_type)| voxel_type).collect(), memory })
     }
 
-    fn first_bytes(&self) -> usize {
-        self.dims.iter().product::<usize>() * self.voxel_type.size_bytes()
+    fn voxels(&self) -> usize {
+        self.dims.iter().product()
     }
 
     fn bytes(&self) -> &[u8] {
@@ -90,29 +88,50 @@ impl Buffer {
         }
     }
 
-    /// Voxels of the run's field and, if it has a second field, the colors.
+    /// The memory of each field.
+    fn split_mut(&mut self) -> Vec<&mut [u8]> {
+        let (voxels, types) = (self.voxels(), self.types.clone());
+        let mut rest = self.bytes_mut();
+        let mut field = |voxel_type: VoxelType| {
+            let (field, behind) = std::mem::take(&mut rest).split_at_mut(voxels * voxel_type.size_bytes());
+            rest = behind;
+            field
+        };
+        types.into_iter().map(&mut field).collect()
+    }
+
+    /// Voxels of the run's field and, if it has another field, those of the next: colors, or the first of the further ones.
     ///
     /// # Errors
     /// If they are of other types.
     pub fn fields_mut<T: VoxelScalar, C: VoxelScalar>(&mut self) -> Result<(&mut [T], &mut [C]), Invalid> {
-        crate::check_type("the field", T::TYPE, self.voxel_type)?;
-        let count = self.dims.iter().product::<usize>();
-        let (first, colors) = (self.first_bytes(), self.color_type);
-        let (voxels, rest) = self.bytes_mut().split_at_mut(first);
-        let Some(color_type) = colors else { return Ok((cast_slice_mut(voxels), &mut [])) };
-        crate::check_type("the second field", C::TYPE, color_type)?;
-        Ok((cast_slice_mut(voxels), cast_slice_mut(&mut rest[..count * color_type.size_bytes()])))
+        crate::check_type("the field", T::TYPE, self.types[0])?;
+        self.types.get(1).map_or(Ok(()), |second| crate::check_type("the second field", C::TYPE, *second))?;
+        let mut fields = self.split_mut().into_iter();
+        let (first, second) = (fields.next().unwrap_or_default(), fields.next().unwrap_or_default());
+        Ok((cast_slice_mut(first), cast_slice_mut(second)))
+    }
+
+    /// Voxels of field `n` of the run: 0 is the first, then come the second, if there is one, and the further ones.
+    ///
+    /// # Errors
+    /// If there is none, or it is of another type.
+    pub fn field_mut<T: VoxelScalar>(&mut self, n: usize) -> Result<&mut [T], Invalid> {
+        let missing =
+            || Invalid::new("buffer", format!("the run has {} fields, and none of number {n}", self.types.len()));
+        crate::check_type("the field", T::TYPE, *self.types.get(n).ok_or_else(missing)?)?;
+        Ok(cast_slice_mut(self.split_mut().swap_remove(n)))
     }
 
     /// Voxels of the run's only field.
     ///
     /// # Errors
-    /// If they are of another type, or the run has a second field.
+    /// If they are of another type, or the run has several.
     pub fn voxels_mut<T: VoxelScalar>(&mut self) -> Result<&mut [T], Invalid> {
-        if self.color_type.is_some() {
+        if self.types.len() > 1 {
             return Err(Invalid::new("buffer", "the run has a second field; ask for both"));
         }
-        Ok(self.fields_mut::<T, u8>()?.0)
+        self.field_mut(0)
     }
 
     /// The slot that the node maps, if it is one.
@@ -123,27 +142,36 @@ impl Buffer {
         }
     }
 
-    /// As voxels in memory.
-    pub(crate) fn brick(&self) -> Brick<'_> {
-        let count = self.dims.iter().product::<usize>();
-        let (voxels, rest) = self.bytes().split_at(self.first_bytes());
-        let brick = Brick::new(self.start, self.dims, slice(voxels, self.voxel_type));
-        let Some(color_type) = self.color_type else { return brick };
-        brick.with_colors(slice(&rest[..count * color_type.size_bytes()], color_type))
+    /// All fields, as voxels in memory.
+    pub(crate) fn fields(&self) -> Vec<VoxelSlice<'_>> {
+        let mut rest = self.bytes();
+        let mut field = |voxel_type: &VoxelType| {
+            let (field, behind) = rest.split_at(self.voxels() * voxel_type.size_bytes());
+            rest = behind;
+            slice(field, *voxel_type)
+        };
+        self.types.iter().map(&mut field).collect()
     }
 
-    /// The voxels' address, and the colors' or null: for callers that know no slices.
-    pub fn addresses(&mut self) -> (*mut u8, *mut u8) {
-        let (first, colors) = (self.first_bytes(), self.color_type.is_some());
-        let (voxels, rest) = self.bytes_mut().split_at_mut(first);
-        (voxels.as_mut_ptr(), if colors { rest.as_mut_ptr() } else { std::ptr::null_mut() })
+    /// The address of each field: for callers that know no slices.
+    pub fn addresses(&mut self) -> Vec<*mut u8> {
+        self.split_mut().into_iter().map(<[u8]>::as_mut_ptr).collect()
     }
 
     /// True if these are its [`Self::addresses`].
-    pub fn is_at(&self, voxels: *const u8, colors: *const u8) -> bool {
-        let (first, rest) = self.bytes().split_at(self.first_bytes());
-        let second = if self.color_type.is_some() { rest.as_ptr() } else { std::ptr::null() };
-        std::ptr::eq(first.as_ptr(), voxels) && std::ptr::eq(second, colors)
+    pub fn is_at(&self, fields: &[*const u8]) -> bool {
+        let mut own = self.bytes().as_ptr();
+        let mut is_next = |(field, voxel_type): (&*const u8, &VoxelType)| {
+            let is_it = std::ptr::eq(own, *field);
+            own = own.wrapping_add(self.voxels() * voxel_type.size_bytes());
+            is_it
+        };
+        fields.len() == self.types.len() && fields.iter().zip(&self.types).all(&mut is_next)
+    }
+
+    /// Its first sample point in the run's grid.
+    pub(crate) fn start(&self) -> [usize; 3] {
+        self.start
     }
 
     /// The box.

@@ -140,7 +140,7 @@ impl Client {
     /// # Errors
     /// If no such brick can be of the run.
     pub fn buffer(&mut self, start: [usize; 3], dims: [usize; 3]) -> Result<Buffer, ClientError> {
-        let (bytes, _) = Buffer::sizes(dims, &self.options)?;
+        let bytes = Buffer::size(dims, &self.options)?;
         let lease = self.session.as_mut().and_then(|session| session.lease(bytes));
         Ok(Buffer::new(start, dims, &self.options, lease)?)
     }
@@ -150,7 +150,10 @@ impl Client {
     /// # Errors
     /// The same.
     pub fn push_buffer(&mut self, step: u64, time: f64, buffer: Buffer) -> Result<Receipt, ClientError> {
-        self.push_all(step, time, &[buffer.brick()], buffer.lease())
+        let (fields, colored) = (buffer.fields(), usize::from(self.options.color_field.is_some()));
+        let brick = Brick::new(buffer.start(), buffer.dims(), fields[0]).with_more_fields(&fields[1 + colored..]);
+        let brick = if colored > 0 { brick.with_colors(fields[1]) } else { brick };
+        self.push_all(step, time, &[brick], buffer.lease())
     }
 
     /// The same of several bricks of this rank, or of none: all are one step's, and the others' bricks are waited for as always.

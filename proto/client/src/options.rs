@@ -19,6 +19,11 @@ pub struct RunOptions {
     pub voxel_type: VoxelType,
     /// Name and type of a second field, from which a scene may take its colors; every brick then carries both. Default: none.
     pub color_field: Option<(String, VoxelType)>,
+    /// Names and types of further fields, which every brick carries behind those: people who watch may choose one, or an expression
+    /// over several. `v.x`, `v.y` and `v.z` are together the vector `v`. Default: none.
+    pub more_fields: Vec<(String, VoxelType)>,
+    /// What is shown first: a field or an expression, such as `magnitude(v)`. Default: `field`.
+    pub shown: Option<String>,
     /// This process among `ranks`, counted from 0.
     pub rank: u32,
     /// Processes that push bricks of every step.
@@ -39,6 +44,12 @@ pub struct RunOptions {
 }
 
 impl RunOptions {
+    /// All fields, in the order of a brick's.
+    pub(crate) fn fields(&self) -> impl Iterator<Item = (&str, VoxelType)> {
+        let others = self.color_field.iter().chain(&self.more_fields).map(|(name, t)| (name.as_str(), *t));
+        std::iter::once((self.field.as_str(), self.voxel_type)).chain(others)
+    }
+
     /// A run of one rank that never waits for the viewer.
     pub fn new(generator: &str, name: &str, field: &str, grid: Grid, voxel_type: VoxelType) -> Self {
         Self {
@@ -48,6 +59,8 @@ impl RunOptions {
             grid,
             voxel_type,
             color_field: None,
+            more_fields: Vec::new(),
+            shown: None,
             rank: 0,
             ranks: 1,
             full_policy: FullPolicy::DropOldest,

@@ -83,6 +83,8 @@ impl Session {
             scene: options.scene.as_ref().map(Into::into),
             resume_run_id: run_id,
             color_field: options.color_field.as_ref().map(Into::into),
+            more_fields: options.more_fields.iter().map(Into::into).collect(),
+            shown: options.shown.unwrap_or_default(),
         };
         let reply = ingest.open(request).await?.into_inner();
         let chunk_bytes = (reply.chunk_bytes as usize).clamp(1 << 12, lamina_rpc::MAX_MESSAGE_BYTES / 2);

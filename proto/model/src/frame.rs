@@ -1,6 +1,7 @@
 //! What accompanies an encoded step on its way to the viewers.
 
 use crate::{Cost, GenerationParams, Limits, TuningState};
+use std::time::Duration;
 
 /// One encoded step, without its bytes.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -27,6 +28,8 @@ pub struct Frame {
     pub lost_ranks: Vec<u32>,
     /// Triggers that fired at this step.
     pub triggers: Vec<String>,
+    /// What computing the shown field from the run's took; zero where one is shown as it is.
+    pub derivation: Duration,
     /// The limits in force.
     pub limits: Limits,
     /// What the parameters come from.

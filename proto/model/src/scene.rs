@@ -1,6 +1,6 @@
 //! What is looked at and how: the paper's S_A.
 
-use crate::{Camera, ColorField, Effects, Grid, Invalid, TransferFunction, VdiParams};
+use crate::{Camera, Effects, Grid, Invalid, TransferFunction, VdiParams};
 use serde::{Deserialize, Serialize};
 
 /// Transfer function, generation camera, background, sampling step and effects. The paper's S_A.
@@ -41,22 +41,6 @@ impl Scene {
         self.effects.check(self.transfer.range())?;
         self.effects.check_step(self.step_voxels)?;
         Ok(self)
-    }
-
-    /// Passes data whose second field, of that name, is the one that colors are to come from, if they are.
-    ///
-    /// # Errors
-    /// If it has none, or one of another name.
-    pub fn check_second_field(&self, given: Option<&str>) -> Result<(), Invalid> {
-        let Some(ColorField { name, .. }) = &self.effects.color_field else { return Ok(()) };
-        let has = match given {
-            Some(given) if given == name => return Ok(()),
-            Some(given) => format!("the data's second field is \"{given}\""),
-            None => "the data has no second field".to_owned(),
-        };
-        let reason =
-            format!("the scene takes colors from \"{name}\", but {has}; push that field too, or change the scene");
-        Err(Invalid::new("effects.color_field", reason))
     }
 
     /// World length of one sampling step on `grid`.

@@ -93,6 +93,10 @@ pub struct Steerable {
     pub stopping: bool,
     /// Its numbers, with the values asked for last.
     pub numbers: Vec<SteerableNumber>,
+    /// The run's fields.
+    pub fields: Vec<String>,
+    /// What is shown of them, as asked for last.
+    pub shown: String,
 }
 
 impl Steerable {

@@ -197,11 +197,9 @@ mod tests {
         let scene = suggest(&[&v.clone().with_color_field("temperature", second).unwrap()]).unwrap();
         let colors = scene.effects.color_field.as_ref().unwrap();
         assert!(colors.name == "temperature" && colors.range.lo() < 302.0 && colors.range.hi() > 1298.0);
-        let check = |v: &Volume| scene.check_second_field(v.color_field().map(|(name, _)| name)).map_err(|e| e.reason);
-        assert!(check(&v).unwrap_err().contains("no second field"));
-        let other = v.with_color_field("pressure", Voxels::U8(vec![0; 4096])).unwrap();
-        assert!(check(&other).unwrap_err().contains("\"pressure\""));
-        assert!(suggest(&[&other]).unwrap().check_second_field(Some("pressure")).is_ok());
+        let other = v.clone().with_color_field("pressure", Voxels::U8(vec![0; 4096])).unwrap();
+        assert_eq!(suggest(&[&other]).unwrap().effects.color_field.unwrap().name, "pressure");
+        assert!(suggest(&[&v]).unwrap().effects.color_field.is_none());
     }
 
     #[test]

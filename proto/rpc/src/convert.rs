@@ -207,6 +207,7 @@ impl From<Frame> for v1::Frame {
             empty_voxels: frame.empty_voxels,
             lost_ranks: frame.lost_ranks,
             triggers: frame.triggers,
+            derivation_ns: frame.derivation.as_nanos() as u64,
             limits: Some(frame.limits.into()),
             tuning_state: v1::TuningState::from(frame.tuning).into(),
             overhead: frame.overhead,
@@ -231,6 +232,7 @@ impl TryFrom<v1::Frame> for Frame {
             empty_voxels: frame.empty_voxels,
             lost_ranks: frame.lost_ranks,
             triggers: trigger_names(frame.triggers)?,
+            derivation: Duration::from_nanos(frame.derivation_ns),
             limits: frame.limits.unwrap_or_default().into(),
             overhead: frame.overhead,
             throttle: frame.throttle,
@@ -262,16 +264,19 @@ impl TryFrom<v1::Run> for RunInfo {
     }
 }
 
-impl From<&(String, VoxelType)> for v1::SecondField {
+impl From<&(String, VoxelType)> for v1::RunField {
     fn from((name, voxel_type): &(String, VoxelType)) -> Self {
         Self { name: name.clone(), voxel_type: v1::VoxelType::from(*voxel_type).into() }
     }
 }
 
-impl TryFrom<&v1::SecondField> for (String, VoxelType) {
+impl TryFrom<&v1::RunField> for (String, VoxelType) {
     type Error = Invalid;
-    fn try_from(field: &v1::SecondField) -> Result<Self, Invalid> {
+    fn try_from(field: &v1::RunField) -> Result<Self, Invalid> {
         let voxel_type = field.voxel_type().try_into();
-        Ok((field.name.clone(), voxel_type.map_err(|e: Invalid| Invalid::new("color_field.voxel_type", e.reason))?))
+        Ok((
+            field.name.clone(),
+            voxel_type.map_err(|e: Invalid| Invalid::new("field", format!("{}: {}", field.name, e.reason)))?,
+        ))
     }
 }

@@ -100,6 +100,9 @@ pub struct Frame {
     /// Triggers that fired at this step.
     #[prost(string, repeated, tag = "15")]
     pub triggers: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
+    /// What computing the shown field from the run's took; 0 where one is shown as it is.
+    #[prost(uint64, tag = "16")]
+    pub derivation_ns: u64,
 }
 /// What a step is to keep.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
@@ -509,6 +512,20 @@ pub struct SteerRequest {
 }
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct SteerReply {}
+#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct ShowRequest {
+    /// Refused with NOT_FOUND if another run has begun.
+    #[prost(string, tag = "1")]
+    pub run_id: ::prost::alloc::string::String,
+    /// An expression over the run's fields.
+    #[prost(string, tag = "2")]
+    pub field: ::prost::alloc::string::String,
+    /// For people to read.
+    #[prost(string, tag = "3")]
+    pub asked_by: ::prost::alloc::string::String,
+}
+#[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct ShowReply {}
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct SteerableRequest {}
 /// What can be asked of the simulation now.
@@ -527,6 +544,11 @@ pub struct Steerable {
     /// With the values asked for last.
     #[prost(message, repeated, tag = "5")]
     pub numbers: ::prost::alloc::vec::Vec<SteerableNumber>,
+    /// The run's fields, and what is shown of them.
+    #[prost(string, repeated, tag = "6")]
+    pub fields: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
+    #[prost(string, tag = "7")]
+    pub shown: ::prost::alloc::string::String,
 }
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
 #[repr(i32)]
@@ -586,13 +608,20 @@ pub struct OpenRequest {
     pub resume_run_id: ::prost::alloc::string::String,
     /// The second field that every brick carries, for colors; absent: none.
     #[prost(message, optional, tag = "10")]
-    pub color_field: ::core::option::Option<SecondField>,
+    pub color_field: ::core::option::Option<RunField>,
     /// Name of the simulation's host, for a group of nodes to choose a near member; empty: not known.
     #[prost(string, tag = "11")]
     pub host: ::prost::alloc::string::String,
+    /// Further fields that every brick carries, behind those: for people to choose from, and for expressions. At most 64.
+    #[prost(message, repeated, tag = "12")]
+    pub more_fields: ::prost::alloc::vec::Vec<RunField>,
+    /// What is shown, an expression over the run's fields; empty: the first field.
+    #[prost(string, tag = "13")]
+    pub shown: ::prost::alloc::string::String,
 }
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
-pub struct SecondField {
+pub struct RunField {
+    /// 1 to 200 bytes; NAME.x, NAME.y and NAME.z are together a vector.
     #[prost(string, tag = "1")]
     pub name: ::prost::alloc::string::String,
     #[prost(enumeration = "::lamina_message::v1::VoxelType", tag = "2")]
@@ -662,7 +691,7 @@ pub mod push_part {
     pub enum Part {
         #[prost(message, tag = "1")]
         Header(super::BrickHeader),
-        /// Little-endian voxels, x fastest; those of the second field follow.
+        /// Little-endian voxels, x fastest; those of the other fields follow, one after another.
         #[prost(bytes, tag = "2")]
         Chunk(::prost::bytes::Bytes),
         /// All of them, where the node maps them, too; in place of chunks.
@@ -1466,7 +1495,7 @@ pub mod frames_client {
                 .insert(GrpcMethod::new("lamina.v1.Frames", "SubscribeTrials"));
             self.inner.server_streaming(req, path, codec).await
         }
-        /// What the simulation can be asked for, now and after every change.
+        /// What the simulation can be asked for, and what can be shown of its fields, now and after every change.
         pub async fn steerable(
             &mut self,
             request: impl tonic::IntoRequest<super::SteerableRequest>,
@@ -1508,6 +1537,26 @@ pub mod frames_client {
             let path = http::uri::PathAndQuery::from_static("/lamina.v1.Frames/Steer");
             let mut req = request.into_request();
             req.extensions_mut().insert(GrpcMethod::new("lamina.v1.Frames", "Steer"));
+            self.inner.unary(req, path, codec).await
+        }
+        /// Shows another field from the next step on, as a run of its own. INVALID_ARGUMENT: the run has none such. RESOURCE_EXHAUSTED: it
+        /// takes more memory than there is.
+        pub async fn show(
+            &mut self,
+            request: impl tonic::IntoRequest<super::ShowRequest>,
+        ) -> std::result::Result<tonic::Response<super::ShowReply>, tonic::Status> {
+            self.inner
+                .ready()
+                .await
+                .map_err(|e| {
+                    tonic::Status::unknown(
+                        format!("Service was not ready: {}", e.into()),
+                    )
+                })?;
+            let codec = tonic_prost::ProstCodec::default();
+            let path = http::uri::PathAndQuery::from_static("/lamina.v1.Frames/Show");
+            let mut req = request.into_request();
+            req.extensions_mut().insert(GrpcMethod::new("lamina.v1.Frames", "Show"));
             self.inner.unary(req, path, codec).await
         }
     }
@@ -1557,7 +1606,7 @@ pub mod frames_server {
             >
             + std::marker::Send
             + 'static;
-        /// What the simulation can be asked for, now and after every change.
+        /// What the simulation can be asked for, and what can be shown of its fields, now and after every change.
         async fn steerable(
             &self,
             request: tonic::Request<super::SteerableRequest>,
@@ -1567,6 +1616,12 @@ pub mod frames_server {
             &self,
             request: tonic::Request<super::SteerRequest>,
         ) -> std::result::Result<tonic::Response<super::SteerReply>, tonic::Status>;
+        /// Shows another field from the next step on, as a run of its own. INVALID_ARGUMENT: the run has none such. RESOURCE_EXHAUSTED: it
+        /// takes more memory than there is.
+        async fn show(
+            &self,
+            request: tonic::Request<super::ShowRequest>,
+        ) -> std::result::Result<tonic::Response<super::ShowReply>, tonic::Status>;
     }
     /// Generator-node, towards viz-nodes.
     #[derive(Debug)]
@@ -1812,6 +1867,49 @@ pub mod frames_server {
                     let inner = self.inner.clone();
                     let fut = async move {
                         let method = SteerSvc(inner);
+                        let codec = tonic_prost::ProstCodec::default();
+                        let mut grpc = tonic::server::Grpc::new(codec)
+                            .apply_compression_config(
+                                accept_compression_encodings,
+                                send_compression_encodings,
+                            )
+                            .apply_max_message_size_config(
+                                max_decoding_message_size,
+                                max_encoding_message_size,
+                            );
+                        let res = grpc.unary(method, req).await;
+                        Ok(res)
+                    };
+                    Box::pin(fut)
+                }
+                "/lamina.v1.Frames/Show" => {
+                    #[allow(non_camel_case_types)]
+                    struct ShowSvc<T: Frames>(pub Arc<T>);
+                    impl<T: Frames> tonic::server::UnaryService<super::ShowRequest>
+                    for ShowSvc<T> {
+                        type Response = super::ShowReply;
+                        type Future = BoxFuture<
+                            tonic::Response<Self::Response>,
+                            tonic::Status,
+                        >;
+                        fn call(
+                            &mut self,
+                            request: tonic::Request<super::ShowRequest>,
+                        ) -> Self::Future {
+                            let inner = Arc::clone(&self.0);
+                            let fut = async move {
+                                <T as Frames>::show(&inner, request).await
+                            };
+                            Box::pin(fut)
+                        }
+                    }
+                    let accept_compression_encodings = self.accept_compression_encodings;
+                    let send_compression_encodings = self.send_compression_encodings;
+                    let max_decoding_message_size = self.max_decoding_message_size;
+                    let max_encoding_message_size = self.max_encoding_message_size;
+                    let inner = self.inner.clone();
+                    let fut = async move {
+                        let method = ShowSvc(inner);
                         let codec = tonic_prost::ProstCodec::default();
                         let mut grpc = tonic::server::Grpc::new(codec)
                             .apply_compression_config(
@@ -3214,7 +3312,7 @@ pub struct GroupArrival {
     pub boxes: ::prost::alloc::vec::Vec<GroupBox>,
 }
 /// Which of the step's points of every `stride`-th index on all axes a member has: to choose a scene from. Answer: their bytes, box by
-/// box, x fastest, those of the second field behind those of the first.
+/// box, x fastest, those of the other fields behind those of the first.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct GroupSample {
     #[prost(uint64, tag = "1")]
@@ -3222,22 +3320,24 @@ pub struct GroupSample {
     #[prost(uint32, tag = "2")]
     pub stride: u32,
 }
-/// Members exchange ghost points and make a field of each of their boxes. Answer: the number of its own points that are not finite, u64.
+/// Members exchange ghost points and make a field of each of their boxes. Answer: the number of its own points that are not finite,
+/// u64, and whether there are any in all that it has, u8.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct GroupPrepare {
     #[prost(uint64, tag = "1")]
     pub step: u64,
     #[prost(message, optional, tag = "2")]
     pub grid: ::core::option::Option<::lamina_message::v1::Grid>,
-    #[prost(enumeration = "::lamina_message::v1::VoxelType", tag = "3")]
-    pub voxel_type: i32,
-    #[prost(message, optional, tag = "4")]
-    pub color_field: ::core::option::Option<SecondField>,
     #[prost(message, optional, tag = "5")]
     pub scene: ::core::option::Option<::lamina_message::v1::Scene>,
     /// Of each member.
     #[prost(message, repeated, tag = "6")]
     pub members: ::prost::alloc::vec::Vec<GroupBoxes>,
+    /// All fields of the run, in the order of a brick's bytes, and what is shown of them.
+    #[prost(message, repeated, tag = "7")]
+    pub fields: ::prost::alloc::vec::Vec<RunField>,
+    #[prost(string, tag = "8")]
+    pub shown: ::prost::alloc::string::String,
 }
 /// Members send each other the lists of their boxes by tile, and composite their own tile. Answer: its lists.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]

@@ -63,8 +63,9 @@ impl TryFrom<v1::Steering> for Steering {
 
 impl From<Steerable> for v1::Steerable {
     fn from(of: Steerable) -> Self {
-        let Steerable { run_id, listens, paused, stopping, numbers } = of;
-        Self { run_id, listens, paused, stopping, numbers: numbers.into_iter().map(Into::into).collect() }
+        let Steerable { run_id, listens, paused, stopping, numbers, fields, shown } = of;
+        let numbers = numbers.into_iter().map(Into::into).collect();
+        Self { run_id, listens, paused, stopping, numbers, fields, shown }
     }
 }
 
@@ -72,7 +73,7 @@ impl TryFrom<v1::Steerable> for Steerable {
     type Error = Invalid;
 
     fn try_from(of: v1::Steerable) -> Result<Self, Invalid> {
-        let v1::Steerable { run_id, listens, paused, stopping, numbers: given } = of;
-        Ok(Self { run_id, listens, paused, stopping, numbers: numbers(given)? })
+        let v1::Steerable { run_id, listens, paused, stopping, numbers: given, fields, shown } = of;
+        Ok(Self { run_id, listens, paused, stopping, numbers: numbers(given)?, fields, shown })
     }
 }

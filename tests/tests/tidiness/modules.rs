@@ -16,11 +16,12 @@ struct SourceFile {
 struct CrateModules(BTreeMap<ModulePath, SourceFile>);
 
 /// Crates of the product, tests aside.
-const CRATES: [&str; 18] = [
+const CRATES: [&str; 19] = [
     "proto/model",
     "proto/message",
     "proto/codec",
     "proto/rpc",
+    "proto/field-expression",
     "proto/compute",
     "proto/raycast",
     "proto/vdi-render",

@@ -91,6 +91,8 @@ pub struct StepRow {
     pub lost_ranks: Vec<u32>,
     /// Triggers that fired at the step.
     pub triggers: Vec<String>,
+    /// Milliseconds that computing the shown field from the run's took.
+    pub derivation_ms: f64,
     /// The size limit in force.
     pub size_limit_bytes: Option<u64>,
     /// The generation time limit in force.
@@ -160,6 +162,7 @@ impl StepRow {
             empty_voxels: frame.empty_voxels,
             lost_ranks: frame.lost_ranks.clone(),
             triggers: frame.triggers.clone(),
+            derivation_ms: 1e3 * frame.derivation.as_secs_f64(),
             size_limit_bytes: limits.size_bytes,
             time_limit_ms: limits.time_ms,
             limit_kept,
@@ -203,6 +206,7 @@ mod tests {
             throttle: 0.5,
             lost_ranks: vec![3, 17],
             triggers: vec!["hot".into(), "fast".into()],
+            derivation: std::time::Duration::from_micros(1250),
             ..frame.clone()
         };
         let row = StepRow::live(&measured, true);
@@ -213,9 +217,10 @@ mod tests {
             assert_eq!(line.split(',').count(), StepRow::csv_header().split(',').count());
             assert_eq!(StepRow::from_csv(&line[..9]), None);
             // Lines of before there were shares, and of before there were volumes.
-            for columns in [21, 16, 15] {
+            for columns in [23, 21, 16, 15] {
                 let old = StepRow::from_csv(&line.split(',').take(columns).collect::<Vec<_>>().join(",")).unwrap();
-                assert_eq!((old.step, old.psnr_db, old.lost_ranks), (row.step, row.psnr_db, Vec::new()));
+                assert_eq!((old.step, old.psnr_db, old.derivation_ms), (row.step, row.psnr_db, 0.0));
+                assert!(columns > 21 || old.lost_ranks.is_empty());
                 let since = [old.half_width_db, old.overhead];
                 assert!(columns > 16 || since == [None, None], "{since:?}");
             }
@@ -241,7 +246,7 @@ mod tests {
             StepRow::csv_header(),
             "step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,encode_ms,supersegments,dropped_steps,\
              empty_voxels,size_limit_bytes,time_limit_ms,limit_kept,psnr_db_by_angle,representation,\
-             psnr_half_width_db,measured,tuning,overhead,throttle,lost_ranks,triggers\n"
+             psnr_half_width_db,measured,tuning,overhead,throttle,lost_ranks,triggers,derivation_ms\n"
         );
     }
 }

@@ -43,6 +43,8 @@ struct Line {
     /// Joined by semicolons.
     #[serde(default)]
     triggers: String,
+    #[serde(default)]
+    derivation_ms: f64,
 }
 
 static HEADER: LazyLock<String> = LazyLock::new(|| {
@@ -51,8 +53,9 @@ static HEADER: LazyLock<String> = LazyLock::new(|| {
     names
 });
 
-/// Columns of lines from before there were volumes, before measuring had a share of the processor, and before steps had holes.
-const EARLIER: [usize; 3] = [15, 16, 21];
+/// Columns of lines from before there were volumes, before measuring had a share of the processor, before steps had holes, and before
+/// fields were computed.
+const EARLIER: [usize; 4] = [15, 16, 21, 23];
 
 /// The line with its end, after the names of the columns if they are wanted.
 fn written(line: &Line, with_names: bool) -> String {
@@ -101,6 +104,7 @@ impl StepRow {
             throttle: self.throttle,
             lost_ranks: self.lost_ranks.iter().map(u32::to_string).collect::<Vec<_>>().join(";"),
             triggers: self.triggers.join(";"),
+            derivation_ms: rounded(self.derivation_ms, 3),
         };
         written(&line, false)
     }
@@ -136,6 +140,7 @@ impl StepRow {
             empty_voxels: line.empty_voxels,
             lost_ranks,
             triggers: line.triggers.split(';').filter(|name| !name.is_empty()).map(str::to_owned).collect(),
+            derivation_ms: line.derivation_ms,
             size_limit_bytes: line.size_limit_bytes,
             time_limit_ms: line.time_limit_ms,
             psnr_limit_db: None,

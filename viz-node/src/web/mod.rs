@@ -60,6 +60,7 @@ impl Web {
             .route("/api/events", get(events))
             .route("/api/contract", post(requests::contract))
             .route("/api/steer", post(requests::steer))
+            .route("/api/show", post(requests::show))
             .route("/api/step/{step}", get(step))
             .route("/api/image", get(image))
             .route("/api/transfer", get(transfer))

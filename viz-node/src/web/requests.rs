@@ -1,4 +1,4 @@
-//! Requests from the page: another contract of the tuner, and steering of the simulation.
+//! Requests from the page: another contract of the tuner, another field, and steering of the simulation.
 
 use super::Web;
 use super::guard::Rights;
@@ -64,7 +64,29 @@ pub(super) async fn steer(
     if let Some(refusal) = refusal(rights) {
         return refusal;
     }
-    match web.steering.ask(Steering { request, asked_by: asked_by(peer) }).await {
+    answer(web.steering.ask(Steering { request, asked_by: asked_by(peer) }).await)
+}
+
+#[derive(Deserialize)]
+pub(super) struct FieldAsked {
+    field: String,
+}
+
+/// Asks the generator-node for another field; answered when it is to be the next step's.
+pub(super) async fn show(
+    State(web): State<Web>,
+    Extension(rights): Extension<Rights>,
+    Extension(peer): Extension<Peer>,
+    Json(FieldAsked { field }): Json<FieldAsked>,
+) -> Response {
+    if let Some(refusal) = refusal(rights) {
+        return refusal;
+    }
+    answer(web.steering.show(field, asked_by(peer)).await)
+}
+
+fn answer(asked: Result<(), tonic::Status>) -> Response {
+    match asked {
         Ok(()) => StatusCode::NO_CONTENT.into_response(),
         Err(status) if status.code() == tonic::Code::Unavailable => {
             (StatusCode::SERVICE_UNAVAILABLE, status.message().to_owned()).into_response()

@@ -24,6 +24,8 @@ export interface StepRow {
   lost_ranks: number[];
   /** Names of triggers that fired at the step. */
   triggers: string[];
+  /** What computing the shown field from the run's took. */
+  derivation_ms: number;
   /** The limits that were in force. */
   size_limit_bytes: number | null;
   time_limit_ms: number | null;
@@ -76,6 +78,9 @@ export interface Steerable {
   paused: boolean;
   stopping: boolean;
   numbers: SteerableNumber[];
+  /** The run's fields, and what is to be shown of them. */
+  fields: string[];
+  shown: string;
 }
 
 export interface PageState {

@@ -4,6 +4,7 @@
 import { writeAddress } from "./address";
 import { drawColors } from "./colors";
 import { drawContract } from "./contract";
+import { drawField } from "./field";
 import { drawPareto } from "./pareto";
 import { pumpPicture } from "./picture";
 import { PLOTS, drawAccuracy, drawPlot, drawTimeline } from "./plots";
@@ -47,6 +48,7 @@ function draw(): void {
   drawAccuracy();
   drawPareto();
   drawContract();
+  drawField();
   drawSteering();
   if (store.loaded && !motion.held && !motion.timer) writeAddress();
 }

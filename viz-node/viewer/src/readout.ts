@@ -38,8 +38,9 @@ function readoutFields(row: StepRow): [string, string, boolean?][] {
 }
 
 /** What most steps do not have. */
-function exceptions({ empty_voxels, lost_ranks, triggers }: StepRow): [string, string][] {
+function exceptions({ derivation_ms, empty_voxels, lost_ranks, triggers }: StepRow): [string, string][] {
   const found: [string, string][] = [];
+  if (derivation_ms > 0) found.push(["Field computed in", `${fixed(derivation_ms, 1)} ms`]);
   if (empty_voxels > 0) found.push(["Missing voxels", empty_voxels.toLocaleString("en")]);
   if (lost_ranks.length > 0) found.push(["Silent ranks", lost_ranks.length > 4 ? String(lost_ranks.length) : lost_ranks.join(", ")]);
   if (triggers.length > 0) found.push(["Triggers", triggers.join(", ")]);

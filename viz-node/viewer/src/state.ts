@@ -57,7 +57,7 @@ export const store: Store = {
   studyAt: 0,
   tuner: null,
   maySteer: false,
-  steerable: { listens: false, paused: false, stopping: false, numbers: [] },
+  steerable: { listens: false, paused: false, stopping: false, numbers: [], fields: [], shown: "" },
 };
 
 /** `step: null` follows the newest; the camera is relative to the generation camera. */

@@ -130,7 +130,7 @@ pub struct Raw {
     /// Voxel type of a raw file: uint8, uint16, int16, float32, float64
     #[arg(long, value_name = "TYPE")]
     pub dtype: Option<VoxelType>,
-    /// Array to read, where a file has several
+    /// Array to read, where a file has several, or an expression over them, such as "magnitude(v)"
     #[arg(long, value_name = "NAME")]
     pub field: Option<String>,
     /// Value that stands where a voxel is missing, such as -9999; NaN is missing in any case

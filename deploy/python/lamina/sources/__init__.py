@@ -28,6 +28,10 @@ class Step:
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     missing: float | None = None
     """The value that stands where there is none; NaN is missing in any case."""
+    colors: numpy.ndarray | None = None
+    """Of the second field, for colors."""
+    more: dict[str, numpy.ndarray] = dataclasses.field(default_factory=dict)
+    """Further fields by the names that expressions call them."""
 
 
 @dataclass
@@ -36,6 +40,12 @@ class Options:
 
     field: str | None = None
     """Array to read, where there are several."""
+    color_field: str | None = None
+    """Array that colors come from."""
+    more_fields: dict[str, str] = dataclasses.field(default_factory=dict)
+    """Further arrays to choose from: what expressions call them, and what the source does."""
+    shown: str | None = None
+    """What is shown first, a field or an expression; else `field`."""
     axes: str = "zyx"
     """Order of the axes of arrays that do not say, slowest first."""
     spacing: tuple[float, float, float] | None = None
@@ -111,7 +121,29 @@ def uniform(points: numpy.ndarray, axis: str) -> tuple[float, float]:
 
 
 def open_source(source: str, options: Options) -> Iterator[Step]:
-    """The steps of `source`: a folder, a file or series that is being written, or a stream."""
+    """The steps of `source`: a folder, a file or series that is being written, or a stream. Each with all fields that are asked for."""
+    names = list(options.more_fields.values()) + ([options.color_field] if options.color_field else [])
+    if not names:
+        return open_field(source, options)
+    if source.endswith(".sst"):
+        raise Unfit(f"{source}: a stream is read once, for one field; let it be written to a file, and watch that")
+    return _together(source, options, names)
+
+
+def _together(source: str, options: Options, names: list[str]) -> Iterator[Step]:
+    beside = [open_field(source, dataclasses.replace(options, field=name)) for name in names]
+    for step, *others in zip(open_field(source, options), *beside):
+        for name, other in zip(names, others):
+            if (other.number, other.values.shape) != (step.number, step.values.shape):
+                raise Unfit(f"{source}: field \"{name}\" of step {other.number} is on {other.values.shape} points, beside {step.values.shape}")
+        values = [other.values for other in others]
+        step.more = dict(zip(options.more_fields, values))
+        step.colors = values[-1] if options.color_field else None
+        yield step
+
+
+def open_field(source: str, options: Options) -> Iterator[Step]:
+    """The steps of `source` with the field that `options` name."""
     from . import adios_stream, files, folder, growing, openpmd_series
 
     if source.startswith("openpmd:"):

@@ -57,7 +57,7 @@ fn several_bricks_of_a_rank_and_none_of_another_make_the_exact_volume() {
     for step in 0..6 {
         let complete = node.core.take_complete(Instant::now()).unwrap();
         assert_eq!(complete.step, step);
-        assert_eq!(complete.into_volume().unwrap(), expected);
+        assert_eq!(volume_of(complete), expected);
     }
 }
 

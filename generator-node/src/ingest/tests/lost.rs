@@ -24,7 +24,7 @@ fn steps_without_a_silent_rank_are_whole_but_for_a_hole() {
         for step in [1, 2] {
             let complete = node.core.take_complete(node.start).unwrap();
             assert_eq!((complete.step, &complete.lost_ranks[..], complete.dropped_steps), (step, &[1][..], 0));
-            let volume = complete.into_volume().unwrap();
+            let volume = volume_of(complete);
             let Voxels::F32(values) = volume.voxels() else { panic!("a hole in integers") };
             let plane = (DIMS[0] * DIMS[1]) as usize;
             for (n, value) in values.iter().enumerate() {

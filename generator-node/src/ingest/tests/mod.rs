@@ -1,6 +1,7 @@
 //! The ingest state machine, held to its promises: admission before bytes, a bound on memory, one run of agreeing ranks.
 
 mod bricks;
+mod fields;
 mod group;
 mod lost;
 mod runs;
@@ -21,18 +22,25 @@ const IDLE: Duration = Duration::from_secs(30);
 
 fn spec(ranks: u32, full_policy: FullPolicy) -> RunSpec {
     let grid = Grid::new(DIMS.map(|d| d as usize), DVec3::ONE, DVec3::ZERO).unwrap();
-    let (name, field) = ("blast".into(), "density".into());
     RunSpec {
-        name,
-        field,
+        name: "blast".into(),
+        field: "density".into(),
         grid,
         voxel_type: VoxelType::U16,
         ranks,
         full_policy,
         scene: None,
         color_field: None,
+        more_fields: Vec::new(),
+        shown: None,
         members: 1,
     }
+}
+
+/// What the run shows of a step.
+fn volume_of(step: CompleteStep) -> Volume {
+    let shown = step.spec.shown_fields(step.spec.shown(), step.spec.scene.as_ref()).unwrap();
+    step.into_volume(&shown).unwrap().0
 }
 
 /// A node with room for `waiting` steps, and the time of the test's start.
@@ -132,7 +140,7 @@ fn three_uneven_slabs_in_any_order_make_the_exact_volume() {
     let complete: CompleteStep = node.core.take_complete(Instant::now()).unwrap();
     assert_eq!((complete.step, complete.time, complete.run_id.as_str()), (0, 0.0, "a"));
     let expected = Voxels::U16((0..VOXELS as u16).collect());
-    assert_eq!(complete.into_volume().unwrap(), Volume::new(spec(1, FullPolicy::Block).grid, expected).unwrap());
+    assert_eq!(volume_of(complete), Volume::new(spec(1, FullPolicy::Block).grid, expected).unwrap());
 }
 
 #[test]
@@ -156,7 +164,7 @@ fn slabs_of_two_fields_make_both_and_count_for_both() {
         complete = node.receive(0, rank, bytes);
     }
     assert_eq!(complete, Some(true));
-    let volume = node.core.take_complete(Instant::now()).unwrap().into_volume().unwrap();
+    let volume = volume_of(node.core.take_complete(Instant::now()).unwrap());
     assert_eq!(volume.voxels(), &Voxels::U16((0..VOXELS as u16).collect()));
     assert_eq!(volume.color_field(), Some(("heat", &Voxels::F32((0..VOXELS).map(heat).collect()))));
     assert!(matches!(node.admit(1, 0), Ok(Admit::Granted(_))), "its memory is free again");

@@ -17,6 +17,7 @@ pub unsafe extern "C" fn lamina_buffer(
     dims: *const [u64; 3],
     voxels: *mut *mut c_void,
     colors: *mut *mut c_void,
+    more: *mut *mut c_void,
 ) -> i32 {
     let give = || {
         // SAFETY: by the function's own condition.
@@ -30,11 +31,18 @@ pub unsafe extern "C" fn lamina_buffer(
             return Err(invalid("buffer", format!("{MOST_BUFFERS} of them are not pushed yet")));
         }
         let mut buffer = connection.client.buffer([0; 3], sizes("dims", *dims)?)?;
-        let (first, second) = buffer.addresses();
-        *place = first.cast();
+        let mut fields = buffer.addresses().into_iter();
+        *place = fields.next().map_or(std::ptr::null_mut(), <*mut u8>::cast);
+        let second = if connection.client.options().color_field.is_some() { fields.next() } else { None };
         // SAFETY: null or writable, by the function's own condition.
         if let Some(place) = unsafe { colors.as_mut() } {
-            *place = second.cast();
+            *place = second.map_or(std::ptr::null_mut(), <*mut u8>::cast);
+        }
+        if !more.is_null() {
+            for (n, address) in fields.enumerate() {
+                // SAFETY: there is room for as many as the run has further fields, by the function's own condition.
+                unsafe { more.add(n).write(address.cast()) };
+            }
         }
         connection.buffers.push(buffer);
         Ok(0)
@@ -53,7 +61,13 @@ impl Connection {
         let (dims, start) = (sizes("", given.dims).ok()?, sizes("", given.start).ok()?);
         let strides = sizes("", given.strides).ok()?;
         let whole = strides == [0; 3] || strides == dense(dims);
-        let is_it = |buffer: &Buffer| buffer.dims() == dims && buffer.is_at(given.voxels.cast(), given.colors.cast());
+        let run = self.client.options();
+        let colors = run.color_field.as_ref().map(|_| given.colors);
+        // SAFETY: there are as many as the run has further fields, by the function's own condition.
+        let more = unsafe { given.more(run.more_fields.len()) }.iter().map(|array| array.voxels);
+        let fields: Vec<*const u8> =
+            std::iter::once(given.voxels).chain(colors).chain(more).map(<*const _>::cast).collect();
+        let is_it = |buffer: &Buffer| buffer.dims() == dims && buffer.is_at(&fields);
         let n = self.buffers.iter().position(is_it).filter(|_| whole)?;
         Some(self.buffers.swap_remove(n).at(start))
     }

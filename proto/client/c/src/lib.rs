@@ -23,6 +23,28 @@ pub struct CBrick {
     colors: *const c_void,
     voxel_type: i32,
     color_type: i32,
+    more: *const CArray,
+}
+
+/// `lamina_array` of the header.
+#[repr(C)]
+pub struct CArray {
+    voxels: *const c_void,
+    voxel_type: i32,
+}
+
+impl CBrick {
+    /// The arrays of its further fields; none where they are not stated.
+    ///
+    /// # Safety
+    /// `count` of them are there, or the pointer is null.
+    unsafe fn more(&self, count: usize) -> &[CArray] {
+        if self.more.is_null() {
+            return &[];
+        }
+        // SAFETY: by the function's own condition.
+        unsafe { std::slice::from_raw_parts(self.more, count) }
+    }
 }
 
 /// `lamina_summary` of the header.
@@ -128,7 +150,7 @@ unsafe fn slice<'a>(
 ) -> Result<VoxelSlice<'a>, ClientError> {
     let bytes = voxel_type.size_bytes();
     if first.is_null() || !(first as usize).is_multiple_of(bytes) {
-        let laid_out = if thing == "brick.colors" { ", or not laid out as the voxels are" } else { "" };
+        let laid_out = if thing != "brick.voxels" { ", or not laid out as the voxels are" } else { "" };
         let null = || format!("is NULL{laid_out}");
         return Err(invalid(thing, if first.is_null() { null() } else { "is not aligned to its type".to_owned() }));
     }
@@ -190,7 +212,9 @@ pub unsafe extern "C" fn lamina_push(client: *mut Connection, step: u64, time: f
         // SAFETY: by the function's own condition.
         let connection = unsafe { connection(client) }?;
         // SAFETY: by the function's own condition.
-        let read = unsafe { connection.read(step, brick) };
+        let mut more = Vec::new();
+        // SAFETY: by the function's own condition.
+        let read = unsafe { connection.read(step, brick, &mut more) };
         let read = read.inspect_err(|_| connection.unfit += 1)?;
         // SAFETY: as above.
         let pushed = match unsafe { connection.take_buffer(brick) } {
@@ -221,7 +245,10 @@ pub unsafe extern "C" fn lamina_push_bricks(
             return Err(invalid("bricks", "is NULL"));
         }
         // SAFETY: that many are there, by the function's own condition.
-        let read = (0..count).map(|n| unsafe { connection.read(step, bricks.wrapping_add(n)) }).collect();
+        let mut more = vec![Vec::new(); count];
+        let each = more.iter_mut().enumerate();
+        // SAFETY: that many are there, by the function's own condition.
+        let read = each.map(|(n, more)| unsafe { connection.read(step, bricks.wrapping_add(n), more) }).collect();
         let read: Vec<Brick> = Result::inspect_err(read, |_| connection.unfit += count as u64)?;
         connection.client.push_bricks(step, time, &read).map(code_of)
     };
@@ -253,7 +280,12 @@ impl Connection {
     ///
     /// # Safety
     /// It is null or as the header says, and what it refers to outlives the result.
-    unsafe fn read<'a>(&self, step: u64, brick: *const CBrick) -> Result<Brick<'a>, ClientError> {
+    unsafe fn read<'a>(
+        &self,
+        step: u64,
+        brick: *const CBrick,
+        more: &'a mut Vec<VoxelSlice<'a>>,
+    ) -> Result<Brick<'a>, ClientError> {
         if step > i64::MAX as u64 {
             return Err(invalid("step", format!("{} is negative", step as i64)));
         }
@@ -282,7 +314,14 @@ impl Connection {
             // SAFETY: as for the voxels.
             brick = brick.with_colors(unsafe { slice("brick.colors", given.colors, span, of_colors) }?);
         }
-        Ok(brick)
+        // SAFETY: as many as the run has are there, by the function's own condition.
+        let arrays = unsafe { given.more(run.more_fields.len()) };
+        for (array, (name, of_run)) in arrays.iter().zip(&run.more_fields) {
+            let of_array = check("brick.more.type", array.voxel_type, name, *of_run)?;
+            // SAFETY: as for the voxels.
+            more.push(unsafe { slice("brick.more.voxels", array.voxels, span, of_array) }?);
+        }
+        Ok(brick.with_more_fields(more))
     }
 }
 

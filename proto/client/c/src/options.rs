@@ -4,9 +4,12 @@ use crate::steering::{self, CNumber};
 use crate::{invalid, sizes, text, voxel_type};
 use glam::DVec3;
 use lamina_client::{ClientError, FullPolicy, RunOptions, launched_rank};
-use lamina_model::Grid;
+use lamina_model::{Grid, VoxelType};
 use std::ffi::c_char;
 use std::time::Duration;
+
+/// Further fields that a node takes.
+const MOST_FIELDS: usize = 64;
 
 /// `lamina_options` of the header.
 #[repr(C)]
@@ -28,6 +31,16 @@ pub struct Options {
     steering: i32,
     number_count: u32,
     numbers: *const CNumber,
+    more_fields: *const CField,
+    more_field_count: u32,
+    shown: *const c_char,
+}
+
+/// `lamina_field` of the header.
+#[repr(C)]
+pub struct CField {
+    name: *const c_char,
+    voxel_type: i32,
 }
 
 /// The run, with what is needed stated and defaults for the rest.
@@ -47,6 +60,9 @@ pub(crate) unsafe fn run_options(run: &Options) -> Result<RunOptions, ClientErro
         Ok(name) => Some((name, voxel_type("color_type", run.color_type)?)),
         Err(_) => None,
     };
+    // SAFETY: by the function's own condition.
+    let more_fields = unsafe { more_fields(run) }?;
+    let shown = Some(read("shown", run.shown, "")?).filter(|shown| !shown.is_empty()).map(str::to_owned);
     let full_policy = match run.full_policy {
         0 => FullPolicy::DropOldest,
         1 => FullPolicy::DropNewest,
@@ -80,5 +96,40 @@ pub(crate) unsafe fn run_options(run: &Options) -> Result<RunOptions, ClientErro
     // SAFETY: by the function's own condition.
     let numbers = unsafe { steering::numbers(run.numbers, run.number_count) }?;
     let steering = (run.steering != 0).then_some(numbers);
-    Ok(RunOptions { color_field, rank, ranks, full_policy, deadline, credentials, steering, ..options })
+    Ok(RunOptions {
+        color_field,
+        more_fields,
+        shown,
+        rank,
+        ranks,
+        full_policy,
+        deadline,
+        credentials,
+        steering,
+        ..options
+    })
+}
+
+/// The further fields.
+///
+/// # Safety
+/// As many are there as the run says, and their names are null or texts that end with a zero.
+unsafe fn more_fields(run: &Options) -> Result<Vec<(String, VoxelType)>, ClientError> {
+    let count = run.more_field_count as usize;
+    if count == 0 {
+        return Ok(Vec::new());
+    }
+    if run.more_fields.is_null() || count > MOST_FIELDS {
+        return Err(invalid("more_fields", format!("is NULL, or {count} are more than {MOST_FIELDS}")));
+    }
+    // SAFETY: not null, and that many by the function's own condition.
+    let fields = unsafe { std::slice::from_raw_parts(run.more_fields, count) };
+    let read = |field: &CField| {
+        // SAFETY: by the function's own condition.
+        match unsafe { text("more_fields.name", field.name, "") }? {
+            "" => Err(invalid("more_fields.name", "is not stated")),
+            name => Ok((name.to_owned(), voxel_type("more_fields.type", field.voxel_type)?)),
+        }
+    };
+    fields.iter().map(read).collect()
 }

@@ -33,7 +33,7 @@ pub struct Field {
 
 impl Field {
     /// Maps `volume` into the range of the scene's transfer function, and finds its empty space. A second field is kept if the
-    /// scene takes its colors from a field of that name ([`Scene::check_second_field`]).
+    /// scene takes its colors from a field of that name.
     pub fn new(volume: Volume, scene: &Scene) -> Self {
         let whole = GridPart::whole(volume.grid());
         let grid = *volume.grid();
