@@ -197,8 +197,6 @@ fn lambda2(j: [f64; 9]) -> f64 {
     }
     let [a, b, c, xy, xz, yz] = [a, b, c, xy, xz, yz].map(|entry| entry / p);
     let half_determinant = 0.5 * (a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz));
-    let angle = half_determinant.clamp(-1.0, 1.0).acos() / 3.0;
-    let largest = 2.0 * angle.cos();
-    let smallest = 2.0 * (angle + 2.0 * std::f64::consts::FRAC_PI_3).cos();
-    mean - p * (largest + smallest)
+    // The middle root of x^3 - 3 x = 2 r.
+    mean - 2.0 * p * (half_determinant.clamp(-1.0, 1.0).asin() / 3.0).sin()
 }
