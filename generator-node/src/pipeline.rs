@@ -5,7 +5,7 @@ use crate::ingest::{CompleteStep, Ingest, RunSpec};
 use crate::node_state::NodeState;
 use crate::overhead::Coupling;
 use crate::rate_control::{Rung, generate_within, start_params};
-use crate::steering::SteeringRelay;
+use crate::steering::{Changes, SteeringRelay};
 use crate::step::{FieldSource, Purpose, Step};
 use crate::triggers::{Action, Fired, Statistics, Triggers, write_raw};
 use lamina_compute::{Activity, Laps, Priority};
@@ -48,10 +48,18 @@ struct Pipeline {
 struct ShownRun {
     /// As the simulation has it.
     id: String,
-    /// As viewers have it: another one with every change of the field.
+    /// As viewers have it: another one with every change that somebody asks for.
     info: Arc<RunInfo>,
     changes: u32,
     scene: Scene,
+}
+
+/// The run of the next step.
+struct NextRun {
+    id: String,
+    info: Arc<RunInfo>,
+    changes: Changes,
+    is_new: bool,
 }
 
 /// What triggers see of a step: statistics, and its voxels where they may be asked for.
@@ -215,13 +223,12 @@ impl Pipeline {
 
     fn prepare(&mut self, step: Arrived) -> Result<(Step, Option<Seen>), Invalid> {
         let ((run_id, number, time, _), spec) = (step.numbers(), step.spec().clone());
-        let (id, info, changes, scene, before) = self.shown_run(run_id, &spec);
+        let (NextRun { id, info, changes, is_new }, scene, before) = self.next_run(run_id, &spec);
         let shown = match &scene {
-            // A field that somebody has chosen has the colors of its values.
-            None if info.field != spec.shown() => self.settings.steering.check(&info.field)?.0,
+            None if info.field != spec.shown() => spec.chosen_field(&info.field)?,
             scene => spec.shown_fields(&info.field, scene.as_ref())?,
         };
-        let chosen = |scene| beside(scene, before.as_ref());
+        let chosen = |scene| changes.all.apply(beside(scene, before.as_ref()));
         let (mut lost_ranks, mut seen, mut derivation) = (Vec::new(), None, Duration::ZERO);
         let (source, scene) = match step {
             Arrived::Own(step) => {
@@ -248,7 +255,10 @@ impl Pipeline {
                 (FieldSource::Group(Box::new(of_members)), scene)
             }
         };
-        self.run = Some(ShownRun { id, info: info.clone(), changes, scene });
+        if is_new {
+            self.settings.steering.begin(&info, &spec, &scene.transfer);
+        }
+        self.run = Some(ShownRun { id, info: info.clone(), changes: changes.count, scene });
         if source.empty_voxels() > 0 {
             tracing::warn!(step = number, voxels = source.empty_voxels(), "NaN or infinite voxels, drawn as empty");
         }
@@ -256,25 +266,31 @@ impl Pipeline {
         Ok((step.without(lost_ranks).derived_in(derivation), seen))
     }
 
-    /// The run as the simulation and as viewers have it, how often its field was changed, its scene if that is known, and the scene
-    /// before a change.
-    fn shown_run(&mut self, id: &str, spec: &RunSpec) -> (String, Arc<RunInfo>, u32, Option<Scene>, Option<Scene>) {
+    /// The run of the next step, its scene if that is known, and the scene that it had before another field was chosen.
+    fn next_run(&mut self, id: &str, spec: &RunSpec) -> (NextRun, Option<Scene>, Option<Scene>) {
         let known = self.run.take().filter(|run| run.id == id);
-        let asked = known.as_ref().and_then(|_| self.settings.steering.shown(id));
-        let field = asked.unwrap_or_else(|| spec.shown().to_owned());
-        let (changes, before) = match known {
+        let Changes { count, all } = self.settings.steering.changes(id).unwrap_or_default();
+        let (scene, before) = match known {
             // One scene for the whole run, so that its steps can be compared.
-            Some(run) if run.info.field == field => return (run.id, run.info, run.changes, Some(run.scene), None),
-            Some(run) => (run.changes + 1, Some(run.scene)),
-            None => (0, None),
+            Some(run) if run.changes == count => {
+                let next = NextRun { id: run.id, info: run.info, changes: Changes { count, all }, is_new: false };
+                return (next, Some(run.scene), None);
+            }
+            Some(run) if all.field.as_ref().is_none_or(|field| *field == run.info.field) => {
+                (Some(all.apply(run.scene)), None)
+            }
+            Some(run) => (None, Some(run.scene)),
+            None => (None, None),
         };
         self.node.restart();
         self.start = None;
+        let field = all.field.clone().unwrap_or_else(|| spec.shown().to_owned());
         // What the simulation states is of its own field.
-        let stated = spec.scene.clone().filter(|_| field == spec.shown());
-        let info = RunInfo { id: RunInfo::shown_id(id, changes), name: spec.name.clone(), field, grid: spec.grid };
-        self.settings.steering.begin(&info.id, spec, &info.field);
-        (id.to_owned(), Arc::new(info), changes, stated, before)
+        let stated = || spec.scene.clone().filter(|_| field == spec.shown()).map(|scene| all.apply(scene));
+        let scene = scene.or_else(stated);
+        let info = RunInfo { id: RunInfo::shown_id(id, count), name: spec.name.clone(), field, grid: spec.grid };
+        let changes = Changes { count, all };
+        (NextRun { id: id.to_owned(), info: Arc::new(info), changes, is_new: true }, scene, before)
     }
 }
 

@@ -7,7 +7,7 @@ use crate::ingest::Ingest;
 use crate::steering::SteeringError;
 use crate::subscribers::{Subscribers, reachable, trim};
 use futures::{Stream, StreamExt, stream};
-use lamina_model::{RunInfo, Steering};
+use lamina_model::{RunInfo, SceneChange, Steering};
 use lamina_rpc::chunks::deliver;
 use lamina_rpc::daemon::peer_of;
 use lamina_rpc::v1::{self, delivery::Part, frames_server};
@@ -214,11 +214,12 @@ impl frames_server::Frames for FramesService {
     }
 
     async fn show(&self, request: Request<v1::ShowRequest>) -> Result<Response<v1::ShowReply>, Status> {
-        let v1::ShowRequest { run_id, field, asked_by } = request.into_inner();
-        let field = field.trim().to_owned();
-        let (shown, spec) = self.ingest.steering().check(&field).map_err(|e| invalid(&e))?;
-        self.ingest.show(&spec, &shown)?;
-        self.ingest.steering().show(&run_id, field, &asked_by)?;
+        let request = request.into_inner();
+        let (run_id, asked_by) = (request.run_id.clone(), request.asked_by.clone());
+        let change = SceneChange::try_from(request).map_err(|e| invalid(&e))?;
+        let asked_for = change.to_string();
+        self.ingest.steering().show(&run_id, change, |spec, shown| self.ingest.show(spec, shown))?;
+        tracing::info!(run_id, change = asked_for, asked_by, "to be shown otherwise");
         Ok(Response::new(v1::ShowReply {}))
     }
 }

@@ -1,13 +1,14 @@
 //! Steering: requests from viz-nodes on their way to the simulation.
 
-use crate::ingest::RunSpec;
+use crate::ingest::{IngestError, RunSpec};
 use lamina_field_expression::ShownFields;
-use lamina_model::{Invalid, RunInfo, Steerable, SteerableNumber, Steering};
+use lamina_model::{Invalid, RunInfo, SceneChange, Steerable, SteerableNumber, Steering, TransferFunction};
 use parking_lot::Mutex;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 use tokio::sync::{mpsc, watch};
+use tonic::Status;
 
 /// Requests that wait for the simulation's connection.
 const WAITING: usize = 64;
@@ -17,8 +18,23 @@ const WAITING: usize = 64;
 pub(crate) struct SteeringRelay {
     listener: Mutex<Option<mpsc::Sender<Steering>>>,
     steerable: watch::Sender<Steerable>,
-    /// What the simulation said of the run that is shown.
-    spec: Mutex<Option<RunSpec>>,
+    /// The run that is shown.
+    shown: Mutex<Option<ShownSpec>>,
+}
+
+/// A run of the simulation's, and what people have asked for.
+#[derive(Debug)]
+struct ShownSpec {
+    run_id: String,
+    spec: RunSpec,
+    changes: Changes,
+}
+
+/// All that was asked for of how a run is shown, in one, and how often.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Changes {
+    pub count: u32,
+    pub all: SceneChange,
 }
 
 /// Why a request does not reach the simulation.
@@ -49,45 +65,47 @@ impl SteeringRelay {
         Listening { requests, relay: self.clone() }
     }
 
-    /// From now on `shown` is shown of the simulation's run that `spec` describes, as run `run_id`.
-    pub(crate) fn begin(&self, run_id: &str, spec: &RunSpec, shown: &str) {
-        *self.spec.lock() = Some(spec.clone());
+    /// From now on the field of `info` is shown of the simulation's run that `spec` describes, in the colors of `transfer`.
+    pub(crate) fn begin(&self, info: &RunInfo, spec: &RunSpec, transfer: &TransferFunction) {
+        let mut shown = self.shown.lock();
+        if shown.as_ref().is_none_or(|shown| !RunInfo::is_same_simulation(&shown.run_id, &info.id)) {
+            *shown = Some(ShownSpec { run_id: info.id.clone(), spec: spec.clone(), changes: Changes::default() });
+        }
         self.steerable.send_modify(|now| {
             // A simulation that began after this run's last steps listens.
-            if now.listens && !RunInfo::is_same_simulation(&now.run_id, run_id) {
+            if now.listens && !RunInfo::is_same_simulation(&now.run_id, &info.id) {
                 return;
             }
-            run_id.clone_into(&mut now.run_id);
-            (now.fields, now.shown) = (spec.fields().map(|(name, _)| name.to_owned()).collect(), shown.to_owned());
+            info.id.clone_into(&mut now.run_id);
+            now.fields = spec.fields().map(|(name, _)| name.to_owned()).collect();
+            (now.shown, now.transfer) = (info.field.clone(), Some(transfer.clone()));
         });
     }
 
-    /// What people ask to be shown of the simulation's run `run_id`.
-    pub(crate) fn shown(&self, run_id: &str) -> Option<String> {
-        let now = self.steerable.borrow();
-        (RunInfo::is_same_simulation(&now.run_id, run_id) && !now.fields.is_empty()).then(|| now.shown.clone())
+    /// What people have asked for of the simulation's run `run_id`.
+    pub(crate) fn changes(&self, run_id: &str) -> Option<Changes> {
+        let shown = self.shown.lock();
+        shown.as_ref().filter(|s| RunInfo::is_same_simulation(&s.run_id, run_id)).map(|s| s.changes.clone())
     }
 
-    /// What `field` reads of the run that is shown, and the run.
+    /// Remembers `change` for the pipeline's next step, if `has_memory` for the run and what it then reads.
     ///
     /// # Errors
-    /// If it cannot be shown.
-    pub(crate) fn check(&self, field: &str) -> Result<(ShownFields, RunSpec), Invalid> {
-        let spec = self.spec.lock().clone().ok_or_else(|| Invalid::new("field", "no run is shown yet"))?;
-        let names: Vec<&str> = spec.fields().map(|(name, _)| name).collect();
-        Ok((ShownFields::new(field, None, &names)?, spec))
-    }
-
-    /// Remembers for the pipeline what is to be shown, which has been checked.
-    ///
-    /// # Errors
-    /// If run `run_id` has ended.
-    pub(crate) fn show(&self, run_id: &str, field: String, asked_by: &str) -> Result<(), SteeringError> {
-        if !RunInfo::is_same_simulation(&self.steerable.borrow().run_id, run_id) {
-            return Err(SteeringError::OtherRun(run_id.to_owned()));
+    /// If run `run_id` has ended, has no such field, or there is not the memory that it takes.
+    pub(crate) fn show(
+        &self,
+        run_id: &str,
+        change: SceneChange,
+        has_memory: impl FnOnce(&RunSpec, &ShownFields) -> Result<(), IngestError>,
+    ) -> Result<(), Status> {
+        let mut shown = self.shown.lock();
+        let other = || SteeringError::OtherRun(run_id.to_owned());
+        let of_run = shown.as_mut().filter(|s| RunInfo::is_same_simulation(&s.run_id, run_id)).ok_or_else(other)?;
+        if let Some(field) = &change.field {
+            has_memory(&of_run.spec, &of_run.spec.chosen_field(field).map_err(|e| lamina_rpc::invalid(&e))?)?;
         }
-        tracing::info!(run_id, field, asked_by, "another field is shown");
-        self.steerable.send_modify(|now| now.shown = field);
+        let Changes { count, all } = std::mem::take(&mut of_run.changes);
+        of_run.changes = Changes { count: count + 1, all: all.then(change) };
         Ok(())
     }
 

@@ -98,6 +98,7 @@ impl Browser {
         let code = match name {
             "Home" => "\u{e011}",
             "End" => "\u{e010}",
+            "ArrowRight" => "\u{e014}",
             other => other,
         };
         let keys = json!([{"type": "keyDown", "value": code}, {"type": "keyUp", "value": code}]);

@@ -90,11 +90,11 @@ fn the_page_shows_the_newest_step_and_the_mouse_turns_it() {
     assert_eq!(browser.js("document.querySelector('#picture').dataset.step"), chosen);
     assert!(chosen.as_str().unwrap().parse::<u64>().unwrap() < before, "{chosen} is not the newest");
 
-    // Steps are VDIs: their colors are their data.
+    // Steps are VDIs: their colors are their data, and others are to be asked for.
     browser.js("document.querySelector('#colors summary').click()");
     browser.js("document.querySelector('#timeline').focus()");
     browser.key("Home");
-    browser.wait_js("!document.querySelector('#fixed').hidden && document.querySelector('#editor').hidden");
+    browser.wait_js("!document.querySelector('#editor').hidden && !document.querySelector('#ask-colors').hidden");
     // What the tuner tried is marked beside the steps.
     browser.wait_js("document.querySelector('#accuracy path.trial').getAttribute('d').includes('M')");
     end(&browser, lamina);
@@ -185,6 +185,46 @@ fn another_field_is_chosen_or_written_on_the_page_and_tuned_anew() {
     assert!(severe.all(|entry| entry["message"].as_str().unwrap().contains("/api/show")), "{log}");
     write("magnitude(curl(momentum / density))");
     browser.wait_js(&shows("magnitude(curl(momentum / density))"));
+    end(&browser, lamina);
+}
+
+#[test]
+fn vdis_come_from_where_the_reader_looks_and_in_the_colors_asked_for() {
+    let arguments = ["--cells", "32", "--pace", "4", "--cpu-share", "100%", "--representation", "vdi"];
+    let (lamina, browser, _profile) = watched(&arguments);
+    let run = "document.querySelector('#run').textContent !== '' && fetch('api/state').then(r => r.json()).then(s => s.run.id)";
+    let is_run = |n: u32| format!("{run}.then(id => id.endsWith('.{n}'))");
+    browser.wait_js(DRAWN);
+    assert_eq!(browser.js("document.querySelector('#generate-here').hidden"), json!(true), "it is seen from there");
+    let turn = || {
+        browser.js("document.querySelector('#picture').focus()");
+        (0..10).for_each(|_| browser.key("ArrowRight"));
+        browser.wait_js("document.querySelector('#camera').textContent.startsWith('50°, 0°')");
+    };
+    turn();
+    browser.wait_js("!document.querySelector('#generate-here').hidden");
+    browser.js("document.querySelector('#generate-here').click()");
+    // Seen from its front, the picture is where it was.
+    browser.wait_js(&is_run(2));
+    browser.wait_js(&format!("document.querySelector('#camera').textContent === '' && {DRAWN}"));
+    // By itself, after a moment of rest.
+    browser.js("document.querySelector('#fields').open = true");
+    browser.js("document.querySelector('#follow-view').click()");
+    turn();
+    browser.wait_js(&is_run(3));
+    browser.wait_js("document.querySelector('#camera').textContent === ''");
+
+    browser.js("document.querySelector('#colors summary').click()");
+    browser
+        .wait_js("document.querySelectorAll('#curve .corner').length > 1 && !document.querySelector('#editor').hidden");
+    assert_eq!(browser.js("document.querySelector('#ask-colors').disabled"), json!(true));
+    browser.drag("#curve .corner:last-of-type", 0, 90);
+    browser.wait_js("document.querySelector('#corner').textContent.endsWith('opacity 0')");
+    browser.js("document.querySelector('#ask-colors').click()");
+    browser.wait_js(&is_run(4));
+    let transfer = "fetch('api/state').then(r => r.json()).then(s => s.steerable.transfer)";
+    browser.wait_js(&format!("{transfer}.then(t => t.points[t.points.length - 1].opacity === 0)"));
+    browser.wait_js(DRAWN);
     end(&browser, lamina);
 }
 

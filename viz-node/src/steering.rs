@@ -3,8 +3,9 @@
 use crate::Config;
 use crate::store::{Event, Store};
 use crate::subscribe::frames;
-use lamina_model::{RunInfo, Steerable, Steering};
+use lamina_model::{RunInfo, SceneChange, Steerable, Steering};
 use lamina_rpc::credentials::Credentials;
+use lamina_rpc::steering::show_request;
 use lamina_rpc::v1;
 use parking_lot::Mutex;
 use std::sync::Arc;
@@ -49,16 +50,15 @@ impl SteeringDesk {
         Ok(())
     }
 
-    /// Asks the generator-node to show another field, which is in the run's record when this returns.
+    /// Asks the generator-node to show the run otherwise, which is in its record when this returns.
     ///
     /// # Errors
-    /// If the run has none such, or the generator-node does not answer.
-    pub(crate) async fn show(&self, field: String, asked_by: String) -> Result<(), Status> {
+    /// If it cannot be shown so, or the generator-node does not answer.
+    pub(crate) async fn show(&self, change: SceneChange, asked_by: String) -> Result<(), Status> {
         let run = self.store.run().ok_or_else(|| Status::failed_precondition("no run yet"))?;
-        let words = format!("show {field}");
-        let request = v1::ShowRequest { run_id: run.id, field, asked_by: asked_by.clone() };
+        let request = show_request(run.id, &change, asked_by.clone());
         frames(&self.config, self.credentials.as_ref()).await?.show(request).await?;
-        self.store.record_request(&asked_by, &words);
+        self.store.record_request(&asked_by, &change.to_string());
         Ok(())
     }
 

@@ -58,6 +58,15 @@ impl RunSpec {
         }
     }
 
+    /// What an expression that somebody has chosen reads: its colors are those of its values.
+    ///
+    /// # Errors
+    /// If the run has no such fields.
+    pub fn chosen_field(&self, field: &str) -> Result<ShownFields, Invalid> {
+        let names: Vec<&str> = self.fields().map(|(name, _)| name).collect();
+        ShownFields::new(field, None, &names)
+    }
+
     /// Bytes of one sample point, of all fields.
     pub fn point_bytes(&self) -> usize {
         self.fields().map(|(_, voxel_type)| voxel_type.size_bytes()).sum()

@@ -1,6 +1,6 @@
 //! Steering: what people who watch a run may ask its simulation for.
 
-use crate::Invalid;
+use crate::{Invalid, TransferFunction};
 use serde::{Deserialize, Serialize};
 
 /// A number of a simulation that may be changed while it runs.
@@ -97,6 +97,8 @@ pub struct Steerable {
     pub fields: Vec<String>,
     /// What is shown of them, as asked for last.
     pub shown: String,
+    /// Its colors and opacities, and the range of its values that has them.
+    pub transfer: Option<TransferFunction>,
 }
 
 impl Steerable {

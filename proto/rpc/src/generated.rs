@@ -512,17 +512,24 @@ pub struct SteerRequest {
 }
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct SteerReply {}
-#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+/// What is not stated stays.
+#[derive(Clone, PartialEq, ::prost::Message)]
 pub struct ShowRequest {
     /// Refused with NOT_FOUND if another run has begun.
     #[prost(string, tag = "1")]
     pub run_id: ::prost::alloc::string::String,
     /// An expression over the run's fields.
-    #[prost(string, tag = "2")]
-    pub field: ::prost::alloc::string::String,
+    #[prost(string, optional, tag = "2")]
+    pub field: ::core::option::Option<::prost::alloc::string::String>,
     /// For people to read.
     #[prost(string, tag = "3")]
     pub asked_by: ::prost::alloc::string::String,
+    /// Where VDIs are generated from.
+    #[prost(message, optional, tag = "4")]
+    pub camera: ::core::option::Option<::lamina_message::v1::Camera>,
+    /// Colors of the field that is shown.
+    #[prost(message, optional, tag = "5")]
+    pub transfer: ::core::option::Option<::lamina_message::v1::TransferFunction>,
 }
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct ShowReply {}
@@ -544,11 +551,13 @@ pub struct Steerable {
     /// With the values asked for last.
     #[prost(message, repeated, tag = "5")]
     pub numbers: ::prost::alloc::vec::Vec<SteerableNumber>,
-    /// The run's fields, and what is shown of them.
+    /// The run's fields, and what is shown of them, in which colors.
     #[prost(string, repeated, tag = "6")]
     pub fields: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
     #[prost(string, tag = "7")]
     pub shown: ::prost::alloc::string::String,
+    #[prost(message, optional, tag = "8")]
+    pub transfer: ::core::option::Option<::lamina_message::v1::TransferFunction>,
 }
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
 #[repr(i32)]
@@ -1539,8 +1548,8 @@ pub mod frames_client {
             req.extensions_mut().insert(GrpcMethod::new("lamina.v1.Frames", "Steer"));
             self.inner.unary(req, path, codec).await
         }
-        /// Shows another field from the next step on, as a run of its own. INVALID_ARGUMENT: the run has none such. RESOURCE_EXHAUSTED: it
-        /// takes more memory than there is.
+        /// Shows another field, or the same in other colors or from elsewhere, from the next step on, as a run of its own. INVALID_ARGUMENT:
+        /// the run has none such. RESOURCE_EXHAUSTED: it takes more memory than there is.
         pub async fn show(
             &mut self,
             request: impl tonic::IntoRequest<super::ShowRequest>,
@@ -1616,8 +1625,8 @@ pub mod frames_server {
             &self,
             request: tonic::Request<super::SteerRequest>,
         ) -> std::result::Result<tonic::Response<super::SteerReply>, tonic::Status>;
-        /// Shows another field from the next step on, as a run of its own. INVALID_ARGUMENT: the run has none such. RESOURCE_EXHAUSTED: it
-        /// takes more memory than there is.
+        /// Shows another field, or the same in other colors or from elsewhere, from the next step on, as a run of its own. INVALID_ARGUMENT:
+        /// the run has none such. RESOURCE_EXHAUSTED: it takes more memory than there is.
         async fn show(
             &self,
             request: tonic::Request<super::ShowRequest>,

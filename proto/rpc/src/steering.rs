@@ -1,7 +1,7 @@
 //! Steering between model and messages.
 
 use crate::v1;
-use lamina_model::{Invalid, Steerable, SteerableNumber, Steering, SteeringRequest};
+use lamina_model::{Invalid, SceneChange, Steerable, SteerableNumber, Steering, SteeringRequest};
 
 impl From<SteerableNumber> for v1::SteerableNumber {
     fn from(number: SteerableNumber) -> Self {
@@ -63,9 +63,10 @@ impl TryFrom<v1::Steering> for Steering {
 
 impl From<Steerable> for v1::Steerable {
     fn from(of: Steerable) -> Self {
-        let Steerable { run_id, listens, paused, stopping, numbers, fields, shown } = of;
+        let Steerable { run_id, listens, paused, stopping, numbers, fields, shown, transfer } = of;
         let numbers = numbers.into_iter().map(Into::into).collect();
-        Self { run_id, listens, paused, stopping, numbers, fields, shown }
+        let transfer = transfer.as_ref().map(Into::into);
+        Self { run_id, listens, paused, stopping, numbers, fields, shown, transfer }
     }
 }
 
@@ -73,7 +74,26 @@ impl TryFrom<v1::Steerable> for Steerable {
     type Error = Invalid;
 
     fn try_from(of: v1::Steerable) -> Result<Self, Invalid> {
-        let v1::Steerable { run_id, listens, paused, stopping, numbers: given, fields, shown } = of;
-        Ok(Self { run_id, listens, paused, stopping, numbers: numbers(given)?, fields, shown })
+        let v1::Steerable { run_id, listens, paused, stopping, numbers: given, fields, shown, transfer } = of;
+        let transfer = transfer.map(TryInto::try_into).transpose()?;
+        Ok(Self { run_id, listens, paused, stopping, numbers: numbers(given)?, fields, shown, transfer })
+    }
+}
+
+/// The request for `change` of run `run_id`.
+pub fn show_request(run_id: String, change: &SceneChange, asked_by: String) -> v1::ShowRequest {
+    let SceneChange { field, camera, transfer } = change;
+    let (camera, transfer) = (camera.as_ref().map(Into::into), transfer.as_ref().map(Into::into));
+    v1::ShowRequest { run_id, field: field.clone(), asked_by, camera, transfer }
+}
+
+impl TryFrom<v1::ShowRequest> for SceneChange {
+    type Error = Invalid;
+
+    fn try_from(request: v1::ShowRequest) -> Result<Self, Invalid> {
+        let v1::ShowRequest { field, camera, transfer, .. } = request;
+        let camera = camera.map(TryInto::try_into).transpose()?;
+        let transfer = transfer.map(TryInto::try_into).transpose()?;
+        Self { field: field.map(|field| field.trim().to_owned()), camera, transfer }.check()
     }
 }

@@ -1,4 +1,4 @@
-//! Requests from the page: another contract of the tuner, another field, and steering of the simulation.
+//! Requests from the page: another contract of the tuner, another way to show the run, and steering of the simulation.
 
 use super::Web;
 use super::guard::Rights;
@@ -7,9 +7,10 @@ use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
-use lamina_model::{Steering, SteeringRequest};
+use lamina_model::{ControlPoint, Invalid, SceneChange, Steering, SteeringRequest, TransferFunction};
 use lamina_rpc::daemon::Peer;
 use serde::Deserialize;
+use tonic::Status;
 
 /// The longest contract taken, bytes.
 const LONGEST: usize = 1000;
@@ -67,25 +68,64 @@ pub(super) async fn steer(
     answer(web.steering.ask(Steering { request, asked_by: asked_by(peer) }).await)
 }
 
+/// How the run is to be shown; what is left out stays.
 #[derive(Deserialize)]
-pub(super) struct FieldAsked {
-    field: String,
+#[serde(deny_unknown_fields)]
+pub(super) struct ShowAsked {
+    /// An expression over the run's fields.
+    field: Option<String>,
+    /// Where VDIs are to be generated from: degrees to the side and upwards from where step `step` was.
+    view: Option<ViewAsked>,
+    /// Colors and opacities over the range of the values shown.
+    points: Option<Vec<ControlPoint>>,
 }
 
-/// Asks the generator-node for another field; answered when it is to be the next step's.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ViewAsked {
+    step: u64,
+    azimuth: f64,
+    elevation: f64,
+}
+
+impl ShowAsked {
+    fn change(self, web: &Web) -> Result<SceneChange, Status> {
+        let refused = |e: Invalid| Status::invalid_argument(e.to_string());
+        let from = |view: ViewAsked| {
+            let shown = web.store.prepared(view.step).map_err(|e| Status::not_found(e.to_string()))?;
+            shown.camera().orbit(view.azimuth, view.elevation, 1.0).map_err(refused)
+        };
+        let recolored = |points| {
+            let unknown = || Status::failed_precondition("what is shown is not known yet; ask again");
+            let shown = web.steering.steerable().transfer.ok_or_else(unknown)?;
+            TransferFunction::new(*shown.range(), shown.stated_unit_length(), points).map_err(refused)
+        };
+        let (camera, transfer) = (self.view.map(from).transpose()?, self.points.map(recolored).transpose()?);
+        Ok(SceneChange { field: self.field, camera, transfer })
+    }
+}
+
+/// Asks the generator-node to show the run otherwise; answered when the next step is to be so.
 pub(super) async fn show(
     State(web): State<Web>,
     Extension(rights): Extension<Rights>,
     Extension(peer): Extension<Peer>,
-    Json(FieldAsked { field }): Json<FieldAsked>,
+    Json(asked): Json<ShowAsked>,
 ) -> Response {
     if let Some(refusal) = refusal(rights) {
         return refusal;
     }
-    answer(web.steering.show(field, asked_by(peer)).await)
+    // Decodes the step if it is no longer at hand.
+    let of_step = web.clone();
+    let change = tokio::task::spawn_blocking(move || asked.change(&of_step)).await;
+    match change {
+        Ok(Ok(change)) => answer(web.steering.show(change, asked_by(peer)).await),
+        Ok(Err(status)) => answer(Err(status)),
+        Err(error) => (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()).into_response(),
+    }
 }
 
-fn answer(asked: Result<(), tonic::Status>) -> Response {
+fn answer(asked: Result<(), Status>) -> Response {
     match asked {
         Ok(()) => StatusCode::NO_CONTENT.into_response(),
         Err(status) if status.code() == tonic::Code::Unavailable => {

@@ -81,6 +81,7 @@ export interface Steerable {
   /** The run's fields, and what is to be shown of them. */
   fields: string[];
   shown: string;
+  transfer: TransferFunction | null;
 }
 
 export interface PageState {

@@ -143,6 +143,8 @@ const PAGE_KEYS: Keys = {
   S: savePicture,
   "?": openHelp,
   " ": togglePlay,
+  g: () => byId("generate-here").click(),
+  G: () => byId("generate-here").click(),
   l: followNewest,
   L: followNewest,
 };

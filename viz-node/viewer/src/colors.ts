@@ -7,8 +7,9 @@ import { refresh } from "./frame";
 import { painter } from "./picture";
 import { type Point, GUTTER, gridLine, pathOf, significant } from "./plots";
 import { RETRY_MS, byId, clamp, link, motion, picture, shownRow, store } from "./state";
+import { post } from "./post";
 import { PRESETS } from "./presets";
-import { setText } from "./status";
+import { drawMessage, setText } from "./status";
 
 /** `recorded`: what the server said of run `run`; `points: null` draws as recorded; `selected` is a position in `points`. */
 interface Colors {
@@ -16,11 +17,16 @@ interface Colors {
   recorded: Transfer | null;
   points: ControlPoint[] | null;
   selected: number;
+  /** Of a VDI: what the generator-node says. */
+  stated: boolean;
   loading: boolean;
   retryAt: number;
 }
 
-const colors: Colors = { run: null, recorded: null, points: null, selected: 0, loading: false, retryAt: 0 };
+const colors: Colors = { run: null, recorded: null, points: null, selected: 0, stated: false, loading: false, retryAt: 0 };
+
+/** What became of the colors that were asked for. */
+const asked: { message: string; refused: boolean } = { message: "", refused: false };
 
 const CURVE_BOTTOM = 92;
 const CURVE_TOP = 8;
@@ -28,26 +34,26 @@ const CURVE_TOP = 8;
 const REACH = 14;
 
 /** Control points to draw the shown step with, or none: as recorded, or not a volume. */
-export const wishedPoints = (): ControlPoint[] | null => (shownRow()?.representation === "volume" && colors.run === store.run?.id ? colors.points : null);
+export const wishedPoints = (): ControlPoint[] | null => (shownRow()?.representation === "volume" && colors.run === store.run?.id && !colors.stated ? colors.points : null);
 
 const editedPoints = (): ControlPoint[] => colors.points ?? colors.recorded?.points ?? [];
 
 async function loadColors(row: StepRow): Promise<void> {
   const wait = colors.loading || performance.now() < colors.retryAt;
-  if (wait || link.phase !== "live" || !store.run || colors.run === store.run.id) return;
+  if (wait || link.phase !== "live" || !store.run || (colors.run === store.run.id && !colors.stated)) return;
   const run = store.run.id;
   // The worker knows a step that it holds; the server is asked where it draws.
   const held = painter?.description(run, row.step);
   if (held?.transfer) {
     const { transfer, unrecorded, histogram } = held;
-    Object.assign(colors, { run, recorded: { ...transfer, unrecorded, histogram }, points: null, selected: 0 });
+    Object.assign(colors, { run, recorded: { ...transfer, unrecorded, histogram }, points: null, selected: 0, stated: false });
     return refresh();
   }
   if (painter && picture.shown?.by !== "server") return;
   colors.loading = true;
   try {
     const answer = await fetch(`api/transfer?step=${row.step}`, { cache: "no-store" });
-    if (answer.ok) Object.assign(colors, { run, recorded: (await answer.json()) as Transfer, points: null, selected: 0 });
+    if (answer.ok) Object.assign(colors, { run, recorded: (await answer.json()) as Transfer, points: null, selected: 0, stated: false });
   } catch {
     // Asked again below.
   }
@@ -57,6 +63,20 @@ async function loadColors(row: StepRow): Promise<void> {
     setTimeout(refresh, RETRY_MS + 10);
   }
   if (colors.run === run) refresh();
+}
+
+/** The colors of a VDI are those that the generator-node draws with: changed here, they are to be asked for. */
+function stateColors(): void {
+  const { run, steerable } = store;
+  if (!run || colors.run === run.id || !steerable.transfer || !store.maySteer) return;
+  const recorded = { ...steerable.transfer, unrecorded: [] };
+  Object.assign(colors, { run: run.id, recorded, points: null, selected: 0, stated: true });
+}
+
+async function askForColors(): Promise<void> {
+  const refusal = await post("api/show", { points: editedPoints() });
+  Object.assign(asked, { message: refusal ?? "from the next step on", refused: refusal !== null });
+  refresh();
 }
 
 // ---- Drawing ---------------------------------------------------------------------------------------------------------
@@ -89,10 +109,16 @@ export function drawColors() {
   if (!row || !byId<HTMLDetailsElement>("colors").open) return;
   const isVolume = row.representation === "volume";
   if (isVolume) void loadColors(row);
-  const ready = isVolume && colors.run === store.run?.id;
+  else stateColors();
+  const ready = colors.run === store.run?.id && (isVolume ? !colors.stated : colors.stated);
   byId("editor").hidden = !ready;
-  byId("fixed").hidden = isVolume;
-  if (ready) drawCurve();
+  byId("fixed").hidden = isVolume || ready;
+  if (!ready) return;
+  drawCurve();
+  const ask = byId<HTMLButtonElement>("ask-colors");
+  ask.hidden = !store.maySteer || store.steerable.transfer === null;
+  ask.disabled = colors.points === null;
+  drawMessage("colors-message", asked.message, asked.refused);
 }
 
 function drawCurve() {
@@ -162,6 +188,7 @@ function applyPreset(name: string): void {
 
 /** Puts `points` in the place of what is drawn; the camera's drafts serve here too. */
 function setPoints(points: ControlPoint[] | null, selected = colors.selected): void {
+  asked.message = "";
   Object.assign(colors, { points, selected: points === null ? 0 : clamp(selected, 0, points.length - 1) });
   moving();
   refresh();
@@ -279,4 +306,5 @@ export function listenToColors() {
     preset.value = "";
   });
   byId("recorded-colors").addEventListener("click", () => setPoints(null));
+  byId("ask-colors").addEventListener("click", () => void askForColors());
 }

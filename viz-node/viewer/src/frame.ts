@@ -5,6 +5,7 @@ import { writeAddress } from "./address";
 import { drawColors } from "./colors";
 import { drawContract } from "./contract";
 import { drawField } from "./field";
+import { drawGenerationCamera } from "./generation_camera";
 import { drawPareto } from "./pareto";
 import { pumpPicture } from "./picture";
 import { PLOTS, drawAccuracy, drawPlot, drawTimeline } from "./plots";
@@ -19,6 +20,7 @@ const frame = { id: 0, everything: false };
 function onFrame(): void {
   const { everything } = frame;
   Object.assign(frame, { id: 0, everything: false });
+  drawGenerationCamera();
   if (everything) {
     // First, so that the picture is drawn while this page does the rest.
     pumpPicture();

@@ -7,6 +7,7 @@ import { listenToColors } from "./colors";
 import { listenToContract } from "./contract";
 import { listenToField } from "./field";
 import { refresh, refreshStatus } from "./frame";
+import { followView, listenToGenerationCamera } from "./generation_camera";
 import { openHelp } from "./help";
 import { toggleOverlay } from "./overlay";
 import { listenToPareto } from "./pareto";
@@ -44,6 +45,7 @@ listenToSteps(byId("timeline"), 10, 10);
 listenToColors();
 listenToContract();
 listenToField();
+listenToGenerationCamera();
 listenToSteering();
 document.addEventListener("keydown", onKey);
 onClick("previous", () => choose(shownIndex() - 1));
@@ -61,6 +63,7 @@ new ResizeObserver(refresh).observe(document.querySelector("aside")!);
 setInterval(() => {
   drawRun();
   refreshStatus();
+  followView();
   // A run that has come to rest is drawn whole.
   pumpSoon();
 }, 1000);

@@ -2,7 +2,7 @@
 
 import type { PageState, Steerable, StepRow, Study, Tuner } from "./api";
 import { refresh, refreshStatus } from "./frame";
-import { RETRY_MS, link, lowerBound, picture, store, upsert, view } from "./state";
+import { RETRY_MS, cameraAsked, link, lowerBound, picture, store, upsert, view } from "./state";
 
 /** Fetches the whole state. Rows that arrive as events meanwhile are newer than the answer and are laid over it. */
 async function load(): Promise<void> {
@@ -54,6 +54,12 @@ function accept(state: PageState): void {
   else if (!sameRun) store.study = null;
   void loadTrials();
   const anotherRun = !sameRun && known !== null;
+  if (anotherRun && cameraAsked.from) {
+    // What was turned since stays turned.
+    const { from } = cameraAsked;
+    view.pose = { ...view.pose, azimuth: view.pose.azimuth - from.azimuth, elevation: view.pose.elevation - from.elevation };
+    cameraAsked.from = null;
+  }
   if (anotherRun || store.steps[lowerBound(view.step ?? 0)]?.step !== view.step) view.step = null;
   refresh();
 }

@@ -57,11 +57,14 @@ export const store: Store = {
   studyAt: 0,
   tuner: null,
   maySteer: false,
-  steerable: { listens: false, paused: false, stopping: false, numbers: [], fields: [], shown: "" },
+  steerable: { listens: false, paused: false, stopping: false, numbers: [], fields: [], shown: "", transfer: null },
 };
 
 /** `step: null` follows the newest; the camera is relative to the generation camera. */
 export const view: { step: number | null; pose: Pose } = { step: null, pose: FRONT };
+
+/** The generation camera was asked to come to the view: the run that follows is seen from its front. */
+export const cameraAsked: { from: Pose | null } = { from: null };
 
 interface Link {
   phase: "connecting" | "live" | "reconnecting";
