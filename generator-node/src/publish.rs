@@ -169,6 +169,7 @@ impl From<SteeringError> for Status {
     fn from(error: SteeringError) -> Self {
         match error {
             SteeringError::OtherRun(_) => Self::not_found(error.to_string()),
+            SteeringError::Ingest(error) => error.into(),
             _ => Self::failed_precondition(error.to_string()),
         }
     }
@@ -218,7 +219,11 @@ impl frames_server::Frames for FramesService {
         let (run_id, asked_by) = (request.run_id.clone(), request.asked_by.clone());
         let change = SceneChange::try_from(request).map_err(|e| invalid(&e))?;
         let asked_for = change.to_string();
-        self.ingest.steering().show(&run_id, change, |spec, shown| self.ingest.show(spec, shown))?;
+        let shown = self.ingest.steering().show(&run_id, change, |spec, shown| self.ingest.show(spec, shown));
+        shown.map_err(|error| match error {
+            SteeringError::Invalid(e) => invalid(&e),
+            other => other.into(),
+        })?;
         tracing::info!(run_id, change = asked_for, asked_by, "to be shown otherwise");
         Ok(Response::new(v1::ShowReply {}))
     }

@@ -8,7 +8,6 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 use tokio::sync::{mpsc, watch};
-use tonic::Status;
 
 /// Requests that wait for the simulation's connection.
 const WAITING: usize = 64;
@@ -43,6 +42,9 @@ pub(crate) enum SteeringError {
     /// It cannot be asked for.
     #[error(transparent)]
     Invalid(#[from] Invalid),
+    /// It takes more than there is.
+    #[error(transparent)]
+    Ingest(#[from] IngestError),
     /// It was meant for another run.
     #[error("run {0} has ended; another is shown")]
     OtherRun(String),
@@ -97,12 +99,12 @@ impl SteeringRelay {
         run_id: &str,
         change: SceneChange,
         has_memory: impl FnOnce(&RunSpec, &ShownFields) -> Result<(), IngestError>,
-    ) -> Result<(), Status> {
+    ) -> Result<(), SteeringError> {
         let mut shown = self.shown.lock();
         let other = || SteeringError::OtherRun(run_id.to_owned());
         let of_run = shown.as_mut().filter(|s| RunInfo::is_same_simulation(&s.run_id, run_id)).ok_or_else(other)?;
         if let Some(field) = &change.field {
-            has_memory(&of_run.spec, &of_run.spec.chosen_field(field).map_err(|e| lamina_rpc::invalid(&e))?)?;
+            has_memory(&of_run.spec, &of_run.spec.chosen_field(field)?)?;
         }
         let Changes { count, all } = std::mem::take(&mut of_run.changes);
         of_run.changes = Changes { count: count + 1, all: all.then(change) };

@@ -132,7 +132,7 @@ fn the_generation_camera_and_the_colors_are_those_asked_for() {
         (r#"{"view":{"step":3,"azimuth":1e400,"elevation":0}}"#, ""),
         (r#"{"points":[]}"#, "transfer"),
         (r#"{"points":[{"at":0.5,"color":[1,0,0],"opacity":7}]}"#, ""),
-        (r#"{"colour":"red"}"#, ""),
+        (r#"{"hue":"red"}"#, ""),
     ] {
         let (status, said) = show(&viz, request);
         assert!(status.starts_with('4') && said.contains(words), "{request}: {status} {said}");

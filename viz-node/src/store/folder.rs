@@ -140,8 +140,12 @@ fn open_rows(folder: &Path) -> Result<(Vec<StepRow>, File), StoreError> {
     };
     let text = String::from_utf8_lossy(&bytes);
     let (mut rows, mut passed_over) = (Vec::new(), 0);
+    let columns = |line: &str| line.split(',').count();
+    let whole = [text.lines().next().map_or(0, columns), columns(StepRow::csv_header())];
     for line in text.lines().skip(1).filter(|l| !l.is_empty()) {
-        match StepRow::from_csv(line).filter(|row| vdi_path(folder, row.step).exists()) {
+        // What was cut short may look like a line of an earlier version.
+        let row = StepRow::from_csv(line).filter(|_| whole.contains(&columns(line)));
+        match row.filter(|row| vdi_path(folder, row.step).exists()) {
             Some(row) => rows.push(row),
             None => passed_over += 1,
         }
