@@ -212,6 +212,8 @@ fn every_button_does_what_it_says() {
     // Half a picture's height to the right is a whole half of its side, at the depth of the target.
     browser.js("void (location.hash = '#step=2&right=0.25')");
     browser.wait_js("document.querySelector('#picture').dataset.right === '0.25'");
+    // The box is drawn with the next frame.
+    browser.wait_js(&format!("{middle}[0] !== {}", before[0]));
     let shift = browser.js(middle)[0].as_f64().unwrap() - before[0].as_f64().unwrap();
     assert!((shift + 0.5).abs() < 0.05, "{shift}: near and far corners shift by more and less");
     browser.js("document.activeElement.blur()");

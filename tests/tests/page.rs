@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use lamina_tests::browser::{Browser, end};
+use lamina_tests::browser::{Browser, end, move_to};
 use lamina_tests::processes::{Daemon, free_port};
 use serde_json::{Value, json};
 
@@ -42,11 +42,28 @@ fn a_volume_is_drawn_in_the_colors_chosen_on_the_page() {
     browser.wait_js(DRAWN);
     let recorded = browser.js(PICTURE);
 
+    // Values of a plane, and the one under the pointer.
+    browser.js("document.querySelector('#slices summary').click()");
+    let value = "document.querySelector('#slice-value').textContent";
+    browser.wait_js(&format!("{value}.startsWith('z = ') && document.querySelector('#slice').width === 24"));
+    browser.js("document.querySelector('#slice').scrollIntoView()");
+    let [x, y] = browser.middle("#slice");
+    browser.mouse(&[move_to(x, y, 0), move_to(x + 3, y, 50)]);
+    browser.wait_js(&format!("/^(at (most|least) )?[0-9.e-]+ at x = .*, y = .*, z = /.test({value})"));
+    browser.js("(() => { const a = document.querySelector('#slice-axis'); a.value = 'x'; \
+         a.dispatchEvent(new Event('input')) })()");
+    browser.wait_js(&format!("/ at x = 0, y = .*, z = /.test({value})"));
+    browser.js("document.querySelector('#slices summary').click()");
+
     // The last point becomes transparent: dragged to the bottom.
     browser.drag("#curve .corner:last-of-type", 0, 90);
     browser.wait_js(&format!("{DRAWN} && {PICTURE} !== {recorded}"));
     browser.wait_js("document.querySelector('#corner').textContent.endsWith('opacity 0')");
-    // Back, to the last pixel.
+    // The drag is taken back as one change, done again, and all of it left for what was recorded: to the last pixel.
+    browser.js("document.querySelector('#undo-colors').click()");
+    browser.wait_js(&format!("{DRAWN} && {PICTURE} === {recorded} && document.querySelector('#undo-colors').disabled"));
+    browser.js("document.querySelector('#redo-colors').click()");
+    browser.wait_js(&format!("{DRAWN} && {PICTURE} !== {recorded}"));
     browser.js("document.querySelector('#recorded-colors').click()");
     browser.wait_js(&format!("{DRAWN} && {PICTURE} === {recorded}"));
     end(&browser, lamina);
@@ -203,10 +220,14 @@ fn vdis_come_from_where_the_reader_looks_and_in_the_colors_asked_for() {
     };
     turn();
     browser.wait_js("!document.querySelector('#generate-here').hidden");
+    // What was measured at the test views says how good the picture is from here.
+    let trust = "document.querySelector('#trust figcaption').textContent";
+    browser.wait_js(&format!("/PSNR from here [0-9.]+ dB/.test({trust}) && {trust}.includes('50° off')"));
     browser.js("document.querySelector('#generate-here').click()");
     // Seen from its front, the picture is where it was.
     browser.wait_js(&is_run(2));
     browser.wait_js(&format!("document.querySelector('#camera').textContent === '' && {DRAWN}"));
+    browser.wait_js(&format!("{trust}.includes('0° off')"));
     // By itself, after a moment of rest.
     browser.js("document.querySelector('#fields').open = true");
     browser.js("document.querySelector('#follow-view').click()");

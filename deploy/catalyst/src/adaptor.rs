@@ -69,9 +69,14 @@ impl Adaptor {
             self.open(&found)?;
         }
         let (domains, ..) = found?;
+        let of_more = |(_, field): &(String, String)| match channel {
+            Some((name, node)) => Ok(mesh::domains(node, name, Some(field))?.0),
+            None => Ok(Vec::new()),
+        };
+        let more = self.options.more_fields.iter().map(of_more).collect::<Result<Vec<_>, String>>();
         let run =
             self.run.as_mut().ok_or("this rank took no part when the run was opened, at the first step; see above")?;
-        match run.push(step, time, &domains) {
+        match more.and_then(|more| run.push(step, time, &domains, &more)) {
             Ok(()) => Ok(()),
             Err(error) => {
                 self.lost += 1;
@@ -108,7 +113,9 @@ impl Adaptor {
         let before: usize = placed[..self.ranks.rank as usize].iter().map(Vec::len).sum();
         let mine = before..before + domains.len();
         let parts = boxes[mine.clone()].iter().copied().zip(shares[mine].iter().copied()).collect();
-        let voxel_type = first.voxel_type;
+        // Several fields are copied, to lie in memory alike.
+        let several = !self.options.more_fields.is_empty();
+        let voxel_type = if several { VoxelType::F64 } else { first.voxel_type };
         let dims = hull.dims().map(|points| points as usize);
         let grid = Grid::new(dims, DVec3::from(spacing), DVec3::from(origin)).map_err(|e| e.to_string())?;
         let field = field.clone().or_else(|| self.options.field.clone()).unwrap_or_else(|| "field".to_owned());
@@ -116,6 +123,8 @@ impl Adaptor {
             rank: self.ranks.rank,
             ranks: self.ranks.size,
             credentials: self.options.credentials.clone(),
+            more_fields: self.options.more_fields.iter().map(|(name, _)| (name.clone(), VoxelType::F64)).collect(),
+            shown: self.options.shown.clone(),
             steering: self.options.steering.clone().filter(|_| self.ranks.rank == 0),
             ..RunOptions::new(&self.options.generator, &self.options.name, &field, grid, voxel_type)
         };
@@ -158,10 +167,15 @@ impl Adaptor {
 }
 
 impl OpenRun {
-    fn push(&mut self, step: u64, time: f64, domains: &[Domain]) -> Result<(), String> {
-        let mut bricks = Vec::new();
-        let converted: Vec<Option<Vec<f64>>> = domains.iter().map(|d| converted(d, self.voxel_type)).collect();
-        for (domain, converted) in domains.iter().zip(&converted) {
+    /// Hands the step over: the field on its domains, and the `more` fields on the same.
+    fn push(&mut self, step: u64, time: f64, domains: &[Domain], more: &[Vec<Domain>]) -> Result<(), String> {
+        let several = !more.is_empty();
+        let copies = |domains: &[Domain]| -> Vec<Option<Vec<f64>>> {
+            domains.iter().map(|d| converted(d, self.voxel_type, several)).collect()
+        };
+        let (own, others) = (copies(domains), more.iter().map(|domains| copies(domains)).collect::<Vec<_>>());
+        let (mut places, mut of_bricks) = (Vec::new(), Vec::new());
+        for (n, (domain, converted)) in domains.iter().zip(&own).enumerate() {
             let place = Placed::of(domain);
             let whole = index_box(&place, self.origin, self.spacing)?;
             let part = match &self.parts {
@@ -178,8 +192,22 @@ impl OpenRun {
             }
             let skipped = std::array::from_fn(|axis| (part.start[axis] - whole.start[axis]) as usize);
             let dims = part.dims().map(|n| n as usize);
-            let (voxels, strides) = voxels(domain, converted.as_deref(), skipped, dims, self.voxel_type)?;
-            bricks.push(Brick::new(part.start.map(|n| n as usize), dims, voxels).with_strides(strides));
+            places.push((
+                part.start.map(|n| n as usize),
+                dims,
+                voxels(domain, converted.as_deref(), skipped, dims, self.voxel_type)?,
+            ));
+            let mut beside = Vec::new();
+            for (other, copies) in more.iter().zip(&others) {
+                let there = other.get(n).filter(|other| (other.dims, other.origin) == (domain.dims, domain.origin));
+                let there = there.ok_or("a further field lies on other points than the one that is shown")?;
+                beside.push(voxels(there, copies[n].as_deref(), skipped, dims, self.voxel_type)?.0);
+            }
+            of_bricks.push(beside);
+        }
+        let mut bricks = Vec::new();
+        for ((start, dims, (voxels, strides)), beside) in places.into_iter().zip(&of_bricks) {
+            bricks.push(Brick::new(start, dims, voxels).with_strides(strides).with_more_fields(beside));
         }
         match self.client.push_bricks(step, time, &bricks) {
             Ok(Receipt::Admitted(_) | Receipt::Dropped) => Ok(()),
@@ -192,12 +220,12 @@ impl OpenRun {
     }
 }
 
-/// Values as double precision, where they cannot be handed over as they are.
-fn converted(domain: &Domain, voxel_type: VoxelType) -> Option<Vec<f64>> {
+/// Values as double precision, where they cannot be handed over as they are, or are not to be.
+fn converted(domain: &Domain, voxel_type: VoxelType, always: bool) -> Option<Vec<f64>> {
     let Values::InPlace { array, first, strides } = &domain.values else { return None };
     let aligned = array.stride_bytes.is_multiple_of(array.element.size_bytes())
         && (array.first as usize).is_multiple_of(array.element.size_bytes());
-    if aligned && array.element.voxel_type() == Some(voxel_type) {
+    if !always && aligned && array.element.voxel_type() == Some(voxel_type) {
         return None;
     }
     let [x, y, z] = domain.dims;

@@ -16,6 +16,10 @@ pub(crate) struct CatalystOptions {
     pub(crate) channel: Option<String>,
     /// The field shown, or the component of a vector, NAME/COMPONENT: `field`, LAMINA_FIELD; else the first of scalars.
     pub(crate) field: Option<String>,
+    /// Further fields, what expressions call them and what the mesh does: `more_fields`, LAMINA_MORE_FIELDS, `v.x=velocity/u,p`.
+    pub(crate) more_fields: Vec<(String, String)>,
+    /// What is shown first, an expression over the fields: `shown`, LAMINA_SHOWN.
+    pub(crate) shown: Option<String>,
     /// `credentials`, LAMINA_CREDENTIALS.
     pub(crate) credentials: Option<PathBuf>,
     /// The longest a call may take, seconds: `deadline`.
@@ -48,6 +52,8 @@ impl CatalystOptions {
             name: text("name", "LAMINA_NAME").or_else(program).unwrap_or_else(|| "catalyst".to_owned()),
             channel: text("channel", "LAMINA_CHANNEL"),
             field: text("field", "LAMINA_FIELD"),
+            more_fields: text("more_fields", "LAMINA_MORE_FIELDS").map_or_else(Vec::new, |text| pairs(&text)),
+            shown: text("shown", "LAMINA_SHOWN"),
             credentials: text("credentials", "LAMINA_CREDENTIALS").map(PathBuf::from),
             deadline: stated
                 .and_then(|node| node.number("deadline"))
@@ -55,4 +61,10 @@ impl CatalystOptions {
             steering,
         }
     }
+}
+
+/// `NAME=FIELD` or `FIELD` alone, apart by commas.
+fn pairs(text: &str) -> Vec<(String, String)> {
+    let parts = text.split(',').map(str::trim).filter(|part| !part.is_empty());
+    parts.map(|part| part.split_once('=').unwrap_or((part, part))).map(|(a, b)| (a.to_owned(), b.to_owned())).collect()
 }

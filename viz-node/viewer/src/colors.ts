@@ -118,6 +118,8 @@ export function drawColors() {
   const ask = byId<HTMLButtonElement>("ask-colors");
   ask.hidden = !store.maySteer || store.steerable.transfer === null;
   ask.disabled = colors.points === null;
+  byId<HTMLButtonElement>("undo-colors").disabled = history.run !== colors.run || history.past.length === 0;
+  byId<HTMLButtonElement>("redo-colors").disabled = history.run !== colors.run || history.undone.length === 0;
   drawMessage("colors-message", asked.message, asked.refused);
 }
 
@@ -186,8 +188,43 @@ function applyPreset(name: string): void {
 
 // ---- Editing ---------------------------------------------------------------------------------------------------------
 
-/** Puts `points` in the place of what is drawn; the camera's drafts serve here too. */
-function setPoints(points: ControlPoint[] | null, selected = colors.selected): void {
+type Points = ControlPoint[] | null;
+
+/** Of run `run`: the points before each change, the newest last, and those that were taken back. */
+const history: { run: string | null; past: Points[]; undone: Points[]; changedAt: number } = { run: null, past: [], undone: [], changedAt: 0 };
+/** Changes that follow each other so soon are one: a drag. */
+const ONE_CHANGE_MS = 400;
+const MOST_PAST = 100;
+
+/** Keeps what is about to change. */
+function remember(): void {
+  if (history.run !== colors.run) Object.assign(history, { run: colors.run, past: [], undone: [], changedAt: 0 });
+  const now = performance.now();
+  if (now - history.changedAt > ONE_CHANGE_MS) history.past.push(colors.points);
+  if (history.past.length > MOST_PAST) history.past.shift();
+  history.undone = [];
+  history.changedAt = now;
+}
+
+/** Back to the points before the last change, or forth again. */
+function travel(from: Points[], to: Points[]): void {
+  if (history.run !== colors.run || from.length === 0) return;
+  to.push(colors.points);
+  history.changedAt = 0;
+  put(from.pop()!);
+}
+
+const undo = () => travel(history.past, history.undone);
+const redo = () => travel(history.undone, history.past);
+
+/** Puts `points` in the place of what is drawn, to be taken back. */
+function setPoints(points: Points, selected = colors.selected): void {
+  remember();
+  put(points, selected);
+}
+
+/** The camera's drafts serve here too. */
+function put(points: Points, selected = colors.selected): void {
   asked.message = "";
   Object.assign(colors, { points, selected: points === null ? 0 : clamp(selected, 0, points.length - 1) });
   moving();
@@ -307,4 +344,14 @@ export function listenToColors() {
   });
   byId("recorded-colors").addEventListener("click", () => setPoints(null));
   byId("ask-colors").addEventListener("click", () => void askForColors());
+  byId("undo-colors").addEventListener("click", undo);
+  byId("redo-colors").addEventListener("click", redo);
+  document.addEventListener("keydown", (event) => {
+    const isText = document.activeElement?.matches("input:not([type=checkbox]):not([type=color])");
+    if (!(event.ctrlKey || event.metaKey) || isText || byId("editor").hidden) return;
+    const action = { z: event.shiftKey ? redo : undo, y: redo }[event.key.toLowerCase()];
+    if (!action) return;
+    event.preventDefault();
+    action();
+  });
 }

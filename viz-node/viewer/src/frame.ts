@@ -12,7 +12,9 @@ import { PLOTS, drawAccuracy, drawPlot, drawTimeline } from "./plots";
 import { drawReadout } from "./readout";
 import { byId, motion, shownIndex, store, view } from "./state";
 import { drawRun, drawState } from "./status";
+import { drawSlices } from "./slices";
 import { drawSteering } from "./steering";
+import { drawTrust } from "./trust";
 
 /** `everything`: more than the status changed since the last frame. */
 const frame = { id: 0, everything: false };
@@ -20,7 +22,6 @@ const frame = { id: 0, everything: false };
 function onFrame(): void {
   const { everything } = frame;
   Object.assign(frame, { id: 0, everything: false });
-  drawGenerationCamera();
   if (everything) {
     // First, so that the picture is drawn while this page does the rest.
     pumpPicture();
@@ -28,6 +29,8 @@ function onFrame(): void {
   } else {
     drawState();
   }
+  drawGenerationCamera();
+  drawTrust();
 }
 
 export function refreshStatus(): void {
@@ -52,6 +55,7 @@ function draw(): void {
   drawContract();
   drawField();
   drawSteering();
+  drawSlices();
   if (store.loaded && !motion.held && !motion.timer) writeAddress();
 }
 

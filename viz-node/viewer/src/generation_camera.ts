@@ -2,7 +2,8 @@
 
 import { refresh } from "./frame";
 import { post } from "./post";
-import { byId, cameraAsked, clamp, picture, shownRow, store, view } from "./state";
+import { byId, cameraAsked, picture, shownRow, store, view } from "./state";
+import { viewAngle } from "./trust";
 
 /** Farther from where a VDI was generated, more of it is missing than a picture hides. */
 const CONE_DEG = 30;
@@ -10,12 +11,6 @@ const CONE_DEG = 30;
 const REST_MS = 1500;
 
 const follow: { restingSince: number; at: string } = { restingSince: 0, at: "" };
-
-/** Degrees between the view and the camera of the shown step. */
-function angle(): number {
-  const [azimuth, elevation] = [view.pose.azimuth, view.pose.elevation].map((degrees) => (degrees * Math.PI) / 180) as [number, number];
-  return (Math.acos(clamp(Math.cos(azimuth) * Math.cos(elevation), -1, 1)) * 180) / Math.PI;
-}
 
 async function generateFromHere(): Promise<void> {
   const row = shownRow();
@@ -36,12 +31,12 @@ export function followView(): void {
   if (at !== follow.at) Object.assign(follow, { at, restingSince: performance.now() });
   const wanted = byId<HTMLInputElement>("follow-view").checked && store.maySteer && view.step === null;
   const rests = performance.now() - follow.restingSince > REST_MS;
-  if (wanted && rests && shownRow()?.representation === "vdi" && angle() > CONE_DEG) void generateFromHere();
+  if (wanted && rests && shownRow()?.representation === "vdi" && viewAngle(view.pose) > CONE_DEG) void generateFromHere();
 }
 
 export function drawGenerationCamera(): void {
   const button = byId<HTMLButtonElement>("generate-here");
-  button.hidden = shownRow()?.representation !== "vdi" || !store.maySteer || angle() < 1;
+  button.hidden = shownRow()?.representation !== "vdi" || !store.maySteer || viewAngle(view.pose) < 1;
   button.disabled = cameraAsked.from !== null;
   byId("follow-view").closest("label")!.hidden = !store.maySteer;
 }

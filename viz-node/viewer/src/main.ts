@@ -18,6 +18,7 @@ import { pumpSoon } from "./picture";
 import { connect } from "./server";
 import { byId, shownIndex } from "./state";
 import { drawRun } from "./status";
+import { listenToSlices } from "./slices";
 import { listenToSteering } from "./steering";
 import { choose, followNewest } from "./steps";
 
@@ -26,6 +27,7 @@ function buildFigures(): void {
     byId(id).innerHTML = `<figcaption><span></span><span></span></figcaption>
       <div class="plot"><svg role="img" aria-label="${label}"></svg></div>`;
   };
+  build("trust", "PSNR over the angle between the view and the generation camera");
   build("pareto", "PSNR over size, trials of the newest study");
   listenToPareto();
   build("accuracy", "PSNR over generation time, all steps and trials");
@@ -47,6 +49,7 @@ listenToContract();
 listenToField();
 listenToGenerationCamera();
 listenToSteering();
+listenToSlices();
 document.addEventListener("keydown", onKey);
 onClick("previous", () => choose(shownIndex() - 1));
 onClick("next", () => choose(shownIndex() + 1));

@@ -117,6 +117,12 @@ pub extern "C" fn lamina_view(
     said(|session| session.view(handle, &pose, [width, height], [columns, rows]))
 }
 
+/// [`Session::slice`].
+#[unsafe(no_mangle)]
+pub extern "C" fn lamina_slice(handle: usize, axis: u32, at: f64) -> i32 {
+    said(|session| session.slice(handle, axis as usize, at))
+}
+
 /// [`Session::blend`].
 #[unsafe(no_mangle)]
 pub extern "C" fn lamina_blend(

@@ -2,6 +2,7 @@
 
 use crate::camera::Pose;
 use crate::message::Message;
+use glam::DVec3;
 use lamina_codec::{CodecError, DecodeLimits, decode_any};
 use lamina_compute::kernel::Binding;
 use lamina_model::{Camera, ControlPoint, Image, Intermediate, Invalid, TransferFunction};
@@ -189,6 +190,35 @@ impl Session {
             Drawable::Volume(_) => None,
         };
         Ok(Message::json(&blend.map(|b| Blend { around: b.around, difference: b.difference, sharpness: b.sharpness })))
+    }
+
+    /// A volume's values on the plane across `axis` (0, 1, 2) at `at` (0 to 1) of its box, at its own sample points: JSON of their numbers
+    /// along the lower and the higher of the other axes, then positions in the range, single precision; NaN where there is none.
+    ///
+    /// # Errors
+    /// If there is no such volume, axis or place.
+    pub fn slice(&self, handle: usize, axis: usize, at: f64) -> Result<Message, Invalid> {
+        let Drawable::Volume(field) = &self.get(handle)?.drawable else {
+            return Err(Invalid::new("slice", "a VDI holds colors, not values"));
+        };
+        let [right, up] = match axis {
+            0 => [1, 2],
+            1 => [0, 2],
+            2 => [0, 1],
+            _ => return Err(Invalid::new("slice.axis", format!("{axis} is none of 0, 1, 2"))),
+        };
+        if !(0.0..=1.0).contains(&at) {
+            return Err(Invalid::new("slice.at", format!("{at} must lie in 0..1")));
+        }
+        let dims = field.grid().dims();
+        let mut index = DVec3::ZERO;
+        index[axis] = at * (dims[axis] - 1) as f64;
+        let mut units = Vec::with_capacity(4 * dims[right] * dims[up]);
+        for (row, column) in (0..dims[up]).flat_map(|row| (0..dims[right]).map(move |column| (row, column))) {
+            (index[right], index[up]) = (column as f64, row as f64);
+            units.extend_from_slice(&field.sample(index).to_le_bytes());
+        }
+        Ok(Message::with_bytes(&[dims[right], dims[up]], &[&units]))
     }
 
     /// Begins a picture that is drawn here; [`Self::advance`] draws it. Takes the place of one begun before.

@@ -1,7 +1,7 @@
 // Pictures drawn in the browser: steps are fetched once, decoded and drawn by the worker, and kept while there is room.
 
 import type { Device, Reply, Request } from "./protocol";
-import type { Description, Pose } from "./wasm";
+import type { Description, Pose, Slice } from "./wasm";
 
 /** Encoded bytes of steps that are kept decoded: decoded they take 20 to 40 times as much. */
 const KEPT_BYTES = 8 << 20;
@@ -38,6 +38,7 @@ export class BrowserPainter {
   private readonly kept: Kept[] = [];
   private readonly openings = new Map<string, { resolve(opened: Description): void; reject(reason: Error): void }>();
   private readonly drawings = new Map<number, { resolve(drawn: Drawn | null): void; reject(reason: Error): void }>();
+  private readonly slices = new Map<number, { resolve(slice: Slice): void; reject(reason: Error): void }>();
   private nextId = 1;
 
   /** `changed` is called when it is known what draws, and when that changes; `absent` if nothing here can. */
@@ -78,6 +79,12 @@ export class BrowserPainter {
       this.openings.get(message.key)?.resolve(message.description);
     } else if (message.kind === "refused") {
       this.openings.get(message.key)?.reject(new Refused(message.reason));
+    } else if (message.kind === "sliced") {
+      this.slices.get(message.id)?.resolve(message.slice);
+      this.slices.delete(message.id);
+    } else if (message.kind === "failed" && this.slices.has(message.id)) {
+      this.slices.get(message.id)!.reject(new Error(message.reason));
+      this.slices.delete(message.id);
     } else if (message.kind !== "ready") {
       const waiting = this.drawings.get(message.id);
       this.drawings.delete(message.id);
@@ -111,6 +118,15 @@ export class BrowserPainter {
     this.send({ kind: "draw", id, key, pose, side, still, points });
     const picture = await drawn;
     return picture && { step, ...picture };
+  }
+
+  /** A plane of a volume that is held. */
+  slice(run: string, step: number, axis: number, at: number): Promise<Slice> {
+    const id = this.nextId++;
+    return new Promise((resolve, reject) => {
+      this.slices.set(id, { resolve, reject });
+      this.send({ kind: "slice", id, key: `${run}/${step}`, axis, at });
+    });
   }
 
   /** What is known of a step that is held. */

@@ -1,6 +1,6 @@
 // What the page and its worker tell each other.
 
-import type { Description, Pose } from "./wasm";
+import type { Description, Pose, Slice } from "./wasm";
 
 /** What draws. */
 export type Device = { kind: "gpu"; name: string } | { kind: "cpu"; why: string };
@@ -11,13 +11,16 @@ export type Request =
   | { kind: "close"; key: string }
   /** Takes the place of a picture asked for before. `points`: control points as JSON, for a volume in other colors. */
   | { kind: "draw"; id: number; key: string; pose: Pose; side: number; still: boolean; points: string | null }
-  | { kind: "cancel"; id: number };
+  | { kind: "cancel"; id: number }
+  /** The plane across an axis, at 0 to 1 along it, of a volume that is held. */
+  | { kind: "slice"; id: number; key: string; axis: number; at: number };
 
 export type Reply =
   | { kind: "ready"; device: Device }
   | { kind: "opened"; key: string; decodeMs: number; description: Description }
   | { kind: "refused"; key: string; reason: string }
   | { kind: "drawn"; id: number; bitmap: ImageBitmap; drawMs: number; by: "gpu" | "cpu" }
+  | { kind: "sliced"; id: number; slice: Slice }
   /** Another picture took its place. */
   | { kind: "dropped"; id: number }
   | { kind: "failed"; id: number; reason: string }

@@ -66,6 +66,13 @@ export interface Blend {
   sharpness: number;
 }
 
+/** Values of a volume on a plane, rows upwards: positions in the range, NaN where there is none. */
+export interface Slice {
+  width: number;
+  height: number;
+  units: Float32Array<ArrayBuffer>;
+}
+
 interface Exports {
   memory: WebAssembly.Memory;
   lamina_room(length: number): number;
@@ -77,6 +84,7 @@ interface Exports {
   lamina_bindings(handle: number): number;
   lamina_view(handle: number, ...numbers: number[]): number;
   lamina_blend(handle: number, ...numbers: number[]): number;
+  lamina_slice(handle: number, axis: number, at: number): number;
   lamina_begin(handle: number, ...numbers: number[]): number;
   lamina_advance(): number;
   lamina_source(volume: number): number;
@@ -140,6 +148,14 @@ export class Engine {
   blend(handle: number, pose: Pose, height: number): Blend | null {
     this.checked(this.wasm.lamina_blend(handle, ...numbers(pose), height));
     return this.json() as Blend | null;
+  }
+
+  /** The plane across `axis` at `at`, 0 to 1, of a volume. */
+  slice(handle: number, axis: number, at: number): Slice {
+    this.checked(this.wasm.lamina_slice(handle, axis, at));
+    const { json, content } = this.answer();
+    const [width, height] = json as [number, number];
+    return { width, height, units: new Float32Array(content.slice(0, 4 * width * height).buffer) };
   }
 
   /** Begins a picture that the processor draws. */

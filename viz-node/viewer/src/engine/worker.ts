@@ -69,6 +69,17 @@ class Painter {
     this.engine.close(handle);
   }
 
+  slice({ id, key, axis, at }: Extract<Request, { kind: "slice" }>): void {
+    const held = this.held.get(key);
+    try {
+      if (!held) throw new Error("the step is no longer held");
+      const slice = this.engine.slice(held.handle, axis, at);
+      reply({ kind: "sliced", id, slice }, [slice.units.buffer]);
+    } catch (error) {
+      reply({ kind: "failed", id, reason: reason(error) });
+    }
+  }
+
   cancel(id: number): void {
     if (this.next?.id === id) this.next = null;
     else if (this.current?.id === id) this.current = null;
@@ -165,6 +176,7 @@ function take(request: Request): void {
   else if (request.kind === "open") painter.open(request.key, new Uint8Array(request.bytes));
   else if (request.kind === "close") painter.close(request.key);
   else if (request.kind === "cancel") painter.cancel(request.id);
+  else if (request.kind === "slice") painter.slice(request);
   else void painter.draw(request);
 }
 

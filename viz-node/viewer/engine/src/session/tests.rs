@@ -7,7 +7,7 @@ use lamina_raycast::Field;
 use lamina_vdi_render::Backend;
 
 fn encoded(params: &GenerationParams) -> Vec<u8> {
-    let grid = Grid::new([12, 10, 8], glam::DVec3::ONE, glam::DVec3::ZERO).expect("a grid");
+    let grid = Grid::new([12, 10, 8], DVec3::ONE, DVec3::ZERO).expect("a grid");
     let voxels = (0..960_u32).map(|n| (n * n % 251) as u8).collect();
     let volume = Volume::new(grid, Voxels::U8(voxels)).expect("a volume");
     let field = Field::new(volume.clone(), &suggest(&[&volume]).expect("a scene"));
@@ -108,4 +108,31 @@ fn damaged_steps_and_absurd_requests_are_refused_and_the_rest_goes_on() {
     assert!(session.advance().is_err() && session.bindings(first).is_err() && session.bindings(77).is_err());
     let (again, _) = session.open(&vdi, 1 << 30).expect("a step");
     assert_eq!(again, first, "the place is used again");
+}
+
+#[test]
+fn a_slice_has_the_values_of_the_plane() {
+    let [vdi, volume] = both();
+    let mut session = Session::default();
+    let (handle, _) = session.open(&volume, 1 << 30).expect("a step");
+    let Drawable::Volume(field) = Drawable::new(decode_any(&volume, &DecodeLimits::default()).expect("a step")) else {
+        panic!("a VDI")
+    };
+    // On a plane of points, and half way between two.
+    for (axis, at, size, plane) in [(2, 1.0, [12, 10], 7.0), (1, 0.5, [12, 8], 4.5), (0, 0.0, [10, 8], 0.0)] {
+        let message = session.slice(handle, axis, at).expect("a slice");
+        let (json, bytes) = content(&message);
+        assert_eq!(json, serde_json::json!(size));
+        let units: Vec<f32> = bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+        assert_eq!(units.len(), size[0] * size[1]);
+        let (column, row) = (3, 5);
+        let mut index = DVec3::splat(plane);
+        let others: Vec<usize> = (0..3).filter(|a| *a != axis).collect();
+        (index[others[0]], index[others[1]]) = (column as f64, row as f64);
+        assert_eq!(units[row * size[0] + column], field.sample(index));
+    }
+    let (handle_of_vdi, _) = session.open(&vdi, 1 << 30).expect("a step");
+    assert!(session.slice(handle_of_vdi, 0, 0.5).is_err() && session.slice(handle, 3, 0.5).is_err());
+    assert!(session.slice(handle, 0, 1.5).is_err() && session.slice(handle, 0, f64::NAN).is_err());
+    assert!(session.slice(99, 0, 0.5).is_err());
 }
