@@ -3,7 +3,7 @@
 import type { StepRow } from "./api";
 import type { Pose } from "./engine/wasm";
 import { GUTTER, type Mark, type Point, caption, costLabel, decibelScale, decibelText, decibels, dot, fixed, gridLine, niceTicks, pathOf } from "./plots";
-import { byId, clamp, shownRow, view } from "./state";
+import { byId, clamp, shownIndex, store, view } from "./state";
 
 const RADIAN = 180 / Math.PI;
 
@@ -25,6 +25,16 @@ function measuredAngles(row: StepRow | null): Mark[] {
   return [...sides].map(([cost, all]) => ({ cost, db: mean(all) })).sort((a, b) => a.cost - b.cost);
 }
 
+/** Steps before the shown one that are looked at. */
+const LOOK_BACK = 32;
+
+/** The shown step, or the last one before it that was measured: the newest is measured soon after it has come. */
+function lastMeasured(): StepRow | null {
+  const at = shownIndex();
+  const rows = store.steps.slice(Math.max(at - LOOK_BACK, 0), at + 1);
+  return rows.reverse().find(({ views }) => views.length > 0) ?? null;
+}
+
 /** Decibels at `angle`, linearly between the test views; null beyond them. */
 function decibelsAt(marks: Mark[], angle: number): number | null {
   const next = marks.findIndex(({ cost }) => cost >= angle);
@@ -37,7 +47,7 @@ function decibelsAt(marks: Mark[], angle: number): number | null {
 export function drawTrust(): void {
   const box = byId("trust").querySelector<HTMLElement>(".plot")!;
   const [width, height] = [box.clientWidth, box.clientHeight];
-  const marks = measuredAngles(shownRow());
+  const marks = measuredAngles(lastMeasured());
   const here = viewAngle(view.pose);
   const db = decibelsAt(marks, here);
   const [name, detail] = caption("trust");
