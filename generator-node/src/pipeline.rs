@@ -224,10 +224,7 @@ impl Pipeline {
     fn prepare(&mut self, step: Arrived) -> Result<(Step, Option<Seen>), Invalid> {
         let ((run_id, number, time, _), spec) = (step.numbers(), step.spec().clone());
         let (NextRun { id, info, changes, is_new }, scene, before) = self.next_run(run_id, &spec);
-        let shown = match &scene {
-            None if info.field != spec.shown() => spec.chosen_field(&info.field)?,
-            scene => spec.shown_fields(&info.field, scene.as_ref())?,
-        };
+        let shown = spec.shown_fields(&info.field, scene.as_ref())?;
         let chosen = |scene| changes.all.apply(beside(scene, before.as_ref()));
         let (mut lost_ranks, mut seen, mut derivation) = (Vec::new(), None, Duration::ZERO);
         let (source, scene) = match step {

@@ -104,7 +104,7 @@ impl SteeringRelay {
         let other = || SteeringError::OtherRun(run_id.to_owned());
         let of_run = shown.as_mut().filter(|s| RunInfo::is_same_simulation(&s.run_id, run_id)).ok_or_else(other)?;
         if let Some(field) = &change.field {
-            has_memory(&of_run.spec, &of_run.spec.chosen_field(field)?)?;
+            has_memory(&of_run.spec, &of_run.spec.shown_fields(field, None)?)?;
         }
         let Changes { count, all } = std::mem::take(&mut of_run.changes);
         of_run.changes = Changes { count: count + 1, all: all.then(change) };

@@ -222,11 +222,12 @@ fn vdis_come_from_where_the_reader_looks_and_in_the_colors_asked_for() {
     browser.wait_js("!document.querySelector('#generate-here').hidden");
     // What was measured at the test views says how good the picture is from here.
     let trust = "document.querySelector('#trust figcaption').textContent";
-    browser.wait_js(&format!("{trust}.includes('PSNR from here')"));
+    browser.wait_js(&format!("/PSNR from here [0-9.]+ dB/.test({trust}) && {trust}.includes('50° off')"));
     browser.js("document.querySelector('#generate-here').click()");
     // Seen from its front, the picture is where it was.
     browser.wait_js(&is_run(2));
     browser.wait_js(&format!("document.querySelector('#camera').textContent === '' && {DRAWN}"));
+    browser.wait_js(&format!("{trust}.includes('dB0° off')"));
     // By itself, after a moment of rest.
     browser.js("document.querySelector('#fields').open = true");
     browser.js("document.querySelector('#follow-view').click()");

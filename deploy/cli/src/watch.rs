@@ -11,7 +11,7 @@ use crate::terminal::{Shown, progress};
 use anyhow::{Context, bail, ensure};
 use lamina_client::{Brick, Client, ClientError, FullPolicy, RunOptions, SteerableNumber, VoxelSlice};
 use lamina_compute::{CpuLimit, CpuShare};
-use lamina_model::{Representation, Volume, Voxels};
+use lamina_model::{Representation, Scene, Volume, Voxels};
 use lamina_tuner::Contract;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::time::{Duration, Instant};
@@ -61,32 +61,26 @@ fn run(
     }
 }
 
-/// Connects as a simulation does.
+/// Connects as a simulation does, one whose steps have the fields `more` besides.
 pub fn connect(
     source: &dyn Source,
     volume: &Volume,
     generator: &str,
     policy: FullPolicy,
     steering: Option<Vec<SteerableNumber>>,
+    more: &[(String, Voxels)],
 ) -> Result<Client, ClientError> {
-    // Where nobody can ask for anything, nobody chooses another field.
-    let more_fields = if steering.is_some() { source.more_fields() } else { Vec::new() };
     let options = RunOptions {
         full_policy: policy,
         steering,
         scene: Some(source.scene().clone()),
         // Blocking is consent to wait: for as long as a study of the tuner may take.
         deadline: if policy == FullPolicy::Block { Duration::from_secs(600) } else { Duration::from_secs(5) },
-        more_fields: more_fields.into_iter().map(|(name, voxels)| (name, voxels.voxel_type())).collect(),
+        more_fields: more.iter().map(|(name, voxels)| (name.clone(), voxels.voxel_type())).collect(),
         color_field: volume.color_field().map(|(name, voxels)| (name.to_owned(), voxels.voxel_type())),
         ..RunOptions::new(generator, source.name(), source.field(), *volume.grid(), volume.voxels().voxel_type())
     };
     Client::connect(options)
-}
-
-/// The further fields of the step that came last, where the run has any.
-fn more_fields(client: &Client, source: &dyn Source) -> Vec<(String, Voxels)> {
-    if client.options().more_fields.is_empty() { Vec::new() } else { source.more_fields() }
 }
 
 /// Hands over a whole step, with its further fields.
@@ -111,7 +105,8 @@ fn push_only(
     policy: FullPolicy,
     pace: cli::StepsPerSecond,
 ) -> anyhow::Result<()> {
-    let mut client = connect(source, &first.1, &generator, policy, Some(steering::numbers(pace)))?;
+    let mut more = source.more_fields();
+    let mut client = connect(source, &first.1, &generator, policy, Some(steering::numbers(pace)), &more)?;
     let mut next = Some(first);
     let (mut step, mut pacer) = (0, Pacer::new(pace));
     while let Some((time, volume)) = next.filter(|_| steps.is_none_or(|n| step < n)) {
@@ -119,7 +114,6 @@ fn push_only(
         if steering::obey(&mut client, &mut pacer, &|| false, || Ok(()))? {
             break;
         }
-        let more = more_fields(&client, source);
         match push(&mut client, (step, time), &volume, &more) {
             Ok(()) => say!("step {step:4}  time {time:.4}  pushed"),
             Err(error @ (ClientError::Invalid(_) | ClientError::Refused(_))) => return Err(error.into()),
@@ -128,6 +122,7 @@ fn push_only(
         }
         step += 1;
         next = timed(source, &mut pacer)?;
+        more = source.more_fields();
     }
     let summary = client.close();
     let dropped = summary.run_dropped_steps.unwrap_or(summary.dropped);
@@ -164,8 +159,7 @@ pub(crate) fn tuning(options: &cli::NodeOptions) -> (Option<Vec<f64>>, Tuning) {
     (contract.angles_deg(), tuning)
 }
 
-fn setup(options: &cli::Watch, source: &dyn Source, volume: &Volume) -> anyhow::Result<Setup> {
-    let scene = source.scene();
+fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume, more: &[(String, Voxels)]) -> anyhow::Result<Setup> {
     let fixed = options.resolution.zip(options.gamma);
     let representation = options.nodes.representation.first().copied().unwrap_or_default();
     let params = |(resolution, gamma)| offline::params(representation, resolution, gamma, 1.0, scene);
@@ -182,7 +176,6 @@ fn setup(options: &cli::Watch, source: &dyn Source, volume: &Volume) -> anyhow::
         );
     }
     let voxels = volume.grid().voxels() as u64;
-    let more = if options.headless { Vec::new() } else { source.more_fields() };
     let more_bytes: u64 = more.iter().map(|(_, field)| voxels * field.voxel_type().size_bytes() as u64).sum();
     // In work, each field and its colors take four bytes a voxel; so do one that is computed, and what derivatives of it are taken of.
     let in_work =
@@ -218,14 +211,15 @@ fn watch(
     let scene = source.scene().clone();
     let mut outputs =
         options.nodes.out.as_deref().map(|dir| RunFolder::create(dir, source, &first.1, steps)).transpose()?;
-    let nodes = Nodes::start(setup(options, source, &first.1)?)?;
+    // Where every step waits for its viewer nobody asks for anything, another field among them.
+    let mut more = if options.headless { Vec::new() } else { source.more_fields() };
+    let nodes = Nodes::start(setup(options, &scene, &first.1, &more)?)?;
     let stopped = nodes.stopped();
     if !options.headless {
         say!("watching {} ({}): open http://{}/   (Ctrl-C ends)", source.name(), source.field(), nodes.viewer);
     }
-    // Where every step waits for its viewer nobody asks for anything.
     let steering = (!options.headless).then(|| steering::numbers(pace));
-    let mut client = connect(source, &first.1, &nodes.generator, policy, steering)?;
+    let mut client = connect(source, &first.1, &nodes.generator, policy, steering, &more)?;
     let bar = progress(steps, options.headless);
     let mut shown = Shown::new(None, options.headless);
     let mut pacer = Pacer::new(pace);
@@ -236,7 +230,6 @@ fn watch(
             if steering::obey(&mut client, &mut pacer, &stopped, || shown.show_new(&nodes, &bar, outputs.as_mut()))? {
                 break;
             }
-            let more = more_fields(&client, source);
             push(&mut client, (step, time), &volume, &more).with_context(|| format!("step {step}"))?;
             if options.headless {
                 let Some(row) = nodes.settle(step, &stopped)? else { break };
@@ -248,6 +241,9 @@ fn watch(
             bar.inc(1);
             step += 1;
             next = if stopped() { None } else { timed(source, &mut pacer)? };
+            if !options.headless {
+                more = source.more_fields();
+            }
         }
         if !options.headless {
             say!("the simulation made {}", pacer.speed());

@@ -184,7 +184,7 @@ fn coupled(arguments: &cli::BenchLive, time: Duration, burnt: &Burnt) -> anyhow:
     let first = source.next()?.context("the series is empty")?.1;
     let share = CpuShare::new(arguments.cpu_share.unwrap_or_else(|| CpuLimit::default().doubled()))?;
     let nodes = Nodes::start(setup(arguments, share.clone(), &first, scene))?;
-    let mut client = connect(&*source, &first, &nodes.generator, FullPolicy::DropOldest, None)?;
+    let mut client = connect(&*source, &first, &nodes.generator, FullPolicy::DropOldest, None, &[])?;
     // The series from its beginning.
     let mut source = self::source(arguments)?;
     let (done, begun) = (AtomicBool::new(false), Instant::now());

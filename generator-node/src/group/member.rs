@@ -222,18 +222,22 @@ impl Member {
                 window[source] = Some(Voxels::from_le_bytes(voxel_type, &bytes));
             }
         }
+        // Each box is counted in the first window that has all of it: a point may be in several. One of points without a cell is in none.
+        let counted_in = |own: &GridBox| windows[me].iter().position(|w| w.intersection(own).as_ref() == Some(own));
+        let without_cells = |n: usize| {
+            let boxes = own[n].iter().filter(|(brick, _)| counted_in(brick).is_none());
+            boxes.map(|(brick, bytes)| not_finite(&Voxels::from_le_bytes(types[n], bytes), brick, brick)).sum()
+        };
+        let (mut empty_voxels, mut empty_seen): (u64, _) = (shown.plain().map_or(0, without_cells), false);
         // The simulation gets its memory back.
         drop(bricks);
-        let (mut fields, mut uncounted) = (Vec::new(), mine.clone());
-        let (mut empty_voxels, mut empty_seen) = (0, false);
-        for ((part, window), of_window) in parts.swap_remove(me).into_iter().zip(&windows[me]).zip(filled) {
+        let mut fields = Vec::new();
+        let windowed = parts.swap_remove(me).into_iter().zip(&windows[me]).zip(filled).enumerate();
+        for (n, ((part, window), of_window)) in windowed {
             let grid = Grid::new(part.dims(), preparation.grid.spacing(), DVec3::ZERO)?;
             let volume = shown.volume(grid, of_window)?;
-            // Each box in the first window that has all of it: a point may be in several.
-            let (here, elsewhere) = uncounted.iter().partition(|own| window.intersection(own).as_ref() == Some(*own));
-            uncounted = elsewhere;
-            let here: Vec<GridBox> = here;
-            empty_voxels += here.iter().map(|own| not_finite(volume.voxels(), window, own)).sum::<u64>();
+            let here = mine.iter().filter(|own| counted_in(own) == Some(n));
+            empty_voxels += here.map(|own| not_finite(volume.voxels(), window, own)).sum::<u64>();
             empty_seen |= not_finite(volume.voxels(), window, window) > 0;
             fields.push(Field::part(volume, (preparation.grid, part), &preparation.scene)?);
         }

@@ -257,3 +257,19 @@ fn what_members_compute_of_several_fields_is_what_one_node_does() {
         }
     }
 }
+
+#[test]
+fn empty_points_without_a_cell_are_counted_too() {
+    let layout = &layouts()[2];
+    // The last plane has the points of no cell of its own; its first one is empty besides the one of `value`.
+    let bytes = |b: &GridBox| {
+        let mut bytes = bytes_of(b);
+        if b.start() == [0, 0, 14] {
+            bytes[..4].copy_from_slice(&f32::NAN.to_le_bytes());
+        }
+        bytes
+    };
+    let root = group_with(layout, &spec(), bytes, |_| 1);
+    let field = GroupField::prepare(&root, 0, (&spec(), "f"), scene(), layout.clone()).unwrap();
+    assert_eq!(field.empty_voxels(), 2);
+}

@@ -106,8 +106,7 @@ impl Core {
         fresh_id: String,
         now: Instant,
     ) -> Result<String, IngestError> {
-        spec.check(rank, self.memory_bytes)?;
-        let working_bytes = spec.working_bytes(&spec.shown_fields(spec.shown(), spec.scene.as_ref())?);
+        let working_bytes = spec.working_bytes(&spec.check(rank, self.memory_bytes)?);
         if let Some(run) = &mut self.run
             && run.is_of(&spec, rank, resume, now.duration_since(run.last_heard), self.idle)?
         {

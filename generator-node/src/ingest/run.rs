@@ -46,25 +46,15 @@ impl RunSpec {
         self.shown.as_deref().unwrap_or(&self.field)
     }
 
-    /// What the expression `shown` reads; colors are those of `scene` or, where that is still to be chosen, the second field.
+    /// What the expression `shown` reads. Colors are those of `scene`; where that is still to be chosen the second field, unless
+    /// somebody has chosen what is shown: its colors are those of its values.
     ///
     /// # Errors
     /// If the run has no such fields.
     pub fn shown_fields(&self, shown: &str, scene: Option<&Scene>) -> Result<ShownFields, Invalid> {
         let names: Vec<&str> = self.fields().map(|(name, _)| name).collect();
-        match scene {
-            Some(scene) => ShownFields::under(shown, scene, &names),
-            None => ShownFields::new(shown, self.color_field.as_ref().map(|(name, _)| name.as_str()), &names),
-        }
-    }
-
-    /// What an expression that somebody has chosen reads: its colors are those of its values.
-    ///
-    /// # Errors
-    /// If the run has no such fields.
-    pub fn chosen_field(&self, field: &str) -> Result<ShownFields, Invalid> {
-        let names: Vec<&str> = self.fields().map(|(name, _)| name).collect();
-        ShownFields::new(field, None, &names)
+        let second = self.color_field.as_ref().filter(|_| shown == self.shown()).map(|(name, _)| name.as_str());
+        scene.map_or_else(|| ShownFields::new(shown, second, &names), |scene| ShownFields::under(shown, scene, &names))
     }
 
     /// Bytes of one sample point, of all fields.
@@ -99,8 +89,8 @@ impl RunSpec {
         Err(IngestError::Exhausted { dims: self.grid.dims(), voxels: types.join(" and "), needed_bytes, memory_bytes })
     }
 
-    /// Passes what `rank` says of the run, on a node with so much memory.
-    pub fn check(&self, rank: u32, memory_bytes: u64) -> Result<(), IngestError> {
+    /// Passes what `rank` says of the run, on a node with so much memory; gives what is shown.
+    pub fn check(&self, rank: u32, memory_bytes: u64) -> Result<ShownFields, IngestError> {
         if self.name.is_empty() || self.name.len() > 200 || self.field.len() > 200 {
             return Err(IngestError::Refused("run name and field name must have 1 to 200 bytes".to_owned()));
         }
@@ -122,7 +112,9 @@ impl RunSpec {
                 return Err(IngestError::Refused(format!("two fields are named \"{name}\"")));
             }
         }
-        self.check_memory(&self.shown_fields(self.shown(), self.scene.as_ref())?, memory_bytes)
+        let shown = self.shown_fields(self.shown(), self.scene.as_ref())?;
+        self.check_memory(&shown, memory_bytes)?;
+        Ok(shown)
     }
 }
 

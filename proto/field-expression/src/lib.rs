@@ -129,6 +129,11 @@ impl ShownFields {
         self.colors.is_some()
     }
 
+    /// The field that is shown, if it is one unchanged.
+    pub fn plain(&self) -> Option<usize> {
+        self.shown.plain()
+    }
+
     /// True if something is computed.
     pub fn is_derived(&self) -> bool {
         self.expressions().any(|expression| expression.plain().is_none())

@@ -234,11 +234,9 @@ impl Builder<'_> {
             return Ok(Value::Scalar(self.op(Op::Unary(*operator, a))));
         }
         Ok(match (name, arguments) {
-            ("min", [a, b]) => {
-                self.arithmetic(Binary::Min, Value::Scalar(a.scalar(&what)?), Value::Scalar(b.scalar(&what)?))?
-            }
-            ("max", [a, b]) => {
-                self.arithmetic(Binary::Max, Value::Scalar(a.scalar(&what)?), Value::Scalar(b.scalar(&what)?))?
+            ("min" | "max", [a, b]) => {
+                let operator = if name == "min" { Binary::Min } else { Binary::Max };
+                Value::Scalar(self.binary(operator, a.scalar(&what)?, b.scalar(&what)?))
             }
             ("vector", [a, b, c]) => Value::Vector([a.scalar(&what)?, b.scalar(&what)?, c.scalar(&what)?]),
             ("magnitude", [v]) => {

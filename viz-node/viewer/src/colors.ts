@@ -10,6 +10,7 @@ import { RETRY_MS, byId, clamp, link, motion, picture, shownRow, store } from ".
 import { post } from "./post";
 import { PRESETS } from "./presets";
 import { drawMessage, setText } from "./status";
+import { classified, valueAt } from "./transfer";
 
 /** `recorded`: what the server said of run `run`; `points: null` draws as recorded; `selected` is a position in `points`. */
 interface Colors {
@@ -98,10 +99,7 @@ const hex = (color: readonly number[]): string => `#${color.map((c) => Math.roun
 const fromHex = (text: string) => [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16) / 255);
 
 /** The scalar at position `at` of the range. */
-function scalarAt(at: number): number {
-  const { lo, hi, scale } = colors.recorded!.range;
-  return scale === "log10" ? lo * (hi / lo) ** at : lo + at * (hi - lo);
-}
+const scalarAt = (at: number): number => valueAt(colors.recorded!.range, at);
 
 export function drawColors() {
   const row = shownRow();
@@ -175,13 +173,8 @@ function applyPreset(name: string): void {
     return a.map((c, i) => c + (at * last - low) * (b[i]! - c)) as ControlPoint["color"];
   };
   const points = editedPoints();
-  const opacityAt = (at: number): number => {
-    const next = points.findIndex((p) => p.at >= at);
-    const [a, b] = [points[Math.max(next < 0 ? points.length - 1 : next - 1, 0)]!, points[next < 0 ? points.length - 1 : next]!];
-    return b.at > a.at ? a.opacity + ((at - a.at) / (b.at - a.at)) * (b.opacity - a.opacity) : b.opacity;
-  };
   const places = map.map((_, n) => n / last).filter((at) => points.every((p) => Math.abs(p.at - at) > 1e-3));
-  const added = places.map((at) => ({ at, opacity: opacityAt(at) }));
+  const added = places.map((at) => ({ at, opacity: classified(points, at).opacity }));
   const all = [...points, ...added].sort((a, b) => a.at - b.at);
   setPoints(all.map(({ at, opacity }) => ({ at, opacity, color: colorAt(at) })), 0);
 }

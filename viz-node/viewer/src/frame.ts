@@ -30,7 +30,6 @@ function onFrame(): void {
     drawState();
   }
   drawGenerationCamera();
-  drawTrust();
 }
 
 export function refreshStatus(): void {
@@ -51,6 +50,7 @@ function draw(): void {
   drawColors();
   PLOTS.forEach(drawPlot);
   drawAccuracy();
+  drawTrust();
   drawPareto();
   drawContract();
   drawField();

@@ -5,6 +5,7 @@ import { painter } from "./picture";
 import { significant } from "./plots";
 import { byId, clamp, shownRow, store } from "./state";
 import { setText } from "./status";
+import { classified, valueAt } from "./transfer";
 
 const AXES = ["x", "y", "z"];
 /** The axes along the width and the height of a slice across each. */
@@ -40,14 +41,6 @@ async function ask(): Promise<void> {
   drawSlices();
 }
 
-/** The color at position `unit` of the range, between the points of the transfer function. */
-function colorAt(points: { at: number; color: number[] }[], unit: number): number[] {
-  const next = points.findIndex(({ at }) => at >= unit);
-  const [a, b] = [points[Math.max((next < 0 ? points.length : next) - 1, 0)]!, points[next < 0 ? points.length - 1 : next]!];
-  const share = b.at > a.at ? clamp((unit - a.at) / (b.at - a.at), 0, 1) : 0;
-  return a.color.map((channel, n) => 255 * (channel + share * (b.color[n]! - channel)));
-}
-
 function paint({ slice: { width, height, units }, description }: Shown): void {
   const canvas = byId<HTMLCanvasElement>("slice");
   [canvas.width, canvas.height] = [width, height];
@@ -59,14 +52,10 @@ function paint({ slice: { width, height, units }, description }: Shown): void {
     if (Number.isNaN(unit)) return;
     // Rows come upwards.
     const at = 4 * ((height - 1 - Math.floor(n / width)) * width + (n % width));
-    pixels.data.set([...colorAt(description.transfer!.points, clamp(unit, 0, 1)), 255], at);
+    pixels.data.set([...classified(description.transfer!.points, clamp(unit, 0, 1)).color.map((channel) => 255 * channel), 255], at);
   });
   canvas.getContext("2d")!.putImageData(pixels, 0, 0);
   say();
-}
-
-function scalar({ lo, hi, scale }: { lo: number; hi: number; scale: string }, unit: number): number {
-  return scale === "log10" ? lo * (hi / lo) ** unit : lo + unit * (hi - lo);
 }
 
 /** The value under the pointer, and where that is. */
@@ -88,7 +77,7 @@ function say(): void {
   const [right, up] = ALONG[across]!;
   const places = [at(right, column / Math.max(slice.width - 1, 1)), at(up, row / Math.max(slice.height - 1, 1)), plane].sort();
   const { range } = description.transfer!;
-  const value = Number.isNaN(unit) ? "none" : unit <= 0 ? `at most ${significant(range.lo, 4)}` : unit >= 1 ? `at least ${significant(range.hi, 4)}` : significant(scalar(range, unit), 4);
+  const value = Number.isNaN(unit) ? "none" : unit <= 0 ? `at most ${significant(range.lo, 4)}` : unit >= 1 ? `at least ${significant(range.hi, 4)}` : significant(valueAt(range, unit), 4);
   setText(byId("slice-value"), `${value} at ${places.join(", ")}`);
 }
 
