@@ -84,9 +84,9 @@ impl Browser {
     /// Waits until an expression is true.
     ///
     /// # Panics
-    /// If it is not within 3 minutes: a GPU in software compiles kernels for one of them beside other tests.
+    /// If it is not within 5 minutes: a GPU in software compiles kernels for one of them beside other tests.
     pub fn wait_js(&self, condition: &str) {
-        let holds = wait_for(Duration::from_secs(180), || self.js(condition) == json!(true));
+        let holds = wait_for(Duration::from_secs(300), || self.js(condition) == json!(true));
         assert!(holds, "not so: {condition}; the page says {}", self.js("document.body.innerText"));
     }
 

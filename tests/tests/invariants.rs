@@ -17,7 +17,7 @@ use lamina_raycast::simd::{self, Level, Shot};
 use lamina_raycast::{Backend, Field, reference};
 use lamina_tests::{clumps, clumps_transfer, front_scene, sampled_cube};
 use lamina_vdi_render::gpu::GpuKernels as DrawKernels;
-use lamina_vdi_render::{PreparedVdi, reference as drawn};
+use lamina_vdi_render::{Detail, PreparedVdi, reference as drawn};
 use proptest::prelude::*;
 use std::sync::LazyLock;
 
@@ -283,7 +283,7 @@ proptest! {
                 let listed: Vec<_> = some.iter().map(|&n| pixels[n]).collect();
                 let these = simd::raycast_pixels(level, &field, &world.shot(), &listed);
                 prop_assert!(these.into_iter().eq(some.iter().map(|&n| cast[n])), "{:?}", level);
-                let these = prepared.render_pixels(&world.novel, w, h, &listed);
+                let these = prepared.pixels(&world.novel, [w, h], &listed, Detail::Nearest);
                 prop_assert!(these.into_iter().eq(some.iter().map(|&n| novel.pixels()[n])), "{:?}", level);
             }
         }
@@ -305,8 +305,8 @@ proptest! {
                 cast.raycast_pixels(&field, &world.scene.camera, w, h, &pixels).unwrap(),
             ),
             (
-                draw.render(&prepared, &world.novel, w, h).unwrap(),
-                draw.render_pixels(&prepared, &world.novel, w, h, &pixels).unwrap(),
+                Image::new(w, h, draw.picture(&prepared, &world.novel, [w, h], Detail::Cubic).unwrap()).unwrap(),
+                draw.pixels(&prepared, &world.novel, [w, h], &pixels, Detail::Cubic).unwrap(),
             ),
         ];
         for (picture, listed) in pairs {

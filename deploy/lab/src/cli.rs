@@ -96,6 +96,10 @@ pub(crate) struct BenchArguments {
     /// What each effect costs and changes, alone and in pairs, instead: pictures of the first size, VDIs of --resolution
     #[arg(long, conflicts_with_all = ["memory", "json", "gammas"])]
     pub effects: bool,
+    /// A GPU beside the processor, instead: times of both, and how near their results are. Pictures are 16:9, the first size
+    /// their height
+    #[arg(long, conflicts_with_all = ["memory", "json", "gammas", "effects"])]
+    pub devices: bool,
     /// One JSON object a line
     #[arg(long)]
     pub json: bool,

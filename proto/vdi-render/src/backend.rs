@@ -2,13 +2,15 @@
 
 use super::gpu::{GpuError, GpuKernels};
 use super::psnr::{QualityEstimate, estimate_of, quality_of};
-use super::reconstruction::{Detail, reconstruct};
-use super::{Drawable, PreparedVdi};
+use super::{Detail, Drawable, PreparedVdi};
 use lamina_compute::gpu::{Choice, DeviceError, Gpu, Opened};
 use lamina_model::{Camera, Image, Invalid, Quality, ReferenceSamples, Vdi};
 use std::fmt::Display;
 use std::ops::{Deref, Range};
 use std::sync::{Arc, OnceLock};
+
+/// Rows drawn by each thread before asking again whether the picture is wanted: enough to share them evenly.
+const ROWS_A_THREAD: u32 = 128;
 
 /// The level that renders, chosen once at start-up.
 #[derive(Debug, Clone)]
@@ -106,7 +108,7 @@ impl Backend {
         Ok(image.expect("it is wanted"))
     }
 
-    /// Renders as [`Self::render`] while `wanted`; returns `None` once it is not. Asked before each of the pictures that are blended.
+    /// Renders as [`Self::render`] while `wanted`; returns `None` once it is not. Asked before each band of rows.
     ///
     /// # Errors
     /// As [`Self::render`].
@@ -195,19 +197,23 @@ impl Backend {
         wanted: impl Fn() -> bool,
     ) -> Result<Option<Image>, Invalid> {
         Image::check_size(size[0], size[1])?;
-        let on_cpu = |by| vdi.displaced(camera, size, by);
-        let colors = reconstruct(detail, vdi.magnification(camera, size[1]), |by| match &self.vdis {
-            _ if !wanted() => Err(None),
-            VdiRenderer::Cpu => Ok(on_cpu(by)),
-            VdiRenderer::Gpu(kernels) => {
-                or_cpu(kernels, kernels.displaced(vdi, camera, size, by), || on_cpu(by)).map_err(Some)
+        let on_cpu = || {
+            let mut colors = Vec::with_capacity(size[0] as usize * size[1] as usize);
+            let rows = ROWS_A_THREAD * rayon::current_num_threads() as u32;
+            for first in (0..size[1]).step_by(rows as usize) {
+                if !wanted() {
+                    return None;
+                }
+                colors.extend(vdi.rows(camera, size, first..size[1].min(first + rows), detail));
             }
-        });
-        match colors {
-            Ok(colors) => Image::new(size[0], size[1], colors).map(Some),
-            Err(None) => Ok(None),
-            Err(Some(error)) => Err(error),
-        }
+            Some(colors)
+        };
+        let colors = match &self.vdis {
+            _ if !wanted() => None,
+            VdiRenderer::Cpu => on_cpu(),
+            VdiRenderer::Gpu(kernels) => or_cpu(kernels, kernels.picture(vdi, camera, size, detail).map(Some), on_cpu)?,
+        };
+        colors.map(|colors| Image::new(size[0], size[1], colors)).transpose()
     }
 
     /// Measures the quality of `vdi` on some batches of the reference samples.
@@ -237,13 +243,11 @@ impl Backend {
         detail: Detail,
     ) -> Result<Vec<[f32; 3]>, Invalid> {
         Image::check_size(size[0], size[1])?;
-        let on_cpu = |by| vdi.displaced_pixels(camera, size, pixels, by);
-        reconstruct(detail, vdi.magnification(camera, size[1]), |by| match &self.vdis {
-            VdiRenderer::Cpu => Ok(on_cpu(by)),
-            VdiRenderer::Gpu(kernels) => {
-                or_cpu(kernels, kernels.displaced_pixels(vdi, camera, size, pixels, by), || on_cpu(by))
-            }
-        })
+        let on_cpu = || vdi.pixels(camera, size, pixels, detail);
+        match &self.vdis {
+            VdiRenderer::Cpu => Ok(on_cpu()),
+            VdiRenderer::Gpu(kernels) => or_cpu(kernels, kernels.pixels(vdi, camera, size, pixels, detail), on_cpu),
+        }
     }
 }
 

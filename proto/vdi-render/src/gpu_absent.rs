@@ -1,6 +1,6 @@
 //! Stands in for the GPU's kernels in builds without the feature `gpu`: they cannot be made.
 
-use crate::{Displacement, PreparedVdi};
+use crate::{Detail, PreparedVdi};
 use lamina_compute::gpu::{AdapterFacts, Gpu, KernelError};
 use lamina_model::{Camera, Invalid, Vdi};
 use std::ops::Deref;
@@ -25,23 +25,23 @@ impl GpuKernels {
         match *self {}
     }
 
-    pub(super) fn displaced<V: Deref<Target = Vdi>>(
+    pub(super) fn picture<V: Deref<Target = Vdi>>(
         &self,
         _: &PreparedVdi<V>,
         _: &Camera,
         _: [u32; 2],
-        _: Displacement,
+        _: Detail,
     ) -> Result<Vec<[f32; 3]>, GpuError> {
         match *self {}
     }
 
-    pub(super) fn displaced_pixels<V: Deref<Target = Vdi>>(
+    pub(super) fn pixels<V: Deref<Target = Vdi>>(
         &self,
         _: &PreparedVdi<V>,
         _: &Camera,
         _: [u32; 2],
         _: &[(u32, u32)],
-        _: Displacement,
+        _: Detail,
     ) -> Result<Vec<[f32; 3]>, GpuError> {
         match *self {}
     }

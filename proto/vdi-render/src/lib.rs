@@ -1,8 +1,7 @@
 //! Rendering of Volumetric Depth Images and reduced volumes from any camera.
 //!
 //! One algorithm at three levels: [`mod@reference`] is the oracle in double precision, `simd` renders on the processor, `gpu` is
-//! its counterpart in WGSL. Each renders a VDI by its nearest rays, with its image optionally displaced; [`Detail`] selects
-//! whether several such pictures are combined. Reduced volumes are ray-cast by `lamina_raycast`. Programs call [`Backend`].
+//! its counterpart in WGSL. Each renders a VDI by its nearest rays, or by a combination of displaced ones ([`Detail`]). Reduced volumes are ray-cast by `lamina_raycast`. Programs call [`Backend`].
 #![cfg_attr(
     not(feature = "gpu"),
     allow(dead_code, unused_imports, reason = "the kernels on a GPU alone read some of it")
@@ -25,5 +24,5 @@ pub use backend::{Backend, Kernels};
 pub use drawable::Drawable;
 pub use lamina_compute::simd::Level;
 pub use psnr::QualityEstimate;
-pub use reconstruction::{Blend, Detail, Displacement, Reconstruction};
+pub use reconstruction::{Detail, Displacement};
 pub use simd::{PreparedVdi, render};

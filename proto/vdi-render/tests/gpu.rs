@@ -6,11 +6,12 @@
 use glam::DVec3;
 use lamina_compute::gpu::{Choice, testing};
 use lamina_model::{
-    Aabb, Camera, ControlPoint, Effects, ReferenceSamples, SamplePlan, ScalarRange, Scale, Scene, Supersegment,
+    Aabb, Camera, ControlPoint, Effects, Image, ReferenceSamples, SamplePlan, ScalarRange, Scale, Scene, Supersegment,
     TransferFunction, Vdi, VdiHeader, VdiParams,
 };
 use lamina_vdi_render::gpu::{GpuError, GpuKernels};
 use lamina_vdi_render::{Backend, Detail, PreparedVdi, reference};
+use std::ops::Deref;
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
@@ -150,7 +151,7 @@ fn displaced(vdi: &Vdi, camera: &Camera) -> Vec<Camera> {
 
 fn agreement(kernels: &GpuKernels, vdi: &Arc<Vdi>, (camera, width, height): (Camera, u32, u32)) -> Agreement {
     let exact = reference::render(vdi, &camera, width, height).unwrap();
-    let rendered = kernels.render(&PreparedVdi::new(vdi.clone()), &camera, width, height).unwrap();
+    let rendered = picture(kernels, &PreparedVdi::new(vdi.clone()), &camera, [width, height]).unwrap();
     let place = |n: usize| (n as u32 % width, n as u32 / width);
     let (mut found, mut suspects, mut squares) = (Agreement::default(), Vec::new(), 0.0);
     for (n, (a, b)) in exact.pixels().iter().zip(rendered.pixels()).enumerate() {
@@ -182,6 +183,16 @@ fn agreement(kernels: &GpuKernels, vdi: &Arc<Vdi>, (camera, width, height): (Cam
         }
     }
     found
+}
+
+fn picture<V: Deref<Target = Vdi>>(
+    kernels: &GpuKernels,
+    vdi: &PreparedVdi<V>,
+    camera: &Camera,
+    size: [u32; 2],
+) -> Result<Image, GpuError> {
+    let colors = kernels.picture(vdi, camera, size, Detail::Nearest)?;
+    Ok(Image::new(size[0], size[1], colors).unwrap())
 }
 
 fn assert_agrees(kernels: &GpuKernels, vdi: &Arc<Vdi>, view: (Camera, u32, u32)) -> Agreement {
@@ -230,7 +241,7 @@ fn a_list_made_by_hand_has_the_colors_it_must_from_both_sides() {
     for (z, red, green) in [(4.0, 1.0 - near, near * (1.0 - far)), (-4.0, far * (1.0 - near), 1.0 - far)] {
         // The center pixel looks along z.
         let camera = Camera::new(DVec3::new(0.0, 0.0, z), DVec3::ZERO, DVec3::Y, 40.0).unwrap();
-        let image = kernels.render(&PreparedVdi::new(vdi.clone()), &camera, 3, 3).unwrap();
+        let image = picture(kernels, &PreparedVdi::new(vdi.clone()), &camera, [3, 3]).unwrap();
         let expected = [red, green, 0.0].map(|c| c as f32);
         let expected: [f32; 3] = std::array::from_fn(|c| expected[c] + behind as f32 * background[c]);
         assert!(difference(&image.pixels()[4], &expected) < 1e-5, "{:?} for {expected:?}", image.pixels()[4]);
@@ -254,7 +265,7 @@ fn an_empty_vdi_is_background() {
     let Some(kernels) = kernels() else { return };
     let r = 24;
     let vdi = Vdi::new(header(outside(), r), vec![0; (r * r + 1) as usize], Vec::new()).unwrap();
-    let image = kernels.render(&PreparedVdi::new(&vdi), &outside(), 16, 8).unwrap();
+    let image = picture(kernels, &PreparedVdi::new(&vdi), &outside(), [16, 8]).unwrap();
     assert!(image.pixels().iter().all(|&p| p == vdi.header().background));
 }
 
@@ -266,13 +277,13 @@ fn listed_pixels_are_those_of_the_picture_also_among_several_vdis() {
     let pixels: Vec<_> = (0..48).flat_map(|j| (0..64).map(move |i| (i, j))).rev().collect();
     // More than are kept, each one twice.
     for vdi in vdis.iter().chain(&vdis) {
-        let image = kernels.render(vdi, &camera, 64, 48).unwrap();
-        let mut singly = kernels.render_pixels(vdi, &camera, 64, 48, &pixels).unwrap();
+        let image = picture(kernels, vdi, &camera, [64, 48]).unwrap();
+        let mut singly = kernels.pixels(vdi, &camera, [64, 48], &pixels, Detail::Nearest).unwrap();
         singly.reverse();
         assert_eq!(image.pixels(), singly);
     }
-    assert!(matches!(kernels.render(&vdis[0], &camera, 0, 8), Err(GpuError::Invalid(_))));
-    assert!(kernels.render_pixels(&vdis[0], &camera, 64, 48, &[]).unwrap().is_empty());
+    assert!(matches!(picture(kernels, &vdis[0], &camera, [0, 8]), Err(GpuError::Invalid(_))));
+    assert!(kernels.pixels(&vdis[0], &camera, [64, 48], &[], Detail::Nearest).unwrap().is_empty());
 }
 
 #[test]
@@ -280,7 +291,7 @@ fn what_does_not_fit_says_what_would_help_and_is_drawn_by_the_processor() {
     let Some(kernels) = open() else { return };
     let vdi = PreparedVdi::new(random_vdi(outside(), 33, 0.5, 0));
     let kernels = kernels.with_array_bytes(1000);
-    let refusal = kernels.render(&vdi, &outside(), 8, 8).unwrap_err();
+    let refusal = picture(&kernels, &vdi, &outside(), [8, 8]).unwrap_err();
     assert!(matches!(refusal, GpuError::TooLarge { limit: 62, .. }), "{refusal}");
     assert!(refusal.to_string().contains("raise gamma, or run on the processor"), "{refusal}");
     let backend = Backend::on_gpu(kernels);
@@ -342,9 +353,9 @@ fn times() {
             (0..5).map(|_| once()).min().unwrap()
         };
         let start = Instant::now();
-        kernels.render_pixels(&vdi, &camera, 512, 512, &[(0, 0)]).unwrap();
+        kernels.pixels(&vdi, &camera, [512, 512], &[(0, 0)], Detail::Nearest).unwrap();
         let upload = start.elapsed();
-        let gpu = time(&|| drop(kernels.render(&vdi, &camera, 512, 512).unwrap()));
+        let gpu = time(&|| drop(picture(kernels, &vdi, &camera, [512, 512]).unwrap()));
         let cpu = time(&|| drop(vdi.render(&camera, 512, 512).unwrap()));
         let (name, segments) = (&kernels.facts().name, vdi.vdi().segments().len());
         println!("{name}: {segments} supersegments: upload {upload:?}, view {gpu:?}; processor {cpu:?}");

@@ -7,7 +7,7 @@ use lamina_raycast::gpu::{GpuError as CastError, GpuKernels as CastKernels};
 use lamina_raycast::simd::{self, Level, Shot};
 use lamina_raycast::{Field, reference};
 use lamina_vdi_render::gpu::{GpuError as DrawError, GpuKernels as DrawKernels};
-use lamina_vdi_render::{PreparedVdi, reference as drawn};
+use lamina_vdi_render::{Detail, PreparedVdi, reference as drawn};
 
 /// Colors of pixels, or why there are none.
 pub(crate) type Colors = Result<Vec<[f32; 3]>, String>;
@@ -126,11 +126,11 @@ impl Drawer {
             Self::Scalar if whole => Ok(drawn::render(vdi, camera, w, h).unwrap().pixels().to_vec()),
             Self::Scalar => Ok(drawn::render_pixels(vdi, camera, w, h, pixels)),
             Self::Lanes(_) if whole => Ok(prepared.render(camera, w, h).unwrap().pixels().to_vec()),
-            Self::Lanes(_) => Ok(prepared.render_pixels(camera, w, h, pixels)),
+            Self::Lanes(_) => Ok(prepared.pixels(camera, [w, h], pixels, Detail::Nearest)),
             Self::Gpu(gpu) if whole => {
-                gpu.render(prepared, camera, w, h).map(|image| image.pixels().to_vec()).map_err(too_large_to_draw)
+                gpu.picture(prepared, camera, [w, h], Detail::Nearest).map_err(too_large_to_draw)
             }
-            Self::Gpu(gpu) => gpu.render_pixels(prepared, camera, w, h, pixels).map_err(too_large_to_draw),
+            Self::Gpu(gpu) => gpu.pixels(prepared, camera, [w, h], pixels, Detail::Nearest).map_err(too_large_to_draw),
         }
     }
 

@@ -3,6 +3,7 @@
 //! Everything is measured once a round, round after round, so that whatever else the machine does meets all alike. A
 //! first round warms up and is not counted. A volume is taken through both nodes' kernels, a VDI through the viewer's.
 
+mod devices;
 mod effects;
 
 use crate::cli;
@@ -36,6 +37,10 @@ pub(crate) fn bench(arguments: &cli::BenchArguments) -> anyhow::Result<()> {
     if arguments.effects {
         ensure!(!is_vdi, "--effects needs a volume: a VDI holds them already");
         return effects::print(arguments);
+    }
+    if arguments.devices {
+        ensure!(!is_vdi, "--devices needs a volume");
+        return devices::print(arguments);
     }
     if arguments.memory {
         let memory = if is_vdi { viewer_memory(arguments)? } else { generator_memory(arguments)? };

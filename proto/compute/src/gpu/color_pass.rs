@@ -84,7 +84,7 @@ impl ColorPass<'_> {
         let size = COLOR_BYTES * count;
         let out = gpu.buffer("colors", size, BufferUsages::STORAGE | BufferUsages::COPY_SRC);
         let bindings = gpu.bind(self.layout, &[&band, &pixels, &out]);
-        let result = gpu.submit(
+        let copies = gpu.submit(
             self.label,
             |pass| {
                 pass.set_pipeline(pipeline);
@@ -96,7 +96,7 @@ impl ColorPass<'_> {
             },
             &[(&out, 0..size)],
         )?;
-        let bytes = &result.copies[0];
+        let bytes = &copies[0];
         colors.extend(bytes.chunks_exact(COLOR_BYTES as usize).map(bytemuck::pod_read_unaligned::<[f32; 3]>));
         Ok(())
     }

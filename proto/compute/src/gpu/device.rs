@@ -5,7 +5,7 @@ use super::{AdapterFacts, Choice, DeviceError};
 use parking_lot::Mutex;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use wgpu::{Buffer, BufferDescriptor, BufferUsages, Device, Error, ErrorFilter, Features, Limits, Queue};
+use wgpu::{Buffer, BufferDescriptor, BufferUsages, Device, Error, ErrorFilter, Limits, Queue};
 
 /// An open GPU.
 #[derive(Debug)]
@@ -60,12 +60,8 @@ impl Gpu {
     fn of(adapter: &wgpu::Adapter, facts: AdapterFacts) -> Result<Self, DeviceError> {
         // The default limits are those of browsers; volumes need the adapter's full limits.
         let limits = adapter.limits();
-        let descriptor = wgpu::DeviceDescriptor {
-            label: Some("lamina"),
-            required_features: adapter.features() & Features::TIMESTAMP_QUERY,
-            required_limits: limits.clone(),
-            ..Default::default()
-        };
+        let descriptor =
+            wgpu::DeviceDescriptor { label: Some("lamina"), required_limits: limits.clone(), ..Default::default() };
         let opened = pollster::block_on(adapter.request_device(&descriptor));
         let refused =
             |e: wgpu::RequestDeviceError| DeviceError::Refused { adapter: facts.name.clone(), reason: e.to_string() };
@@ -93,10 +89,6 @@ impl Gpu {
     /// Its limits, which are the adapter's.
     pub fn limits(&self) -> &Limits {
         &self.limits
-    }
-    /// True if the device can timestamp passes.
-    pub fn has_timestamps(&self) -> bool {
-        self.device.features().contains(Features::TIMESTAMP_QUERY)
     }
 
     /// The most bytes of one storage binding.

@@ -34,6 +34,5 @@ pub use device::{Gpu, Opened};
 pub use error::{DeviceError, KernelError};
 pub use facts::AdapterFacts;
 #[cfg(feature = "gpu")]
-pub use submit::PassResult;
 #[cfg(feature = "gpu")]
 pub use wgpu;

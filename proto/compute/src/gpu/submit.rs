@@ -1,33 +1,16 @@
-//! Submission of a compute pass, with its duration and copies of its results to the host.
+//! Submission of a compute pass, with copies of its results to the host.
 
 use super::{DeviceError, Gpu};
 use parking_lot::Mutex;
 use std::ops::Range;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 use wgpu::{
-    Buffer, BufferUsages, BufferView, CommandEncoderDescriptor, ComputePass, ComputePassDescriptor,
-    ComputePassTimestampWrites, MapMode, PollType, QuerySet, QuerySetDescriptor, QueryType,
+    Buffer, BufferUsages, BufferView, CommandEncoderDescriptor, ComputePass, ComputePassDescriptor, MapMode, PollType,
 };
-
-/// The result of a compute pass.
-#[derive(Debug)]
-pub struct PassResult {
-    /// Duration of the pass by the device's timestamps, or from submission to completion if it has none.
-    pub time: Duration,
-    /// The copied ranges, in the order requested.
-    pub copies: Vec<BufferView>,
-}
-
-/// Two timestamp queries, and the buffer they are resolved into.
-struct PassTimer {
-    queries: QuerySet,
-    resolved: Buffer,
-}
 
 impl Gpu {
     /// Runs the pass that `record` records, copies parts of buffers (offsets and lengths multiples of 4, none empty) to the
-    /// host, and waits for both. To be called inside [`Gpu::run`].
+    /// host, waits for both and returns the copies in the order requested. To be called inside [`Gpu::run`].
     ///
     /// # Errors
     /// If a copy cannot be read.
@@ -36,46 +19,18 @@ impl Gpu {
         label: &str,
         record: impl FnOnce(&mut ComputePass<'_>),
         copies: &[(&Buffer, Range<u64>)],
-    ) -> Result<PassResult, DeviceError> {
-        let timer = self.has_timestamps().then(|| self.timer());
+    ) -> Result<Vec<BufferView>, DeviceError> {
         let mut encoder = self.device().create_command_encoder(&CommandEncoderDescriptor { label: Some(label) });
-        let timestamp_writes = timer.as_ref().map(|t| ComputePassTimestampWrites {
-            query_set: &t.queries,
-            beginning_of_pass_write_index: Some(0),
-            end_of_pass_write_index: Some(1),
-        });
-        record(&mut encoder.begin_compute_pass(&ComputePassDescriptor { label: Some(label), timestamp_writes }));
-        let mut wanted: Vec<(&Buffer, Range<u64>)> = copies.to_vec();
-        if let Some(t) = &timer {
-            encoder.resolve_query_set(&t.queries, 0..2, &t.resolved, 0);
-            wanted.push((&t.resolved, 0..16));
-        }
-        let staged = wanted.iter().map(|(source, range)| {
+        record(&mut encoder.begin_compute_pass(&ComputePassDescriptor { label: Some(label), timestamp_writes: None }));
+        let staged = copies.iter().map(|(source, range)| {
             let size = range.end - range.start;
             let staged = self.buffer("staged", size, BufferUsages::MAP_READ | BufferUsages::COPY_DST);
             encoder.copy_buffer_to_buffer(source, range.start, &staged, 0, size);
             staged
         });
         let staged: Vec<Buffer> = staged.collect();
-        let start = Instant::now();
         self.queue().submit([encoder.finish()]);
-        let mut copies = self.read(label, &staged)?;
-        let wall = start.elapsed();
-        let time = timer.and_then(|_| copies.pop()).and_then(|stamps| self.duration(&stamps)).unwrap_or(wall);
-        Ok(PassResult { time, copies })
-    }
-
-    fn timer(&self) -> PassTimer {
-        let descriptor = QuerySetDescriptor { label: Some("timer"), ty: QueryType::Timestamp, count: 2 };
-        let usage = BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC;
-        PassTimer { queries: self.device().create_query_set(&descriptor), resolved: self.buffer("timer", 16, usage) }
-    }
-
-    /// The time between two timestamps; `None` if they run backwards, as some drivers' do.
-    fn duration(&self, stamps: &[u8]) -> Option<Duration> {
-        let stamp = |n: usize| Some(u64::from_le_bytes(stamps.get(8 * n..8 * n + 8)?.try_into().ok()?));
-        let ticks = stamp(1)?.checked_sub(stamp(0)?).filter(|&t| t > 0)?;
-        Some(Duration::from_nanos((ticks as f64 * f64::from(self.queue().get_timestamp_period())) as u64))
+        self.read(label, &staged)
     }
 
     /// Waits for all submitted work, then maps the staging buffers.

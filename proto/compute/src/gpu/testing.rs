@@ -44,7 +44,7 @@ pub fn probe<const IN: usize, const OUT: usize>(
             pass.dispatch_workgroups(cases.len().div_ceil(64) as u32, 1, 1);
         };
         let done = gpu.submit("probe", record, &[(&output, 0..size)])?;
-        let vectors: Vec<[f32; 4]> = done.copies[0].chunks_exact(16).map(bytemuck::pod_read_unaligned).collect();
+        let vectors: Vec<[f32; 4]> = done[0].chunks_exact(16).map(bytemuck::pod_read_unaligned).collect();
         let outcomes = vectors.chunks_exact(OUT).map(|outcome| std::array::from_fn(|n| outcome[n]));
         Ok::<_, DeviceError>(outcomes.collect())
     });

@@ -26,8 +26,9 @@ use parking_lot::Mutex;
 use pipelines::{MarchPipelines, Pipelines};
 use resident::ResidentField;
 
-/// Bytes of supersegments written by one dispatch: enough to keep the device busy, little compared to its memory.
-const CHUNK_BYTES: u64 = 256 << 20;
+/// Bytes of supersegments written by one dispatch: enough to keep the device busy, few enough that the processor, which works on
+/// the chunk before, has little to do after the last one.
+const CHUNK_BYTES: u64 = 32 << 20;
 /// Rays or pixels of one dispatch: far less than a second of work, so that no watchdog takes it for a hang.
 const BAND: u64 = 1 << 22;
 

@@ -31,6 +31,19 @@ pub struct RowBand {
     pub segments: Vec<Supersegment>,
 }
 
+impl RowBand {
+    /// All rays of `bands`, in order.
+    pub(crate) fn concat(bands: Vec<Self>) -> Self {
+        let mut all = Self::default();
+        all.segments.reserve_exact(bands.iter().map(|band| band.segments.len()).sum());
+        for band in bands {
+            all.counts.extend(band.counts);
+            all.segments.extend(band.segments);
+        }
+        all
+    }
+}
+
 /// Runs `work` for bands 0..`count` on all cores and passes the results to `take` in order.
 ///
 /// Workers start bands in order too, so few finished ones ever wait for an earlier one: besides what `take` keeps, memory is

@@ -55,28 +55,33 @@ impl<'a> Segmenter<'a> {
     pub(crate) fn some_rows(&self, numbers: impl Iterator<Item = u32>, fine: RowBand) -> RowBand {
         let Some(header) = self.header else { return fine };
         let (mut rows, mut rest) = (Vec::new(), fine.segments.as_slice());
-        for (j, counts) in numbers.zip(fine.counts.chunks(header.params.resolution() as usize)) {
+        let r = header.params.resolution() as usize;
+        for (j, counts) in numbers.zip(fine.counts.chunks(r)) {
             let (segments, others) = rest.split_at(counts.iter().sum::<u32>() as usize);
             rest = others;
-            rows.push((j, counts, segments));
+            rows.push((j as usize * r, counts, segments));
         }
-        let rows: Vec<RowBand> =
-            rows.into_par_iter().map(|(j, counts, fine)| self.row(header, j, counts, fine)).collect();
-        let mut band = RowBand::default();
-        for row in rows {
-            band.counts.extend(row.counts);
-            band.segments.extend(row.segments);
-        }
-        band
+        let rows = rows.into_par_iter().map(|(first, counts, fine)| self.lists(header, first, counts, fine));
+        RowBand::concat(rows.collect())
     }
 
-    fn row(&self, header: &VdiHeader, j: u32, counts: &[u32], mut fine: &[Supersegment]) -> RowBand {
+    /// Segments the lists of consecutive rays, the first of which is ray `first` of the VDI, counted row by row.
+    pub(crate) fn rays(&self, first: usize, fine: RowBand) -> RowBand {
+        match self.header {
+            Some(header) => self.lists(header, first, &fine.counts, &fine.segments),
+            None => fine,
+        }
+    }
+
+    fn lists(&self, header: &VdiHeader, first: usize, counts: &[u32], mut fine: &[Supersegment]) -> RowBand {
         let (mut row, mut ray) = (RowBand::default(), RaySearch::default());
-        for (i, &count) in (0..).zip(counts) {
+        let r = header.params.resolution() as usize;
+        for (n, &count) in (first..).zip(counts) {
             let (list, rest) = fine.split_at(count as usize);
             fine = rest;
             let before = row.segments.len();
-            if let (false, Some((t_in, t_out))) = (list.is_empty(), header.ray_span(i, j)) {
+            let span = || header.ray_span((n % r) as u32, (n / r) as u32);
+            if let (false, Some((t_in, t_out))) = (list.is_empty(), span()) {
                 ray.length = (t_out - t_in) / header.step_length;
                 // An opaque supersegment would make everything opaque that it is joined with.
                 let alike = |a: &Supersegment, b: &Supersegment| {

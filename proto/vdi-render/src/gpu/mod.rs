@@ -15,8 +15,9 @@ mod tests;
 
 pub use error::GpuError;
 
-use super::{Displacement, PreparedVdi};
-use crate::kernel::layout::{PictureUniforms, ViewUniforms};
+use super::{Detail, PreparedVdi};
+use crate::kernel::layout::PictureUniforms;
+use crate::kernel::view_uniforms;
 use lamina_compute::gpu::wgpu::{BindGroup, BufferUsages};
 use lamina_compute::gpu::{AdapterFacts, ColorPass, DeviceError, Gpu};
 use lamina_model::{Camera, Image, Vdi};
@@ -44,8 +45,7 @@ pub struct GpuKernels {
 struct PictureRays<'a> {
     camera: &'a Camera,
     size: [u32; 2],
-    /// Displacement of the VDI's image.
-    by: Displacement,
+    detail: Detail,
 }
 
 /// A VDI and the rays of a picture, bound to the kernels.
@@ -83,33 +83,21 @@ impl GpuKernels {
         !self.has_failed.swap(true, Ordering::Relaxed)
     }
 
-    /// Renders `vdi` from `camera` with nearest rays. The paper's I.
+    /// Renders all pixels of a picture of `size` (width, height), row by row. The paper's I.
     ///
     /// # Errors
     /// If the picture's size is out of bounds, the VDI does not fit the device, or the device fails.
     #[doc(alias = "I")]
-    pub fn render<V: Deref<Target = Vdi>>(
-        &self,
-        vdi: &PreparedVdi<V>,
-        camera: &Camera,
-        width: u32,
-        height: u32,
-    ) -> Result<Image, GpuError> {
-        let colors = self.displaced(vdi, camera, [width, height], [0.0; 2])?;
-        Image::new(width, height, colors).map_err(GpuError::Invalid)
-    }
-
-    /// Renders all pixels, row by row, with the VDI's image displaced.
-    pub(super) fn displaced<V: Deref<Target = Vdi>>(
+    pub fn picture<V: Deref<Target = Vdi>>(
         &self,
         vdi: &PreparedVdi<V>,
         camera: &Camera,
         size @ [width, height]: [u32; 2],
-        by: Displacement,
+        detail: Detail,
     ) -> Result<Vec<[f32; 3]>, GpuError> {
         Image::check_size(width, height).map_err(GpuError::Invalid)?;
         let whole = width as usize * height as usize;
-        self.with("a picture", vdi, &PictureRays { camera, size, by }, whole, |bound| {
+        self.with("a picture", vdi, &PictureRays { camera, size, detail }, whole, |bound| {
             Ok(bound.color_pass(&bound.groups()).rows(&bound.pipelines.render_rows, size, uniforms)?)
         })
     }
@@ -118,28 +106,16 @@ impl GpuKernels {
     ///
     /// # Errors
     /// As for the whole picture.
-    pub fn render_pixels<V: Deref<Target = Vdi>>(
-        &self,
-        vdi: &PreparedVdi<V>,
-        camera: &Camera,
-        width: u32,
-        height: u32,
-        pixels: &[(u32, u32)],
-    ) -> Result<Vec<[f32; 3]>, GpuError> {
-        self.displaced_pixels(vdi, camera, [width, height], pixels, [0.0; 2])
-    }
-
-    /// Renders some pixels with the VDI's image displaced.
-    pub(super) fn displaced_pixels<V: Deref<Target = Vdi>>(
+    pub fn pixels<V: Deref<Target = Vdi>>(
         &self,
         vdi: &PreparedVdi<V>,
         camera: &Camera,
         size: [u32; 2],
         pixels: &[(u32, u32)],
-        by: Displacement,
+        detail: Detail,
     ) -> Result<Vec<[f32; 3]>, GpuError> {
         Image::check_size(size[0], size[1]).map_err(GpuError::Invalid)?;
-        self.with("pixels of a picture", vdi, &PictureRays { camera, size, by }, pixels.len(), |bound| {
+        self.with("pixels of a picture", vdi, &PictureRays { camera, size, detail }, pixels.len(), |bound| {
             let pipeline = &bound.pipelines.render_pixels;
             Ok(bound.color_pass(&bound.groups()).pixels(pipeline, pixels, |count| uniforms(0, count))?)
         })
@@ -163,7 +139,7 @@ impl GpuKernels {
         let mut residents = self.residents.lock();
         let done = gpu.run(doing, || {
             let resident = residents.get(gpu, vdi);
-            let view = ViewUniforms::new(vdi.vdi(), grid, shot.camera, shot.size, shot.by);
+            let view = view_uniforms(vdi, shot.camera, shot.size, shot.detail);
             let view = gpu.upload("view", bytemuck::bytes_of(&view), BufferUsages::UNIFORM);
             let [stored, slots, spans, masks, ends, contents] = &resident.buffers;
             let vdi = gpu.bind(&pipelines.vdi, &[stored, &view, slots, spans, masks, ends, contents]);

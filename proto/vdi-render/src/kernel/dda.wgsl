@@ -65,7 +65,10 @@ fn children(line: ImageLine, level: LevelWalk, shift: u32, finer: u32) -> LevelW
 fn trace(line: ImageLine) -> LineAccumulator {
     var light = LineAccumulator(vec3f(0.0), 1.0, 0u);
     let last = vec2i((stored.size - 1u) >> vec2u(COARSE));
-    var coarse = level_at(line, COARSE, 0.0, 1.0, vec2i(0), last);
+    if line.visible.x >= line.visible.y {
+        return light;
+    }
+    var coarse = level_at(line, COARSE, line.visible.x, line.visible.y, vec2i(0), last);
     loop {
         if is_met(line, coarse, COARSE, stored.first_masks.y) && trace_coarse(line, coarse, &light) {
             break;

@@ -43,8 +43,11 @@ pub(crate) struct ViewUniforms {
     pub eye: f32,
     pub slope: f32,
     pub steps: f32,
+    pub sharpness: f32,
+    pub inner: [f32; 2],
+    pub outer: [f32; 2],
+    pub margin: f32,
     pub pad0: u32,
-    pub pad1: [u32; 2],
 }
 
 /// The pixels that a dispatch colors.

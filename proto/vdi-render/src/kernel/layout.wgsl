@@ -46,8 +46,14 @@ struct ViewUniforms {
     slope: f32,
     // Step lengths per distance on the central ray.
     steps: f32,
+    // Weight of the difference in cubic pictures.
+    sharpness: f32,
+    // Displacements of the inner and the outer ring, in pixels of the VDI.
+    inner: vec2f,
+    outer: vec2f,
+    // By how far displaced lines may reach into the occupied rectangle from outside, pixels; 0: nearest rays.
+    margin: f32,
     pad0: u32,
-    pad1: vec2u,
 }
 
 // The pixels that a dispatch colors.

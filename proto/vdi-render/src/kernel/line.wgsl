@@ -31,6 +31,8 @@ struct ImageLine {
     margin: f32,
     // Length in step lengths; 0 or less if the ray misses the VDI.
     steps: f32,
+    // The part, in mu, that lies in the occupied rectangle; empty if its end is before its start.
+    visible: vec2f,
 }
 
 // The function at distance 0, and its change per distance.
@@ -64,9 +66,11 @@ fn line_at(x: f32, y: f32) -> ImageLine {
         return line;
     }
     // Clamp what rounding pushed over the edge of the rectangle.
-    let rim = vec2f(stored.size) * (1.0 - 1.0 / 4194304.0);
-    line.start = clamp(a.xy / line.z0, vec2f(0.0), rim);
-    line.change = clamp(b.xy / line.z1, vec2f(0.0), rim) - line.start;
+    let low = vec2f(-view.margin);
+    let rim = vec2f(stored.size) * (1.0 - 1.0 / 4194304.0) + view.margin;
+    line.start = clamp(a.xy / line.z0, low, rim);
+    line.change = clamp(b.xy / line.z1, low, rim) - line.start;
+    line.visible = vec2f(0.0, 1.0);
     line.per_change = vec2f(per_change(line.change.x), per_change(line.change.y));
     line.depth = a.z;
     line.depth_change = b.z - a.z;
@@ -76,4 +80,16 @@ fn line_at(x: f32, y: f32) -> ImageLine {
     line.margin = stored.margin + 1e-6 * abs(line.bin_change);
     line.steps = (span.y - span.x) * view.steps * sqrt(1.0 + view.slope * view.slope * (x * x + y * y));
     return line;
+}
+
+// The line moved `by` in the VDI's image.
+fn displaced(line: ImageLine, by: vec2f) -> ImageLine {
+    var moved = line;
+    moved.start = line.start + by;
+    let a = (vec2f(0.0) - moved.start) * line.per_change;
+    let b = (vec2f(stored.size) - moved.start) * line.per_change;
+    let enter = min(a, b);
+    let leave = max(a, b);
+    moved.visible = vec2f(max(max(enter.x, enter.y), 0.0), min(min(leave.x, leave.y), 1.0));
+    return moved;
 }

@@ -4,9 +4,9 @@
 pub(crate) mod layout;
 pub(crate) mod view;
 
-use crate::reconstruction::{Blend, blend};
-use crate::simd::AccelerationGrid;
-use crate::{Displacement, PreparedVdi};
+use crate::reconstruction::sharpness;
+use crate::simd::{AccelerationGrid, magnification};
+use crate::{Detail, PreparedVdi};
 use bytemuck::cast_slice;
 use lamina_compute::kernel::Binding;
 use lamina_model::{Camera, Vdi};
@@ -49,26 +49,32 @@ impl VdiKernel {
         near < far
     }
 
-    /// The rays of a picture from `camera`, `width` x `height` pixels, with the VDI's image displaced.
+    /// The rays of a picture from `camera`, `width` x `height` pixels.
     pub fn view<V: Deref<Target = Vdi>>(
         vdi: &PreparedVdi<V>,
         camera: &Camera,
         width: u32,
         height: u32,
-        by: Displacement,
+        detail: Detail,
     ) -> Binding<'static> {
-        Binding::uniform(0, 1, &ViewUniforms::new(vdi.vdi(), vdi.grid(), camera, [width, height], by))
+        Binding::uniform(0, 1, &view_uniforms(vdi, camera, [width, height], detail))
     }
 
     /// The band of `rows` rows from row `first` on.
     pub fn band(first: u32, rows: u32) -> Binding<'static> {
         Binding::uniform(1, 0, &PictureUniforms { first, count: rows, pad0: [0; 2] })
     }
+}
 
-    /// The pictures that a still picture from `camera`, `height` pixels high, blends, and how.
-    pub fn blend<V: Deref<Target = Vdi>>(vdi: &PreparedVdi<V>, camera: &Camera, height: u32) -> Blend {
-        blend(vdi.magnification(camera, height))
-    }
+/// The rays of a picture.
+pub(crate) fn view_uniforms<V: Deref<Target = Vdi>>(
+    vdi: &PreparedVdi<V>,
+    camera: &Camera,
+    size: [u32; 2],
+    detail: Detail,
+) -> ViewUniforms {
+    let sharpness = sharpness(detail, magnification(vdi.vdi(), camera, size[1]));
+    ViewUniforms::new(vdi.vdi(), vdi.grid(), camera, size, sharpness)
 }
 
 /// The arrays of a VDI with content, in the order of their bindings.

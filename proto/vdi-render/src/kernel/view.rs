@@ -5,8 +5,8 @@
 //! and all coefficients are computed here, once per picture, in double precision.
 
 use super::layout::{LinearForm, PLANES, ViewUniforms};
-use crate::Displacement;
-use crate::simd::{AccelerationGrid, homogeneous};
+use crate::reconstruction::{INNER_RING, OUTER_RING};
+use crate::simd::{AccelerationGrid, homogeneous, margin};
 use glam::DVec3;
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
 use lamina_model::{Camera, Vdi};
@@ -63,28 +63,30 @@ fn single(form: [[f64; 3]; 2]) -> LinearForm {
 }
 
 impl ViewUniforms {
-    /// The rays of `camera` through a `width` x `height` picture of `vdi`, whose image is displaced `by`.
+    /// The rays of `camera` through a `width` x `height` picture of `vdi`, with nearest rays or the `sharpness` of a cubic one.
     pub(crate) fn new(
         vdi: &Vdi,
         grid: &AccelerationGrid,
         camera: &Camera,
         [width, height]: [u32; 2],
-        by: Displacement,
+        sharpness: Option<f32>,
     ) -> Self {
         let header = vdi.header();
         let bounds = &header.bounds;
         let rays = RayForms::new(camera, bounds.center(), width, height);
         let eye = header.camera.position();
-        let image = |direction| homogeneous(header, grid, by, direction);
+        let image = |direction| homogeneous(header, grid, direction);
         let mut planes = [LinearForm::default(); PLANES];
         for axis in 0..3 {
             planes[2 * axis] = rays.plane(bounds.min, 0.0, |d| d[axis]);
             planes[2 * axis + 1] = rays.plane(bounds.max, 0.0, |d| -d[axis]);
         }
-        let [w, h] = grid.size.map(f64::from);
-        planes[6] = rays.plane(eye, 0.0, |d| image(d).x);
+        // Displaced lines reach into the rectangle from outside.
+        let margin = margin(sharpness);
+        let [w, h] = grid.size.map(|n| f64::from(n) + margin);
+        planes[6] = rays.plane(eye, 0.0, |d| image(d).x + margin * image(d).z);
         planes[7] = rays.plane(eye, 0.0, |d| w * image(d).z - image(d).x);
-        planes[8] = rays.plane(eye, 0.0, |d| image(d).y);
+        planes[8] = rays.plane(eye, 0.0, |d| image(d).y + margin * image(d).z);
         planes[9] = rays.plane(eye, 0.0, |d| h * image(d).z - image(d).y);
         let [near, far] = grid.depths;
         planes[10] = rays.plane(eye, near.max(NEAR * far), |d| image(d).z);
@@ -101,8 +103,11 @@ impl ViewUniforms {
             eye: -rays.middle as f32,
             slope: (camera.tan_half_fov() / f64::from(height)) as f32,
             steps: (1.0 / header.step_length) as f32,
+            sharpness: sharpness.unwrap_or_default(),
+            inner: INNER_RING.map(|by| by as f32),
+            outer: OUTER_RING.map(|by| by as f32),
+            margin: margin as f32,
             pad0: 0,
-            pad1: [0; 2],
         }
     }
 }

@@ -4,10 +4,13 @@
 //! depth in proportion to the length crossed. Depth planes are parallel to the generation image.
 
 use super::frustum::{FrustumWalk, PixelCrossing};
-use crate::Displacement;
+use crate::reconstruction::{reconstruct, sharpness};
+use crate::simd::magnification;
+use crate::{Detail, Displacement};
 use lamina_model::composite::{Accumulator, TRANSMITTANCE_FLOOR};
 use lamina_model::{Camera, Image, Invalid, Ray, Supersegment, Vdi};
 use rayon::prelude::*;
+use std::convert::Infallible;
 use std::ops::ControlFlow;
 
 /// Renders `vdi` from `camera`. The paper's I.
@@ -24,6 +27,16 @@ pub fn render(vdi: &Vdi, camera: &Camera, width: u32, height: u32) -> Result<Ima
 /// Renders some `pixels` (column, row) of that picture; returns their colors in order.
 pub fn render_pixels(vdi: &Vdi, camera: &Camera, width: u32, height: u32, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
     displaced_pixels(vdi, camera, [width, height], pixels, [0.0; 2])
+}
+
+/// Renders some pixels with [`Detail::Cubic`].
+pub fn cubic_pixels(vdi: &Vdi, camera: &Camera, size: [u32; 2], pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
+    let sharpness = sharpness(Detail::Cubic, magnification(vdi, camera, size[1])).unwrap_or_default();
+    let draw = |by| Ok::<_, Infallible>(displaced_pixels(vdi, camera, size, pixels, by));
+    match reconstruct(sharpness, draw) {
+        Ok(colors) => colors,
+        Err(never) => match never {},
+    }
 }
 
 /// Renders some pixels with the VDI's image displaced.

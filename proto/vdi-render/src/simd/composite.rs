@@ -3,7 +3,7 @@
 use super::dda::CrossedTile;
 use super::packet::{Heading, LinePacket};
 use super::ray_setup::RaySetup;
-use lamina_compute::simd::{Lanes, SMALL_OPTICAL_DEPTH, SimdF32, SimdI32, SimdMask, WIDTH, opacity, small_opacity};
+use lamina_compute::simd::{Lanes, SMALL_OPTICAL_DEPTH, SimdF32, SimdI32, SimdMask, opacity, small_opacity};
 use lamina_model::Supersegment;
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
 
@@ -93,13 +93,13 @@ impl<L: Lanes> RayAccumulator<L> {
 
     /// The colors in front of `background`. Clamped, as sums for white may round to slightly more than 1.
     #[inline(always)]
-    pub(super) fn over(&self, background: [f32; 3]) -> [[f32; WIDTH]; 3] {
+    pub(super) fn over(&self, background: [f32; 3]) -> [L::F; 3] {
         let ([r, g, b], t) = (self.seen.color, self.seen.transmittance);
         let white = L::F::splat(1.0);
         [
-            (r + t * L::F::splat(background[0])).min(white).to_array(),
-            (g + t * L::F::splat(background[1])).min(white).to_array(),
-            (b + t * L::F::splat(background[2])).min(white).to_array(),
+            (r + t * L::F::splat(background[0])).min(white),
+            (g + t * L::F::splat(background[1])).min(white),
+            (b + t * L::F::splat(background[2])).min(white),
         ]
     }
 }

@@ -9,6 +9,7 @@
 //!   lines in the VDI's image.
 //! - [`mod@picture`]: division of a picture into packets of neighboring rays.
 //! - [`dda`]: traversal of tiles and pixels; [`trace`]: skipping of empty ones by their masks; [`composite`]: compositing of a list.
+//! - [`cubic`]: the combination of displaced lines.
 //!
 //! **Agreement.** Rays are clipped in double precision. From there on positions are single precision, relative to the occupied
 //! rectangle and to the middle depth, and so are colors and opacities: positions are off by about 1e-6 of the volume, and since
@@ -21,6 +22,7 @@
 mod acceleration_grid;
 mod clip;
 mod composite;
+mod cubic;
 mod dda;
 mod depth_steps;
 mod packet;
@@ -33,14 +35,15 @@ pub(super) use acceleration_grid::AccelerationGrid;
 pub(super) use acceleration_grid::DepthBins;
 #[cfg(test)]
 pub(super) use depth_steps::DepthSteps;
-pub(super) use ray_setup::homogeneous;
+pub(super) use ray_setup::{homogeneous, margin};
 
-use super::{Detail, Displacement, Reconstruction};
+use super::Detail;
+use super::reconstruction::sharpness;
 use lamina_compute::simd::Level;
 use lamina_model::{Camera, Image, Invalid, Vdi};
 use picture::{listed, picture};
 use ray_setup::RaySetup;
-use std::ops::Deref;
+use std::ops::{Deref, Range};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -81,23 +84,9 @@ impl<V: Deref<Target = Vdi>> PreparedVdi<V> {
         &self.vdi
     }
 
-    /// Width of a VDI pixel in pixels of a picture from `camera`, `height` pixels high, at the center of the volume.
-    pub(super) fn magnification(&self, camera: &Camera, height: u32) -> f64 {
-        let header = self.vdi.header();
-        let pixel = |camera: &Camera, rows: u32| {
-            camera.position().distance(header.bounds.center()) * camera.tan_half_fov() / f64::from(rows)
-        };
-        pixel(&header.camera, self.vdi.resolution()) / pixel(camera, height)
-    }
-
     /// Bytes of the acceleration grid.
     pub fn size_bytes(&self) -> usize {
         self.grid.size_bytes()
-    }
-
-    /// The pictures that [`Self::displaced`] has to draw for one from `camera`, `height` pixels high, with `detail`.
-    pub fn reconstruction(&self, camera: &Camera, height: u32, detail: Detail) -> Reconstruction {
-        Reconstruction::new(detail, self.magnification(camera, height))
     }
 
     /// Renders the VDI from `camera` with nearest rays. The paper's I.
@@ -107,30 +96,33 @@ impl<V: Deref<Target = Vdi>> PreparedVdi<V> {
     #[doc(alias = "I")]
     pub fn render(&self, camera: &Camera, width: u32, height: u32) -> Result<Image, Invalid> {
         Image::check_size(width, height)?;
-        Image::new(width, height, self.displaced(camera, [width, height], [0.0; 2]))
+        let colors = self.rows(camera, [width, height], 0..height, Detail::Nearest);
+        Image::new(width, height, colors)
     }
 
-    /// Renders all pixels, row by row, with the VDI's image displaced.
-    pub fn displaced(&self, camera: &Camera, size: [u32; 2], by: Displacement) -> Vec<[f32; 3]> {
-        let setup = RaySetup::new(&self.vdi, &self.grid, camera, size, by);
-        picture(self.level, &setup, size[0] as usize, size[1] as usize)
+    /// Renders some `rows` of a picture of `size` (width, height).
+    pub fn rows(&self, camera: &Camera, size: [u32; 2], rows: Range<u32>, detail: Detail) -> Vec<[f32; 3]> {
+        picture(self.level, &self.setup(camera, size, detail), size[0], rows)
     }
 
     /// Renders some `pixels` (column, row) of that picture; returns their colors in order.
-    pub fn render_pixels(&self, camera: &Camera, width: u32, height: u32, pixels: &[(u32, u32)]) -> Vec<[f32; 3]> {
-        self.displaced_pixels(camera, [width, height], pixels, [0.0; 2])
+    pub fn pixels(&self, camera: &Camera, size: [u32; 2], pixels: &[(u32, u32)], detail: Detail) -> Vec<[f32; 3]> {
+        listed(self.level, &self.setup(camera, size, detail), pixels)
     }
 
-    /// Renders some pixels with the VDI's image displaced.
-    pub(super) fn displaced_pixels(
-        &self,
-        camera: &Camera,
-        size: [u32; 2],
-        pixels: &[(u32, u32)],
-        by: Displacement,
-    ) -> Vec<[f32; 3]> {
-        listed(self.level, &RaySetup::new(&self.vdi, &self.grid, camera, size, by), pixels)
+    fn setup(&self, camera: &Camera, size: [u32; 2], detail: Detail) -> RaySetup<'_> {
+        let sharpness = sharpness(detail, magnification(&self.vdi, camera, size[1]));
+        RaySetup::new(&self.vdi, &self.grid, camera, size, sharpness)
     }
+}
+
+/// Width of a VDI pixel in pixels of a picture from `camera`, `height` pixels high, at the center of the volume.
+pub(super) fn magnification(vdi: &Vdi, camera: &Camera, height: u32) -> f64 {
+    let header = vdi.header();
+    let pixel = |camera: &Camera, rows: u32| {
+        camera.position().distance(header.bounds.center()) * camera.tan_half_fov() / f64::from(rows)
+    };
+    pixel(&header.camera, vdi.resolution()) / pixel(camera, height)
 }
 
 /// Renders `vdi` from `camera` with nearest rays. The paper's I. To render more than once, keep a [`PreparedVdi`].

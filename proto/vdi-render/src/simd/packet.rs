@@ -6,7 +6,8 @@
 
 use super::acceleration_grid::DepthBins;
 use super::clip::ClipPlanes;
-use super::ray_setup::RaySetup;
+use super::ray_setup::{RaySetup, margin};
+use crate::Displacement;
 use lamina_compute::simd::{Lanes, SimdF32, SimdI32, SimdMask, WIDTH};
 
 /// Relative length left out at both ends of a ray: at the apex of the pyramid image positions are undefined.
@@ -84,6 +85,7 @@ impl<L: Lanes> LinePacket<L> {
         let (enter, leave) = clip.spans(&x, &y);
         let (origin, image, world) = (setup.image.origin, &setup.image, &setup.world);
         let [w, h] = setup.grid.size.map(f64::from);
+        let margin = margin(setup.sharpness);
         let depth_bins = setup.grid.depth_bins;
         let per_step = 1.0 / setup.vdi.header().step_length;
         let mut lines = [[0.0_f32; WIDTH]; 12];
@@ -96,8 +98,10 @@ impl<L: Lanes> LinePacket<L> {
             let (a, b) = (origin + from * direction, origin + to * direction);
             let (inverse0, inverse1) = (1.0 / a.z, 1.0 / b.z);
             // Clamp what rounding pushed over the edge of the rectangle.
-            let start = [(a.x * inverse0).max(0.0).min(w), (a.y * inverse0).max(0.0).min(h)];
-            let end = [(b.x * inverse1).max(0.0).min(w), (b.y * inverse1).max(0.0).min(h)];
+            let within = |place: f64, size: f64| place.max(-margin).min(size + margin);
+            let start = [within(a.x * inverse0, w), within(a.y * inverse0, h)];
+            let end = [within(b.x * inverse1, w), within(b.y * inverse1, h)];
+            let pixel = start.map(f64::floor);
             let length = (to - from) * world.direction(x[l], y[l]).length();
             // False for NaN too.
             let live = enter[l] < leave[l] && leave[l] < f64::INFINITY && a.z > 0.0 && b.z > 0.0;
@@ -112,10 +116,10 @@ impl<L: Lanes> LinePacket<L> {
                 (inverse0 - depth_bins.far) * depth_bins.per_inverse_depth,
                 (inverse1 - inverse0) * depth_bins.per_inverse_depth,
                 length * per_step,
-                start[0].fract(),
-                start[1].fract(),
+                start[0] - pixel[0],
+                start[1] - pixel[1],
             ];
-            (first[0][l], first[1][l]) = (start[0] as i32, start[1] as i32);
+            (first[0][l], first[1][l]) = (pixel[0] as i32, pixel[1] as i32);
             for (n, number) in line.into_iter().enumerate() {
                 lines[n][l] = number as f32;
             }
@@ -144,6 +148,30 @@ impl<L: Lanes> LinePacket<L> {
             pixel_margin: L::F::splat(ROUNDING * w.max(h) as f32),
             steps,
         }
+    }
+
+    /// The lines moved `by` in the VDI's image.
+    #[inline(always)]
+    pub(super) fn displaced(&self, by: Displacement) -> Self {
+        let mut moved = Self { ..*self };
+        let by = by.map(|by| L::F::splat(by as f32));
+        moved.start = [self.start[0] + by[0], self.start[1] + by[1]];
+        // `first` stays: `inside` then lies beyond the pixel, by too little to lose digits.
+        moved.inside = [self.inside[0] + by[0], self.inside[1] + by[1]];
+        moved
+    }
+
+    /// Where the lines in `group` enter and leave the occupied rectangle of `size`.
+    #[inline(always)]
+    pub(super) fn visible(&self, heading: Heading, size: [i32; 2], group: L::M) -> [L::F; 2] {
+        let (zero, one) = (L::F::splat(0.0), L::F::splat(1.0));
+        let (mut from, mut to) = (L::F::select(group, zero, one), L::F::select(group, one, zero));
+        for (axis, size) in size.into_iter().enumerate() {
+            let (low, high) = (self.boundary(axis, 0), self.boundary(axis, size));
+            let (enter, leave) = if heading.forward[axis] { (low, high) } else { (high, low) };
+            (from, to) = (enter.max(from), leave.min(to));
+        }
+        [from, to]
     }
 
     /// The first ray of `left` and all those that share its signs of direction.

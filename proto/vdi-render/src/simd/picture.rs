@@ -1,18 +1,20 @@
 //! Division of a picture into packets of neighboring rays, drawn on all cores.
 
+use super::cubic::colors;
 use super::ray_setup::RaySetup;
-use super::trace::trace;
 use lamina_compute::simd::{Lanes, Level, SimdKernel, WIDTH};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Side, in pixels, of the square tile that one core draws at a time: neighboring rays meet the same lists.
 const TILE: usize = 16;
 
-/// Renders all pixels of a picture, row by row.
-pub(super) fn picture(level: Level, setup: &RaySetup, w: usize, h: usize) -> Vec<[f32; 3]> {
-    let mut pixels = vec![setup.vdi.header().background; w * h];
+/// Renders some rows of a picture of width `w`.
+pub(super) fn picture(level: Level, setup: &RaySetup, w: u32, rows: Range<u32>) -> Vec<[f32; 3]> {
+    let (w, first) = (w as usize, rows.start as usize);
+    let mut pixels = vec![setup.vdi.header().background; w * rows.len()];
     pixels.par_chunks_mut(w * TILE).enumerate().for_each(|(band, rows)| {
-        level.run(PictureBand { setup, width: w, top: band * TILE, rows });
+        level.run(PictureBand { setup, width: w, top: first + band * TILE, rows });
     });
     pixels
 }
@@ -54,7 +56,7 @@ impl SimdKernel for PictureBand<'_> {
                             count += 1;
                         }
                     }
-                    let colors = trace::<L>(self.setup, &clip, &packet[..count]);
+                    let colors = colors::<L>(self.setup, &clip, &packet[..count]);
                     for (&(i, j), color) in packet[..count].iter().zip(colors) {
                         self.rows[(j as usize - self.top) * w + i as usize] = color;
                     }
@@ -76,7 +78,7 @@ impl SimdKernel for PixelList<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         for (pixels, out) in self.pixels.chunks(WIDTH).zip(self.out.chunks_mut(WIDTH)) {
-            let colors = trace::<L>(self.setup, &self.setup.clip, pixels);
+            let colors = colors::<L>(self.setup, &self.setup.clip, pixels);
             out.copy_from_slice(&colors[..out.len()]);
         }
     }

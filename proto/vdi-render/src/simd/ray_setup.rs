@@ -6,7 +6,7 @@
 
 use super::acceleration_grid::AccelerationGrid;
 use super::clip::{ClipPlanes, Plane};
-use crate::Displacement;
+use crate::reconstruction::REACH;
 use glam::DVec3;
 use lamina_model::{Camera, Vdi, VdiHeader};
 
@@ -64,18 +64,20 @@ pub(super) struct RaySetup<'a> {
     pub clip: ClipPlanes,
     /// Number of steps that single precision resolves everywhere.
     pub thin: f32,
+    /// Weight of the difference in cubic pictures; `None` for nearest rays.
+    pub sharpness: Option<f32>,
 }
 
 impl<'a> RaySetup<'a> {
-    /// The setup for a picture of `vdi`, whose image is displaced `by`, from `camera`.
+    /// The setup for a picture of `vdi` from `camera`, with nearest rays or the `sharpness` of a cubic one.
     pub(super) fn new(
         vdi: &'a Vdi,
         grid: &'a AccelerationGrid,
         camera: &Camera,
         [width, height]: [u32; 2],
-        by: Displacement,
+        sharpness: Option<f32>,
     ) -> Self {
-        let map = |direction| homogeneous(vdi.header(), grid, by, direction);
+        let map = |direction| homogeneous(vdi.header(), grid, direction);
         let image =
             CameraRays::new(camera, width, height, map(camera.position() - vdi.header().camera.position()), map);
         let world = CameraRays::new(camera, width, height, camera.position(), |direction| direction);
@@ -85,14 +87,15 @@ impl<'a> RaySetup<'a> {
             clip.push(world.plane(axis, bounds.min.dot(axis)));
             clip.push(world.plane(-axis, -bounds.max.dot(axis)));
         }
-        let [w, h] = grid.size.map(|n| f64::from(n) + HAIR);
-        for side in [[1.0, 0.0, HAIR], [-1.0, 0.0, w], [0.0, 1.0, HAIR], [0.0, -1.0, h]] {
+        let margin = HAIR + margin(sharpness);
+        let [w, h] = grid.size.map(|n| f64::from(n) + margin);
+        for side in [[1.0, 0.0, margin], [-1.0, 0.0, w], [0.0, 1.0, margin], [0.0, -1.0, h]] {
             clip.push(image.plane(side.into(), 0.0));
         }
         clip.push(image.plane(DVec3::Z, grid.depths[0]));
         clip.push(image.plane(-DVec3::Z, -grid.depths[1]));
         let thin = (THIN * bounds.size().length() / vdi.header().step_length) as f32;
-        Self { vdi, grid, world, image, clip, thin }
+        Self { vdi, grid, world, image, clip, thin, sharpness }
     }
 
     /// Columns and rows of the best packet shape at picture position (`x`, `y`). Rays in one plane with the generation camera are
@@ -111,11 +114,16 @@ impl<'a> RaySetup<'a> {
     }
 }
 
-/// A world direction from the generation camera as (U, V, Z), with the image displaced `by`.
-pub(crate) fn homogeneous(header: &VdiHeader, grid: &AccelerationGrid, by: Displacement, direction: DVec3) -> DVec3 {
+/// By how far displaced lines may reach into the occupied rectangle from outside, pixels.
+pub(crate) fn margin(sharpness: Option<f32>) -> f64 {
+    if sharpness.is_some() { REACH } else { 0.0 }
+}
+
+/// A world direction from the generation camera as (U, V, Z).
+pub(crate) fn homogeneous(header: &VdiHeader, grid: &AccelerationGrid, direction: DVec3) -> DVec3 {
     let h = header.camera.tan_half_fov();
     let per_tan = 0.5 * f64::from(header.params.resolution()) / h;
     let p = header.camera.view_from_world_direction(direction);
-    let [i, j] = [0, 1].map(|axis| f64::from(grid.corner[axis]) - by[axis]);
+    let [i, j] = grid.corner.map(f64::from);
     DVec3::new((p.x + h * p.z) * per_tan - i * p.z, (h * p.z - p.y) * per_tan - j * p.z, p.z)
 }

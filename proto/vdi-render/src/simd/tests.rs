@@ -1,6 +1,7 @@
 //! The fast path against the oracle, on VDIs made of random lists.
 
-use super::super::{Backend, Detail, reference};
+use super::super::reconstruction::FLAT;
+use super::super::{Backend, reference};
 use super::*;
 use glam::DVec3;
 use lamina_model::{Aabb, Supersegment, VdiHeader, VdiParams, psnr};
@@ -93,18 +94,33 @@ fn views(generation: Camera) -> Vec<(Camera, u32, u32)> {
 fn assert_agrees(vdi: &Arc<Vdi>, (camera, width, height): &(Camera, u32, u32)) -> f32 {
     let (size, prepared) = ([*width, *height], PreparedVdi::new(vdi.clone()));
     let pixels: Vec<_> = (0..*height).flat_map(|j| (0..*width).map(move |i| (i, j))).collect();
-    let mut worst = 0.0_f32;
-    for by in [[0.0; 2], [0.375, 0.125], [-0.125, 0.625], [0.125, -1.375]] {
-        let image = |pixels| Image::new(*width, *height, pixels).unwrap();
-        let exact = image(reference::displaced_pixels(vdi, camera, size, &pixels, by));
-        let fast = image(prepared.displaced(camera, size, by));
+    let image = |pixels| Image::new(*width, *height, pixels).unwrap();
+    let drawn = |detail| image(prepared.rows(camera, size, 0..*height, detail));
+    let nearest = reference::render_pixels(vdi, camera, *width, *height, &pixels);
+    let cubic = reference::cubic_pixels(vdi, camera, size, &pixels);
+    // A ray that begins in something opaque at the generation camera itself, and leaves its image at once, may see it or not.
+    let generation = vdi.header().camera.position();
+    let bounds = &vdi.header().bounds;
+    let is_inside = generation.cmpge(bounds.min).all() && generation.cmple(bounds.max).all();
+    let at_apex = is_inside && camera.position().distance(generation) < 1e-9;
+    let mut worst_of_all = 0.0_f32;
+    // Where the inner ring's spread is that of `FLAT`, one may count it as none and the other not.
+    for (detail, exact, most) in [(Detail::Nearest, nearest, 2e-4), (Detail::Cubic, cubic, 2e-4 + FLAT)] {
+        if detail == Detail::Cubic && at_apex {
+            continue;
+        }
+        let (exact, fast) = (image(exact), drawn(detail));
         let differences = exact.pixels().as_flattened().iter().zip(fast.pixels().as_flattened());
-        worst = differences.map(|(a, b)| (a - b).abs()).fold(worst, f32::max);
+        let worst = differences.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         let db = psnr(&fast, &exact).unwrap();
         let (r, position) = (vdi.resolution(), camera.position());
-        assert!(worst < 2e-4 && db > 95.0, "r {r}, from {position}, {width} x {height}, by {by:?}: {worst:e}, {db} dB");
+        assert!(
+            worst < most && db > 95.0,
+            "r {r}, from {position}, {width} x {height}, {detail:?}: {worst:e}, {db} dB"
+        );
+        worst_of_all = worst_of_all.max(worst);
     }
-    worst
+    worst_of_all
 }
 
 #[test]
@@ -142,7 +158,7 @@ fn all_levels_of_lanes_draw_the_same_to_the_bit() {
         for (camera, width, height) in views(generation) {
             let mut rendered = Level::available().into_iter().map(|level| {
                 let prepared = PreparedVdi { level, ..PreparedVdi::new(vdi.clone()) };
-                prepared.render(&camera, width, height).unwrap()
+                [Detail::Nearest, Detail::Cubic].map(|d| prepared.rows(&camera, [width, height], 0..height, d))
             });
             let plain = rendered.next().unwrap();
             assert!(rendered.all(|image| image == plain), "r {resolution}, from {}", camera.position());
@@ -185,13 +201,16 @@ fn skipping_tiles_threads_and_single_pixels_change_no_bit() {
         };
         let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         for (camera, width, height) in views(generation) {
-            let image = prepared.render(&camera, width, height).unwrap();
-            assert_eq!(image, patient.render(&camera, width, height).unwrap(), "gaps, from {}", camera.position());
-            assert_eq!(image, one_thread.install(|| prepared.render(&camera, width, height)).unwrap());
-            let pixels: Vec<_> = (0..height).flat_map(|j| (0..width).map(move |i| (i, j))).rev().collect();
-            let mut singly = prepared.render_pixels(&camera, width, height, &pixels);
-            singly.reverse();
-            assert_eq!(image.pixels(), singly);
+            for detail in [Detail::Nearest, Detail::Cubic] {
+                let draw = |vdi: &PreparedVdi| vdi.rows(&camera, [width, height], 0..height, detail);
+                let image = draw(&prepared);
+                assert_eq!(image, draw(&patient), "gaps, from {}", camera.position());
+                assert_eq!(image, one_thread.install(|| draw(&prepared)));
+                let pixels: Vec<_> = (0..height).flat_map(|j| (0..width).map(move |i| (i, j))).rev().collect();
+                let mut singly = prepared.pixels(&camera, [width, height], &pixels, detail);
+                singly.reverse();
+                assert_eq!(image, singly);
+            }
         }
     }
 }

@@ -1,27 +1,24 @@
 //! Tracing of one packet: traversal of tiles and pixels, with empty ones skipped by their masks.
 
 use super::acceleration_grid::SHIFTS;
-use super::clip::ClipPlanes;
 use super::composite::RayAccumulator;
 use super::dda::{CrossedTile, TileWalk};
 use super::packet::{Heading, LinePacket};
 use super::ray_setup::RaySetup;
-use lamina_compute::simd::{Lanes, SimdF32, SimdMask, WIDTH};
+use lamina_compute::simd::{Lanes, SimdF32, SimdMask};
 
-/// The colors of one to eight `pixels` (column, row); `clip` must hold all planes that clip their rays.
+/// The colors along the lines of `packet` in `live`, and the background in the other lanes.
 #[inline(always)]
-pub(super) fn trace<L: Lanes>(setup: &RaySetup, clip: &ClipPlanes, pixels: &[(u32, u32)]) -> [[f32; 3]; WIDTH] {
-    let packet = LinePacket::<L>::new(setup, clip, pixels);
-    let mut light = RayAccumulator::<L>::new(packet.live);
-    let mut left = packet.live;
+pub(super) fn trace<L: Lanes>(setup: &RaySetup, packet: &LinePacket<L>, live: L::M) -> [L::F; 3] {
+    let mut light = RayAccumulator::<L>::new(live);
+    let mut left = live;
     // Trace rays that share their signs of direction together; mostly all do.
     while left.any() {
         let (group, heading) = packet.group(left);
-        through(setup, &packet, heading, group, &mut light);
+        through(setup, packet, heading, group, &mut light);
         left = left & !group;
     }
-    let [r, g, b] = light.over(setup.vdi.header().background);
-    std::array::from_fn(|l| [r[l], g[l], b[l]])
+    light.over(setup.vdi.header().background)
 }
 
 /// Traces a group of rays until they leave the VDI or become opaque.
@@ -33,10 +30,13 @@ fn through<L: Lanes>(
     group: L::M,
     light: &mut RayAccumulator<L>,
 ) {
-    let (zero, one) = (L::F::splat(0.0), L::F::splat(1.0));
-    let from = L::F::select(group, zero, one);
-    let whole = CrossedTile::<L> { at: [0; 2], met: group, from, to: L::F::select(group, one, zero) };
     let size = setup.grid.size.map(|n| n as i32);
+    let [from, to] = packet.visible(heading, size, group);
+    let met = group & from.lt(to);
+    if !met.any() {
+        return;
+    }
+    let whole = CrossedTile::<L> { at: [0; 2], met, from, to };
     let last = size.map(|n| (n - 1) >> SHIFTS[1]);
     let mut tiles = TileWalk::new(packet, heading, SHIFTS[1], &whole, [0; 2], last);
     while let Some(tile) = tiles.next(packet) {

@@ -98,7 +98,12 @@ fn pose(azimuth: f64, elevation: f64, zoom: f64, right: f64, up: f64, roll: f64)
     Pose { azimuth, elevation, zoom, pan: [right, up], roll }
 }
 
-/// [`Session::view`].
+/// Nearest rays for `still` 0.
+fn detail(still: u32) -> Detail {
+    if still == 0 { Detail::Nearest } else { Detail::Cubic }
+}
+
+/// [`Session::view`]; nearest rays for `still` 0.
 #[unsafe(no_mangle)]
 pub extern "C" fn lamina_view(
     handle: usize,
@@ -110,32 +115,18 @@ pub extern "C" fn lamina_view(
     roll: f64,
     width: u32,
     height: u32,
-    columns: f64,
-    rows: f64,
+    still: u32,
+    first: u32,
+    rows: u32,
 ) -> i32 {
     let pose = pose(azimuth, elevation, zoom, right, up, roll);
-    said(|session| session.view(handle, &pose, [width, height], [columns, rows]))
+    said(|session| session.view(handle, &pose, [width, height], detail(still), [first, rows]))
 }
 
 /// [`Session::slice`].
 #[unsafe(no_mangle)]
 pub extern "C" fn lamina_slice(handle: usize, axis: u32, at: f64) -> i32 {
     said(|session| session.slice(handle, axis as usize, at))
-}
-
-/// [`Session::blend`].
-#[unsafe(no_mangle)]
-pub extern "C" fn lamina_blend(
-    handle: usize,
-    azimuth: f64,
-    elevation: f64,
-    zoom: f64,
-    right: f64,
-    up: f64,
-    roll: f64,
-    height: u32,
-) -> i32 {
-    said(|session| session.blend(handle, &pose(azimuth, elevation, zoom, right, up, roll), height))
 }
 
 /// [`Session::begin`]; nearest rays for `still` 0.
@@ -153,8 +144,7 @@ pub extern "C" fn lamina_begin(
     still: u32,
 ) -> i32 {
     let pose = pose(azimuth, elevation, zoom, right, up, roll);
-    let detail = if still == 0 { Detail::Nearest } else { Detail::Cubic };
-    said(|session| session.begin(handle, &pose, [width, height], detail))
+    said(|session| session.begin(handle, &pose, [width, height], detail(still)))
 }
 
 /// [`Session::advance`].

@@ -8,7 +8,7 @@ use lamina_compute::kernel::Binding;
 use lamina_model::{Camera, ControlPoint, Image, Intermediate, Invalid, TransferFunction};
 use lamina_raycast::kernel::VolumeKernel;
 use lamina_vdi_render::kernel::VdiKernel;
-use lamina_vdi_render::{Detail, Drawable, Reconstruction};
+use lamina_vdi_render::{Detail, Drawable};
 use serde::Serialize;
 
 /// What is known of a decoded step.
@@ -54,18 +54,12 @@ struct Painting {
     handle: usize,
     camera: Camera,
     size: [u32; 2],
-    progress: Progress,
+    detail: Detail,
+    /// The upper rows.
+    colors: Vec<[f32; 3]>,
 }
 
-#[derive(Debug)]
-enum Progress {
-    /// Displaced pictures of a VDI.
-    Vdi(Reconstruction),
-    /// The upper rows of a volume's picture.
-    Volume(Vec<[f32; 3]>),
-}
-
-/// Pixels of a volume's picture that are cast at a time.
+/// Pixels of a volume's picture, or a VDI's still one, that are drawn at a time.
 const BAND_PIXELS: u32 = 1 << 16;
 
 /// Columns and rows of the tiles whose pixels are cast one after the other: neighboring rays meet the same voxels.
@@ -149,47 +143,32 @@ impl Session {
         Ok(Message::bindings(&bindings))
     }
 
-    /// What the kernel reads for a picture of `size` (width, height) from `pose`: with the VDI's image displaced `by`, and all rows in
-    /// one band.
+    /// What the kernel reads for some rows, `count` from row `first` on, of a picture of `size` (width, height) from `pose`.
     ///
     /// # Errors
     /// If there is no such step, its bindings were not asked for, or the pose is absurd.
-    pub fn view(&self, handle: usize, pose: &Pose, size: [u32; 2], by: [f64; 2]) -> Result<Message, Invalid> {
+    pub fn view(
+        &self,
+        handle: usize,
+        pose: &Pose,
+        size: [u32; 2],
+        detail: Detail,
+        [first, count]: [u32; 2],
+    ) -> Result<Message, Invalid> {
         let shown = self.get(handle)?;
         let camera = pose.camera(shown.drawable.camera())?;
         let [width, height] = size;
         let bindings: Vec<Binding<'static>> = match (&shown.drawable, &shown.volume) {
             (Drawable::Vdi(vdi), _) => {
-                vec![VdiKernel::view(vdi, &camera, width, height, by), VdiKernel::band(0, height)]
+                vec![VdiKernel::view(vdi, &camera, width, height, detail), VdiKernel::band(first, count)]
             }
             (Drawable::Volume(field), Some(kernel)) => {
                 let [view, effects] = kernel.view(field, &camera, width, height);
-                vec![view, effects, VolumeKernel::band(field, 0, height)]
+                vec![view, effects, VolumeKernel::band(field, first, count)]
             }
             _ => return Err(Invalid::new("view", "the step's bindings come first")),
         };
         Ok(Message::bindings(&bindings))
-    }
-
-    /// How displaced pictures of a VDI make a still one, `height` pixels high: JSON of `around`, `difference` and `sharpness`; `null`
-    /// for a volume.
-    ///
-    /// # Errors
-    /// If there is no such step, or the pose is absurd.
-    pub fn blend(&self, handle: usize, pose: &Pose, height: u32) -> Result<Message, Invalid> {
-        #[derive(Serialize)]
-        struct Blend {
-            around: [[f64; 2]; 4],
-            difference: Vec<([f64; 2], f32)>,
-            sharpness: f32,
-        }
-        let shown = self.get(handle)?;
-        let camera = pose.camera(shown.drawable.camera())?;
-        let blend = match &shown.drawable {
-            Drawable::Vdi(vdi) => Some(VdiKernel::blend(vdi, &camera, height)),
-            Drawable::Volume(_) => None,
-        };
-        Ok(Message::json(&blend.map(|b| Blend { around: b.around, difference: b.difference, sharpness: b.sharpness })))
     }
 
     /// A volume's values on the plane across `axis` (0, 1, 2) at `at` (0 to 1) of its box, at its own sample points: JSON of their numbers
@@ -227,13 +206,8 @@ impl Session {
     /// If there is no such step, or pose or size are absurd.
     pub fn begin(&mut self, handle: usize, pose: &Pose, size: [u32; 2], detail: Detail) -> Result<Message, Invalid> {
         Image::check_size(size[0], size[1])?;
-        let shown = self.get(handle)?;
-        let camera = pose.camera(shown.drawable.camera())?;
-        let progress = match &shown.drawable {
-            Drawable::Vdi(vdi) => Progress::Vdi(vdi.reconstruction(&camera, size[1], detail)),
-            Drawable::Volume(_) => Progress::Volume(Vec::new()),
-        };
-        self.painting = Some(Painting { handle, camera, size, progress });
+        let camera = pose.camera(self.get(handle)?.drawable.camera())?;
+        self.painting = Some(Painting { handle, camera, size, detail, colors: Vec::new() });
         Ok(Message::default())
     }
 
@@ -243,38 +217,32 @@ impl Session {
     /// If none is begun, or its step is no longer held.
     pub fn advance(&mut self) -> Result<Message, Invalid> {
         let Some(mut painting) = self.painting.take() else { return Err(Invalid::new("picture", "none is begun")) };
-        let (camera, [width, height]) = (painting.camera, painting.size);
-        let drawable = &self.get(painting.handle)?.drawable;
-        match (&mut painting.progress, drawable) {
-            (Progress::Vdi(pictures), Drawable::Vdi(vdi)) => {
-                if let Some(by) = pictures.next() {
-                    pictures.add(vdi.displaced(&camera, painting.size, by));
-                }
-            }
-            (Progress::Volume(colors), Drawable::Volume(field)) => {
+        let Painting { camera, size, detail, ref mut colors, .. } = painting;
+        let [width, height] = size;
+        let first = colors.len() as u32 / width;
+        let band = first..height.min(first + (BAND_PIXELS / width).max(1).next_multiple_of(TILE[1]));
+        match &self.get(painting.handle)?.drawable {
+            Drawable::Vdi(vdi) if detail == Detail::Nearest => *colors = vdi.rows(&camera, size, 0..height, detail),
+            Drawable::Vdi(vdi) => colors.extend(vdi.rows(&camera, size, band, detail)),
+            Drawable::Volume(field) => {
                 let caster = lamina_raycast::Backend::cpu();
                 if width * height <= BAND_PIXELS {
                     *colors = caster.raycast(field, &camera, width, height)?.pixels().to_vec();
-                }
-                let first = colors.len() as u32 / width;
-                let pixels = tiled(width, first, height.min(first + (BAND_PIXELS / width).next_multiple_of(TILE[1])));
-                let cast = caster.raycast_pixels(field, &camera, width, height, &pixels)?;
-                colors.resize(colors.len() + pixels.len(), [0.0; 3]);
-                for ((i, j), color) in pixels.into_iter().zip(cast) {
-                    colors[(j * width + i) as usize] = color;
+                } else {
+                    let pixels = tiled(width, band.start, band.end);
+                    let cast = caster.raycast_pixels(field, &camera, width, height, &pixels)?;
+                    colors.resize(colors.len() + pixels.len(), [0.0; 3]);
+                    for ((i, j), color) in pixels.into_iter().zip(cast) {
+                        colors[(j * width + i) as usize] = color;
+                    }
                 }
             }
-            _ => return Err(Invalid::new("picture", "its step is no longer held")),
         }
-        let colors = match painting.progress {
-            Progress::Vdi(pictures) if pictures.next().is_none() => pictures.finish(),
-            Progress::Volume(colors) if colors.len() == width as usize * height as usize => colors,
-            progress => {
-                self.painting = Some(Painting { progress, ..painting });
-                return Ok(Message::default());
-            }
-        };
-        let rgb = Image::new(width, height, colors)?.to_rgb8();
+        if colors.len() < width as usize * height as usize {
+            self.painting = Some(painting);
+            return Ok(Message::default());
+        }
+        let rgb = Image::new(width, height, painting.colors)?.to_rgb8();
         let pixels: Vec<u8> = rgb.chunks_exact(3).flat_map(|p| [p[0], p[1], p[2], 255]).collect();
         Ok(Message::with_bytes(&[width, height], &[&pixels]))
     }

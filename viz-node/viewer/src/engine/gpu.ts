@@ -1,10 +1,13 @@
 // Drawing by WebGPU: the kernels of proto/vdi-render and proto/raycast, whose resources the engine gives as bytes.
 
 import present from "./present.wgsl?raw";
-import { type Blend, type Description, type Engine, FRONT, type Pose, type Resource } from "./wasm";
+import { type Description, type Engine, FRONT, type Pose, type Resource } from "./wasm";
 
 /** Bytes of a pixel's color: red, green, blue in single precision. */
 const COLOR_BYTES = 12;
+
+/** Rows of a still picture drawn at a time; a band begins at a multiple of what offsets of buffers have to be. */
+const BAND_ROWS = 64;
 
 /** Sizes of pictures whose buffers are kept: of drafts, and of stills. */
 const TARGETS = 3;
@@ -25,12 +28,8 @@ interface Resident extends Kernel {
 
 /** Buffers of pictures of one size. */
 interface Target {
-  width: number;
-  height: number;
-  /** Four displaced pictures, one more, and the weighted sum of those that follow. */
-  around: GPUBuffer[];
-  side: GPUBuffer;
-  sum: GPUBuffer;
+  side: number;
+  colors: GPUBuffer;
   /** The picture in bytes, on the device and for the page. */
   pixels: GPUBuffer;
   copy: GPUBuffer;
@@ -56,7 +55,6 @@ export class Gpu {
   private constructor(
     private readonly device: GPUDevice,
     private readonly engine: Engine,
-    private readonly accumulate: GPUComputePipeline,
     private readonly present: GPUComputePipeline,
     readonly name: string,
   ) {
@@ -75,12 +73,11 @@ export class Gpu {
     const device = await adapter.requestDevice({ requiredLimits }).catch(() => null);
     if (!device) return null;
     const module = device.createShaderModule({ code: present });
-    const pipeline = (entryPoint: string) =>
-      device.createComputePipelineAsync({ layout: "auto", compute: { module, entryPoint } });
-    const pipelines = await Promise.all([pipeline("accumulate"), pipeline("present")]).catch(() => null);
-    if (!pipelines) return null;
+    const compute = { module, entryPoint: "present" };
+    const pipeline = await device.createComputePipelineAsync({ layout: "auto", compute }).catch(() => null);
+    if (!pipeline) return null;
     const { vendor, architecture, description } = adapter.info;
-    return new Gpu(device, engine, ...pipelines, description || `${vendor} ${architecture}`.trim());
+    return new Gpu(device, engine, pipeline, description || `${vendor} ${architecture}`.trim());
   }
 
   /** Uploads a step, unless it is there; null while its kernel is compiled, after which `compiled` is called. */
@@ -129,26 +126,14 @@ export class Gpu {
   ): Promise<ImageBitmap | null> {
     const resident = this.residents.get(handle)!;
     const target = this.sized(side);
-    const blend = still ? this.engine.blend(handle, pose, side) : null;
-    if (!blend) {
-      this.colors(handle, resident, pose, target, [0, 0], target.around[0]!);
-      return this.show(target, null);
-    }
-    for (const [n, by] of blend.around.entries()) {
-      this.colors(handle, resident, pose, target, by, target.around[n]!);
+    const rows = still ? BAND_ROWS : side;
+    for (let first = 0; first < side; first += rows) {
+      this.colors(handle, resident, pose, target, still, [first, Math.min(rows, side - first)]);
+      if (!still) continue;
       await this.device.queue.onSubmittedWorkDone();
       if (!wanted()) return null;
     }
-    const encoder = this.device.createCommandEncoder();
-    encoder.clearBuffer(target.sum);
-    this.device.queue.submit([encoder.finish()]);
-    for (const [by, weight] of blend.difference) {
-      this.colors(handle, resident, pose, target, by, target.side);
-      this.add(target, weight);
-      await this.device.queue.onSubmittedWorkDone();
-      if (!wanted()) return null;
-    }
-    return this.show(target, blend);
+    return this.show(target);
   }
 
   private uniform(bytes: BufferSource & { byteLength: number }, owned: { destroy(): void }[]): GPUBuffer {
@@ -191,7 +176,7 @@ export class Gpu {
     this.compiling.add(key);
     // The kinds of resources are those of any view, which the bindings precede.
     const bindings = this.engine.bindings(handle);
-    const view = this.engine.view(handle, FRONT, 1, 1, [0, 0]);
+    const view = this.engine.view(handle, FRONT, 1, false, [0, 1]);
     const entries: GPUBindGroupLayoutEntry[][] = [];
     for (const { group, binding, kind } of [...bindings, ...view]) {
       (entries[group] ??= []).push(layoutEntry(binding, kind));
@@ -211,24 +196,20 @@ export class Gpu {
   }
 
   private sized(side: number): Target {
-    const known = this.targets.find((target) => target.width === side);
+    const known = this.targets.find((target) => target.side === side);
     if (known) {
       this.targets.push(...this.targets.splice(this.targets.indexOf(known), 1));
       return known;
     }
     if (this.targets.length === TARGETS) {
-      const { around, side, sum, pixels, copy } = this.targets.shift()!;
-      [...around, side, sum, pixels, copy].forEach((buffer) => buffer.destroy());
+      const { colors, pixels, copy } = this.targets.shift()!;
+      [colors, pixels, copy].forEach((buffer) => buffer.destroy());
     }
     const { STORAGE, COPY_DST, COPY_SRC, MAP_READ } = GPUBufferUsage;
     const buffer = (bytes: number, usage: GPUBufferUsageFlags) => this.device.createBuffer({ size: bytes * side * side, usage });
-    const colors = () => buffer(COLOR_BYTES, STORAGE | COPY_DST);
     const target: Target = {
-      width: side,
-      height: side,
-      around: Array.from({ length: 4 }, colors),
-      side: colors(),
-      sum: colors(),
+      side,
+      colors: buffer(COLOR_BYTES, STORAGE),
       pixels: buffer(4, STORAGE | COPY_SRC),
       copy: buffer(4, MAP_READ | COPY_DST),
     };
@@ -236,13 +217,22 @@ export class Gpu {
     return target;
   }
 
-  /** Draws the colors of one picture, displaced `by`, into `out`. */
-  private colors(handle: number, resident: Resident, pose: Pose, target: Target, by: [number, number], out: GPUBuffer): void {
+  /** Draws some rows, `count` from `first` on. */
+  private colors(
+    handle: number,
+    resident: Resident,
+    pose: Pose,
+    { side, colors }: Target,
+    still: boolean,
+    [first, count]: [number, number],
+  ): void {
     const owned: { destroy(): void }[] = [];
-    const view = this.engine.view(handle, pose, target.width, target.height, by);
+    const view = this.engine.view(handle, pose, side, still, [first, count]);
     const bound = [...resident.bound, ...view.map((resource) => this.upload(resource, owned))];
+    const row = COLOR_BYTES * side;
+    const band = { buffer: colors, offset: first * row, size: count * row };
     bound.push({ group: 1, binding: 1, entry: layoutEntry(1, "storage"), resource: { buffer: this.nothing } });
-    bound.push({ group: 1, binding: 2, entry: layoutEntry(2, "written"), resource: { buffer: out } });
+    bound.push({ group: 1, binding: 2, entry: layoutEntry(2, "written"), resource: band });
     const encoder = this.device.createCommandEncoder();
     const pass = encoder.beginComputePass();
     pass.setPipeline(resident.pipeline);
@@ -250,54 +240,30 @@ export class Gpu {
       const entries = bound.filter((one) => one.group === group).map(({ binding, resource }) => ({ binding, resource }));
       pass.setBindGroup(group, this.device.createBindGroup({ layout, entries }));
     });
-    pass.dispatchWorkgroups(Math.ceil(target.width / 8), Math.ceil(target.height / 8));
+    pass.dispatchWorkgroups(Math.ceil(side / 8), Math.ceil(count / 8));
     pass.end();
     this.device.queue.submit([encoder.finish()]);
     owned.forEach((one) => one.destroy());
-  }
-
-  /** Runs `pipeline` of present.wgsl over `items`, 64 in a workgroup, with buffers by their binding. */
-  private blend(
-    pipeline: GPUComputePipeline,
-    items: number,
-    [blended, sharpness, weight]: [boolean, number, number],
-    buffers: [number, GPUBuffer][],
-  ): void {
-    const bytes = new DataView(new ArrayBuffer(16));
-    bytes.setUint32(0, Number(blended), true);
-    bytes.setFloat32(4, sharpness, true);
-    bytes.setFloat32(8, weight, true);
-    const owned: { destroy(): void }[] = [];
-    const bound: [number, GPUBuffer][] = [[0, this.uniform(bytes, owned)], ...buffers];
-    const entries = bound.map(([binding, buffer]) => ({ binding, resource: { buffer } }));
-    const encoder = this.device.createCommandEncoder();
-    const pass = encoder.beginComputePass();
-    pass.setPipeline(pipeline);
-    pass.setBindGroup(0, this.device.createBindGroup({ layout: pipeline.getBindGroupLayout(0), entries }));
-    const groups = Math.ceil(items / 64);
-    const columns = Math.min(groups, 4096);
-    pass.dispatchWorkgroups(columns, Math.ceil(groups / columns));
-    pass.end();
-    this.device.queue.submit([encoder.finish()]);
-    owned.forEach((one) => one.destroy());
-  }
-
-  /** Adds the picture in `side` to the sum. */
-  private add({ width, height, side, sum }: Target, weight: number): void {
-    this.blend(this.accumulate, 3 * width * height, [true, 0, weight], [[6, side], [7, sum]]);
   }
 
   /** The picture, read back: not every browser can hand it to a canvas without the processor. */
-  private async show({ width, height, around, sum, pixels, copy }: Target, blend: Blend | null): Promise<ImageBitmap> {
-    const buffers = [...around, sum].map((buffer, n): [number, GPUBuffer] => [n + 1, buffer]);
-    this.blend(this.present, width * height, [blend !== null, blend?.sharpness ?? 0, 0], [...buffers, [8, pixels]]);
+  private async show({ side, colors, pixels, copy }: Target): Promise<ImageBitmap> {
+    const layout = this.present.getBindGroupLayout(0);
+    const entries = [colors, pixels].map((buffer, binding) => ({ binding, resource: { buffer } }));
     const encoder = this.device.createCommandEncoder();
-    encoder.copyBufferToBuffer(pixels, 0, copy, 0, 4 * width * height);
+    const pass = encoder.beginComputePass();
+    pass.setPipeline(this.present);
+    pass.setBindGroup(0, this.device.createBindGroup({ layout, entries }));
+    const groups = Math.ceil((side * side) / 64);
+    const columns = Math.min(groups, 4096);
+    pass.dispatchWorkgroups(columns, Math.ceil(groups / columns));
+    pass.end();
+    encoder.copyBufferToBuffer(pixels, 0, copy, 0, 4 * side * side);
     this.device.queue.submit([encoder.finish()]);
     await copy.mapAsync(GPUMapMode.READ);
     if (this.lost !== null) throw new Error(this.lost);
     const bytes = new Uint8ClampedArray(copy.getMappedRange().slice(0));
     copy.unmap();
-    return createImageBitmap(new ImageData(bytes, width, height));
+    return createImageBitmap(new ImageData(bytes, side, side));
   }
 }

@@ -59,13 +59,6 @@ export interface Resource {
   bytes: Uint8Array<ArrayBuffer>;
 }
 
-/** How displaced pictures of a VDI make a still one. */
-export interface Blend {
-  around: [number, number][];
-  difference: [[number, number], number][];
-  sharpness: number;
-}
-
 /** Values of a volume on a plane, rows upwards: positions in the range, NaN where there is none. */
 export interface Slice {
   width: number;
@@ -83,7 +76,6 @@ interface Exports {
   lamina_close(handle: number): void;
   lamina_bindings(handle: number): number;
   lamina_view(handle: number, ...numbers: number[]): number;
-  lamina_blend(handle: number, ...numbers: number[]): number;
   lamina_slice(handle: number, axis: number, at: number): number;
   lamina_begin(handle: number, ...numbers: number[]): number;
   lamina_advance(): number;
@@ -138,16 +130,10 @@ export class Engine {
     return this.resources();
   }
 
-  /** What the kernel reads for one picture. */
-  view(handle: number, pose: Pose, width: number, height: number, by: [number, number]): Resource[] {
-    this.checked(this.wasm.lamina_view(handle, ...numbers(pose), width, height, ...by));
+  /** What the kernel reads for some rows, `count` from `first` on, of a picture. */
+  view(handle: number, pose: Pose, side: number, still: boolean, [first, count]: [number, number]): Resource[] {
+    this.checked(this.wasm.lamina_view(handle, ...numbers(pose), side, side, Number(still), first, count));
     return this.resources();
-  }
-
-  /** Null for a volume. */
-  blend(handle: number, pose: Pose, height: number): Blend | null {
-    this.checked(this.wasm.lamina_blend(handle, ...numbers(pose), height));
-    return this.json() as Blend | null;
   }
 
   /** The plane across `axis` at `at`, 0 to 1, of a volume. */

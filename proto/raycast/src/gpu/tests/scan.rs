@@ -16,7 +16,7 @@ fn prefix_sums_are_sums() {
             let sum = PrefixSum::new(&gpu, &pipelines, &data, count as u32);
             let record = |pass: &mut ComputePass<'_>| sum.record(&gpu, &pipelines, pass);
             let done = gpu.submit("sum", record, &[(&data, 0..data.size())])?;
-            let words = done.copies[0].chunks_exact(4).map(bytemuck::pod_read_unaligned);
+            let words = done[0].chunks_exact(4).map(bytemuck::pod_read_unaligned);
             Ok::<Vec<u32>, GpuError>(words.collect())
         });
         let before = |sum: &mut u32, n: &u32| {

@@ -36,7 +36,8 @@ fn a_picture_in_parts_is_the_renderers() {
         let shown = Drawable::new(decode_any(&bytes, &DecodeLimits::default()).expect("a step"));
         let pose = Pose { azimuth: 25.0, elevation: -10.0, zoom: 1.5, ..Pose::default() };
         for detail in [Detail::Nearest, Detail::Cubic] {
-            session.begin(handle, &pose, [50, 40], detail).expect("begun");
+            // More than one part.
+            session.begin(handle, &pose, [300, 240], detail).expect("begun");
             let drawn = loop {
                 let message = session.advance().expect("drawn");
                 if !message.0.is_empty() {
@@ -44,9 +45,9 @@ fn a_picture_in_parts_is_the_renderers() {
                 }
             };
             let camera = shown.camera().orbit(25.0, -10.0, 1.5).expect("a camera");
-            let image = Backend::default().render(&shown, &camera, 50, 40, detail).expect("a picture");
+            let image = Backend::default().render(&shown, &camera, 300, 240, detail).expect("a picture");
             let (size, pixels) = content(&drawn);
-            assert_eq!(size, serde_json::json!([50, 40]));
+            assert_eq!(size, serde_json::json!([300, 240]));
             let rgb: Vec<u8> = pixels.chunks_exact(4).flat_map(|p| &p[..3]).copied().collect();
             assert_eq!(rgb, image.to_rgb8());
             assert!(rgb.iter().any(|&c| c > 0), "something is seen");
@@ -71,8 +72,10 @@ fn every_binding_of_the_kernels_is_there_once() {
     for (bytes, source) in both().iter().zip([VdiKernel::SOURCE, VolumeKernel::SOURCE]) {
         let mut session = Session::default();
         let (handle, _) = session.open(bytes, 1 << 30).expect("a step");
-        let (step, view) =
-            (session.bindings(handle).expect("bindings"), session.view(handle, &Pose::default(), [9, 9], [0.0; 2]));
+        let (step, view) = (
+            session.bindings(handle).expect("bindings"),
+            session.view(handle, &Pose::default(), [9, 9], Detail::Cubic, [0, 9]),
+        );
         let mut given = Vec::new();
         for message in [step, view.expect("a view")] {
             let (entries, bytes) = content(&message);
@@ -98,7 +101,7 @@ fn damaged_steps_and_absurd_requests_are_refused_and_the_rest_goes_on() {
     assert!(session.open(&vdi, 1000).is_err(), "more than allowed");
     let (first, _) = session.open(&vdi, 1 << 30).expect("a step");
     let (second, _) = session.open(&volume, 1 << 30).expect("a step");
-    assert!(session.view(second, &Pose::default(), [9, 9], [0.0; 2]).is_err(), "its bindings come first");
+    assert!(session.view(second, &Pose::default(), [9, 9], Detail::Cubic, [0, 9]).is_err(), "its bindings come first");
     assert!(session.recolor(first, Vec::new()).is_err() && session.recolor(second, Vec::new()).is_err());
     let far = Pose { zoom: f64::NAN, ..Pose::default() };
     assert!(session.begin(first, &far, [9, 9], Detail::Nearest).is_err());
