@@ -26,6 +26,24 @@ def sign3(x):
     return 0 if x <= -1 else 2 if x >= 1 else 1
 
 
+class Mixer:
+    def __init__(self):
+        self.tables, self.mixers = [{} for _ in range(5)], {}
+
+    # A bit whose probability mixes five models.
+    def decode_bit(self, coder, indices, mixer):
+        models = [table.setdefault(i, [1 << 21, 0]) for table, i in zip(self.tables, indices)]
+        weights = self.mixers.setdefault(mixer, [65536 * 7 // 20] * 5)
+        stretched = [STRETCH[c[0] >> 10] for c in models]
+        p = SQUASH[clamp(sum(w * s for w, s in zip(weights, stretched)) >> 16, -2047, 2047) + 2047]
+        found = coder.bit(p)
+        e = (65536 if found else 0) - p >> 4
+        for i, limit in enumerate(LIMITS):
+            weights[i] = clamp(weights[i] + (stretched[i] * e + 2048 >> 12), -196608, 196608)
+            update(models[i], found, limit)
+        return found
+
+
 class Band:
     def __init__(self, data, size, bound):
         self.low, self.high, first = struct.unpack_from("<3f", data)
@@ -36,7 +54,7 @@ class Band:
         self.values = [first] * (size[0] * size[1] * size[2])
         self.residuals = [0] * len(self.values)
         self.flags, self.own, self.larger, self.digit, self.signs = {}, {}, {}, {}, {}
-        self.tables, self.mixers = [{} for _ in range(5)], {}
+        self.mixer = Mixer()
         before = None
         for self.level in reversed(range((max(size) - 1).bit_length())):
             before = self.one_level(1 << self.level, before)
@@ -124,19 +142,6 @@ class Band:
             expected = f32(expected + f32(w * difference))
         return self.within(expected), t[0], slope, bend, near
 
-    # A bit whose probability mixes five models.
-    def decode_mixed_bit(self, indices, mixer):
-        models = [table.setdefault(i, [1 << 21, 0]) for table, i in zip(self.tables, indices)]
-        weights = self.mixers.setdefault(mixer, [65536 * 7 // 20] * 5)
-        stretched = [STRETCH[c[0] >> 10] for c in models]
-        p = SQUASH[clamp(sum(w * s for w, s in zip(weights, stretched)) >> 16, -2047, 2047) + 2047]
-        found = self.coder.bit(p)
-        e = (65536 if found else 0) - p >> 4
-        for i, limit in enumerate(LIMITS):
-            weights[i] = clamp(weights[i] + (stretched[i] * e + 2048 >> 12), -196608, 196608)
-            update(models[i], found, limit)
-        return found
-
     # The residual in steps, or a float: the value itself.
     def residual(self, i, at, h, number, t0, slope, bend, places):
         coder, residuals, d = self.coder, self.residuals, [2 * h * s for s in self.strides]
@@ -156,7 +161,7 @@ class Band:
             (16 * order + b) * 8 + total,
             ((9 * (3 * order + x) + 3 * y + z) * 4 + min(near, 3)) * 2 + min(diagonal, 1))
         q = 0
-        while q < 3 and self.decode_mixed_bit([(c, q) for c in contexts], (q, 2 * k + min(total, 1))):
+        while q < 3 and self.mixer.decode_bit(coder, [(c, q) for c in contexts], (q, 2 * k + min(total, 1))):
             q += 1
         if q == 0:
             return 0
@@ -171,6 +176,114 @@ class Band:
                 return struct.unpack("<f", struct.pack("<I", coder.uniform(32)))[0]
         index = 27 * order + 9 * sign3(f32(t0 * self.scale) * 16) + 3 * sign3(lean) + sign3(bx + by + bz)
         return -q if coder.modeled_bit(self.signs, index) else q
+
+
+# A band of wavelet coefficients.
+class WaveletBand:
+    STEPS, SCALE = [c_float(w).value for w in (-1.5861343, -0.05298012, 0.8829111, 0.44350685)], c_float(1.1496044).value
+
+    def __init__(self, data, size):
+        self.low, self.high, step = struct.unpack_from("<3f", data)
+        if not (-float("inf") < self.low <= self.high < float("inf") and 0 < step < float("inf")):
+            sys.exit("damaged: a band's range or step is none")
+        self.coder, self.mixer, self.signs, self.lengths = Coder(data[12:]), Mixer(), {}, {}
+        levels = [tuple(size)]
+        while len(levels) < 7 and any(n >= 8 for n in levels[-1]):
+            levels.append(tuple(-(-n // 2) if n >= 8 else n for n in levels[-1]))
+        self.found, last = {}, len(levels) - 1
+        self.subband(0, last, 0, (0, 0, 0), levels[last], None, None, {})
+        above = {}
+        for level in reversed(range(last)):
+            whole, low = levels[level:level + 2]
+            halved = [c != n for c, n in zip(levels[level + 2], low)] if level + 2 <= last else None
+            seen, here = {}, {}
+            for o in 1, 2, 4, 3, 5, 6, 7:
+                high = [o >> a & 1 for a in range(3)]
+                if any(h and n == m for h, n, m in zip(high, low, whole)):
+                    continue
+                origin = [n if h else 0 for h, n in zip(high, low)]
+                sides = [m - n if h else n for h, n, m in zip(high, low, whole)]
+                here[o] = self.subband(o, level, last - level, origin, sides, above.get(o), halved, seen), sides
+                for at, q in here[o][0].items():
+                    seen[at] = min(seen.get(at, 0) + abs(q), 127)
+            above = here
+        bias = f32(0.04)
+        values = {at: f32(f32(f32(q) - (bias if q > 0 else -bias if q < 0 else 0.0)) * step) for at, q in self.found.items()}
+        for (x, y, z), low in reversed(list(zip(levels, levels[1:]))):
+            for axis in reversed(range(3)):
+                if (x, y, z)[axis] == low[axis]:
+                    continue
+                others = [range(n) for a, n in enumerate((x, y, z)) if a != axis]
+                for i in others[0]:
+                    for j in others[1]:
+                        place = lambda k: (i, j)[:axis] + (k,) + (i, j)[axis:]
+                        self.inverse(values, [place(k) for k in range((x, y, z)[axis])])
+        nx, ny, nz = size
+        self.values = [self.within(values[x, y, z]) for z in range(nz) for y in range(ny) for x in range(nx)]
+
+    within = Band.within
+
+    # The line of values at these places.
+    def inverse(self, values, places):
+        half = -(-len(places) // 2)
+        line = [0.0] * len(places)
+        for k, at in enumerate(places):
+            if k < half:
+                line[2 * k] = f32(values[at] / self.SCALE)
+            else:
+                line[2 * (k - half) + 1] = f32(values[at] * self.SCALE)
+        for n in reversed(range(4)):
+            for i in range(1 - n % 2, len(line), 2):
+                after = line[i + 1] if i + 1 < len(line) else line[i - 1]
+                before = line[i - 1] if i else after
+                line[i] = f32(line[i] + f32(-self.STEPS[n] * f32(before + after)))
+        for at, value in zip(places, line):
+            values[at] = value
+
+    def subband(self, o, level, depth, origin, sides, above, halved, seen):
+        coded = {}
+        own = lambda *at: abs(coded.get(at, 0))
+        axes, fine, kind = bin(o).count("1"), min(level, 3), 8 * o + min(depth, 7)
+        around = lambda source, x, y, z: sum(abs(source.get(at, 0)) for at in (
+            (x - 1, y, z), (x + 1, y, z), (x, y - 1, z), (x, y + 1, z), (x, y, z - 1), (x, y, z + 1)))
+        for z in range(sides[2]):
+            for y in range(sides[1]):
+                for x in range(sides[0]):
+                    parent = parents = 0
+                    if above:
+                        at = tuple(min(c // 2 if h else c, n - 1) for c, h, n in zip((x, y, z), halved, above[1]))
+                        parent, parents = abs(above[0].get(at, 0)), around(above[0], *at)
+                    other, others = seen.get((x, y, z), 0), around(seen, x, y, z)
+                    near = own(x - 1, y, z) + own(x, y - 1, z) + own(x, y, z - 1)
+                    diagonal = own(x + 1, y - 1, z) + own(x - 1, y - 1, z) + own(x + 1, y, z - 1) \
+                        + own(x, y + 1, z - 1) + own(x - 1, y, z - 1) + own(x, y - 1, z - 1)
+                    far = own(x - 2, y, z) + own(x, y - 2, z) + own(x, y, z - 2)
+                    total = 2 * near + diagonal + 2 * parent + parents + 2 * other + others
+                    contexts = (
+                        (8 * axes + bin8(near)) * 8 + bin8(diagonal),
+                        ((4 * o + fine) * 8 + bin8(parent)) * 8 + bin8(parents),
+                        ((8 * axes + bin8(near + far)) * 8 + bin8(2 * parent + parents)) * 4 + fine,
+                        ((8 * axes + bin8(other)) * 8 + bin8(others)) * 8 + bin8(near + diagonal),
+                        32 * kind + min(total // 2, 31))
+                    mixer = 4 * kind + 2 * (near + diagonal > 0) + (parent + parents > 0)
+                    s = [sign3(coded.get(at, 0)) for at in ((x - 1, y, z), (x, y - 1, z), (x, y, z - 1))]
+                    q = self.magnitude(contexts, mixer, bin8(near))
+                    if q and self.coder.modeled_bit(self.signs, ((3 * o + s[0]) * 3 + s[1]) * 3 + s[2]):
+                        q = -q
+                    self.found[origin[0] + x, origin[1] + y, origin[2] + z] = q
+                    coded[x, y, z] = clamp(q, -127, 127)
+        return coded
+
+    def magnitude(self, contexts, mixer, length):
+        for stage in range(4):
+            if not self.mixer.decode_bit(self.coder, [(c, stage) for c in contexts], (stage, mixer)):
+                return stage
+        n = 0
+        while n < 29 and self.coder.modeled_bit(self.lengths, (length, n)):
+            n += 1
+        high = max(n - 16, 0)
+        upper = self.coder.uniform(high) if high else 0
+        return (1 << n | upper << 16 | (self.coder.uniform(n - high) if n else 0)) + 3
 
 
 # The indices of the missing points.
@@ -232,7 +345,7 @@ if data[:4] != b"LVOL":
 if len(data) < 14 or zlib.crc32(data[:-4]) != int.from_bytes(data[-4:], "little"):
     sys.exit("damaged: the checksum differs")
 version, length = struct.unpack_from("<HI", data, 4)
-if version not in (1, 2) or length > min(262144, len(data) - 14):
+if version not in (1, 2, 3) or length > min(262144, len(data) - 14):
     sys.exit(f"version {version} with a header of {length} bytes is not known to this reader")
 header = fields(data[10:10 + length])
 grid, params = fields(header.get(1, b"")), fields(header.get(3, b""))
@@ -242,9 +355,9 @@ if params.get(5) != 1 or not nx * ny * nz:
 bound = max(f32(struct.unpack("<d", params.get(2, bytes(8)))[0]), f32(1e-6))
 count = max(1, min(nx * ny * nz >> 22, nz // 16))
 at, missing = 10 + length, ()
-if version == 2:
+if version > 1:
     size = int.from_bytes(data[at:at + 8], "little")
-    missing = mask(data[at + 8:at + 8 + size], (nx, ny, nz))
+    missing = mask(data[at + 8:at + 8 + size], (nx, ny, nz)) if size or version == 2 else ()
     at += 8 + size
 lengths_at, at = at, at + 8 * count
 if at > len(data) - 4:
@@ -255,7 +368,11 @@ if min(lengths) < 12 or at + sum(lengths) != len(data) - 4:
 print(nx, ny, nz)
 print("%.9g" % bound)
 for k in range(count):
-    band = Band(data[at:at + lengths[k]], (nx, ny, (k + 1) * nz // count - k * nz // count), bound)
+    size, coded = (nx, ny, (k + 1) * nz // count - k * nz // count), data[at:at + lengths[k]]
+    kind, coded = (coded[0], coded[1:]) if version == 3 else (0, coded)
+    if kind > 1 or len(coded) < 12:
+        sys.exit("damaged: a band's coding is not known")
+    band = WaveletBand(coded, size) if kind else Band(coded, size, bound)
     first = nx * ny * (k * nz // count)
     print("\n".join("nan" if first + i in missing else "%.9g" % v for i, v in enumerate(band.values)))
     at += lengths[k]

@@ -1,7 +1,7 @@
 //! The generator-node's configuration file.
 
 use crate::triggers::{TriggerSpec, Triggers};
-use lamina_codec::{Codec, EncodeOptions, Layout};
+use lamina_codec::{Codec, EncodeOptions, ErrorMeasure, Layout};
 use lamina_compute::CpuLimit;
 use lamina_compute::gpu::Choice;
 use lamina_model::{GenerationParams, Invalid, SamplePlan, Scene, Segmentation};
@@ -133,7 +133,7 @@ impl Config {
         Ok(self)
     }
 
-    /// How VDIs are encoded.
+    /// How VDIs and reduced volumes are encoded.
     pub fn encode_options(&self) -> EncodeOptions {
         EncodeOptions {
             codec: match self.codec {
@@ -145,6 +145,7 @@ impl Config {
                 LayoutName::Columns => Layout::Columns,
                 LayoutName::Plain => Layout::Plain,
             },
+            error: ErrorMeasure::MeanSquare,
         }
     }
 }

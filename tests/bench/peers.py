@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""What users would ship instead of what Lamina sends: SZ3 and zfp of the volume, and pictures of the six views.
+"""What users would ship instead of what Lamina sends: SZ3, SPERR and zfp of the volume, and pictures of the six views.
 
-Writes peers.csv, which `lamina-lab rd --peers` takes, and the decoded volumes beside it. Needs vtk, pysz, zfpy, numpy and
-pillow: `python3 -m pip install vtk pysz zfpy numpy pillow`.
+Writes peers.csv, which `lamina-lab rd --peers` takes, and the decoded volumes beside it. Needs vtk, pysz, zfpy, h5py, hdf5plugin,
+numpy and pillow: `python3 -m pip install vtk pysz zfpy h5py hdf5plugin numpy pillow`.
 """
 
 import argparse
@@ -12,6 +12,8 @@ import re
 import subprocess
 import sys
 
+import h5py
+import hdf5plugin
 import numpy as np
 import zfpy
 from PIL import Image
@@ -61,6 +63,19 @@ def sz3(values, bound):
     return len(packed), sz.decompress(packed, np.float32, values.shape)[0]
 
 
+def sperr(values, bound):
+    """With half the bound as root mean square error: the mode in which it is smallest."""
+    psnr = 20 * np.log10(2 * float(values.max() - values.min()) / float(bound))
+    file = io.BytesIO()
+    with h5py.File(file, "w") as packed:
+        filters = hdf5plugin.Sperr(peak_signal_to_noise_ratio=psnr, swap=True)
+        size = packed.create_dataset("values", data=values, chunks=values.shape, **filters).id
+        packed.flush()
+        size = size.get_storage_size()
+    with h5py.File(file, "r") as packed:
+        return size, packed["values"][...]
+
+
 def zfp(values, bound):
     packed = zfpy.compress_numpy(values, tolerance=float(bound))
     return len(packed), zfpy.decompress_numpy(packed)
@@ -75,7 +90,7 @@ def volumes(values, out):
         # Over more than two decades the logarithm is what is looked at.
         logs = np.log10(np.maximum(values, above.min())).astype(np.float32)
         scales.append((" of log10", logs, np.log10(high / floor), lambda v: np.power(np.float32(10), v)))
-    for name, codec in (("SZ3", sz3), ("zfp", zfp)):
+    for name, codec in (("SZ3", sz3), ("SPERR", sperr), ("zfp", zfp)):
         for what, scaled, width, back in scales:
             for share in BOUNDS:
                 size, decoded = codec(np.ascontiguousarray(scaled), share * width)

@@ -323,7 +323,7 @@ proptest! {
             (Codec::Bzip2, Layout::Columns), (Codec::Zstd, Layout::Columns), (Codec::ContextMixing, Layout::Columns),
             (Codec::Bzip2, Layout::Plain), (Codec::Zstd, Layout::Plain),
         ] {
-            let options = EncodeOptions { codec, layout };
+            let options = EncodeOptions { codec, layout, ..EncodeOptions::BZIP2 };
             let bytes = encode(&vdi, &options).unwrap();
             let back = decode(&bytes, &DecodeLimits::default()).unwrap();
             prop_assert_eq!(back.offsets(), vdi.offsets());

@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use glam::DVec3;
-use lamina_codec::{DecodeLimits, volume};
+use lamina_codec::{DecodeLimits, ErrorMeasure, volume};
 use lamina_model::{
     Camera, ControlPoint, Effects, Grid, ReducedVolume, ScalarRange, Scale, Scene, TransferFunction, VolumeParams,
 };
@@ -52,14 +52,23 @@ fn an_independent_reader_sees_every_value() {
         reduced([21, 18, 13], 0.02, |p| if (p - DVec3::splat(8.0)).length() < 6.0 { f64::NAN } else { waves(p) }),
         reduced([9, 7, 11], 0.02, |p| if noise(p) < 0.2 { f64::NAN } else { waves(p) }),
     ];
-    for volume in volumes {
-        let bytes = volume::encode(&volume);
+    // Seen everywhere, with noise: fewer bytes as wavelet coefficients; with and without a mask.
+    let noisy = |p: DVec3| 0.65 + 0.3 * (0.2 * p.x).sin() * (0.15 * p.y).cos() + 0.1 * noise(p);
+    let wavelets = [
+        reduced([40, 30, 9], 0.06, noisy),
+        reduced([40, 30, 9], 0.06, |p| if p.x < 3.0 { f64::NAN } else { noisy(p) }),
+        reduced([13, 30, 25], 0.06, noisy),
+    ];
+    let bounded = volumes.map(|volume| (volume, ErrorMeasure::Maximum)).into_iter();
+    for (volume, measure) in bounded.chain(wavelets.map(|volume| (volume, ErrorMeasure::MeanSquare))) {
+        let bytes = volume::encode(&volume, measure);
+        let dims = volume.grid().dims();
+        assert_eq!(bytes[4] == 3, measure == ErrorMeasure::MeanSquare, "{dims:?}, {} bytes", bytes.len());
         let back = volume::decode(&bytes, &DecodeLimits::default()).unwrap();
         let output = read_volume(&bytes);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         let text = String::from_utf8(output.stdout).unwrap();
         let mut lines = text.lines();
-        let dims = volume.grid().dims();
         assert_eq!(lines.next().unwrap(), format!("{} {} {}", dims[0], dims[1], dims[2]));
         let bound: f64 = lines.next().unwrap().parse().unwrap();
         assert!((bound - volume.params().error_bound()).abs() <= 1e-7 * bound);
@@ -72,7 +81,7 @@ fn an_independent_reader_sees_every_value() {
 
 #[test]
 fn the_independent_reader_refuses_what_is_damaged() {
-    let bytes = volume::encode(&reduced([5, 4, 3], 0.01, |p| 0.1 * p.x));
+    let bytes = volume::encode(&reduced([5, 4, 3], 0.01, |p| 0.1 * p.x), ErrorMeasure::Maximum);
     for other in [&bytes[..bytes.len() - 1], b"P6 12 12 255", &[&bytes[..20], &[1], &bytes[21..]].concat()] {
         let output = read_volume(other);
         assert!(!output.status.success() && !output.stderr.is_empty());

@@ -2,7 +2,7 @@
 
 use crate::offline::prepare;
 use crate::process;
-use lamina_codec::{DecodeLimits, EncodeOptions};
+use lamina_codec::{DecodeLimits, EncodeOptions, ErrorMeasure};
 use lamina_model::Cost;
 use lamina_model::{
     GenerationParams, Intermediate, Invalid, ParamsKey, Quality, ReferenceSamples, SamplePlan, Scene, Segmentation,
@@ -208,12 +208,13 @@ impl InProcessEvaluator {
     }
 }
 
-/// How VDIs of a segmentation are encoded: greedy ones as in the paper, fitted ones as the nodes send them.
+/// How steps are encoded: VDIs of greedy segmentation as in the paper, all else as the nodes send it.
 pub fn encode_options(segmentation: Segmentation) -> EncodeOptions {
-    match segmentation {
+    let options = match segmentation {
         Segmentation::Greedy => EncodeOptions::BZIP2,
         Segmentation::Fitted => EncodeOptions::default(),
-    }
+    };
+    EncodeOptions { error: ErrorMeasure::MeanSquare, ..options }
 }
 
 fn measured(trial: &RecordedTrial) -> Measurement {

@@ -5,7 +5,7 @@ use crate::picture_file;
 use crate::scene_file::scene_for;
 use crate::source::{read_options, with_colors};
 use anyhow::{Context, ensure};
-use lamina_codec::{Codec, CodecError, DecodeLimits, EncodeOptions, Layout};
+use lamina_codec::{Codec, CodecError, DecodeLimits, EncodeOptions, ErrorMeasure, Layout};
 use lamina_model::{
     GenerationParams, Intermediate, Invalid, Representation, Scene, Segmentation, VdiParams, Volume, psnr,
 };
@@ -70,11 +70,19 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
         (Some(cli::CodecArgument::Zstd), _) => Codec::Zstd,
         (Some(cli::CodecArgument::ContextMixing), _) | (None, Layout::Columns) => Codec::ContextMixing,
     };
-    let options = EncodeOptions { codec, layout }.check()?;
+    let error = match arguments.error {
+        cli::ErrorArgument::Maximum => ErrorMeasure::Maximum,
+        cli::ErrorArgument::MeanSquare => ErrorMeasure::MeanSquare,
+    };
+    let options = EncodeOptions { codec, layout, error }.check()?;
     let usual = (None, Layout::Columns, Segmentation::default());
     ensure!(
         arguments.representation == Representation::Vdi || (arguments.codec, layout, arguments.segmentation) == usual,
         "--codec, --layout and --segmentation are for VDIs; leave them out with --representation volume"
+    );
+    ensure!(
+        arguments.representation == Representation::Volume || error == ErrorMeasure::Maximum,
+        "--error is for reduced volumes; leave it out with --representation vdi"
     );
     let (volume, scene) = open(&arguments.input)?;
     let params =

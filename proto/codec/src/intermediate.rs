@@ -6,7 +6,7 @@ use crate::{DecodeLimits, volume};
 use lamina_model::{Cost, Intermediate};
 use std::time::{Duration, Instant};
 
-/// Encodes either representation. `options` concern VDIs only.
+/// Encodes either representation.
 ///
 /// ```
 /// use lamina_codec::{CodecError, DecodeLimits, EncodeOptions, decode_any, encode_any};
@@ -33,7 +33,7 @@ use std::time::{Duration, Instant};
 pub fn encode_any(intermediate: &Intermediate, options: &EncodeOptions) -> Result<Vec<u8>, CodecError> {
     match intermediate {
         Intermediate::Vdi(vdi) => vdi::encode(vdi, options),
-        Intermediate::Volume(reduced) => Ok(volume::encode(reduced)),
+        Intermediate::Volume(reduced) => Ok(volume::encode(reduced, options.error)),
     }
 }
 

@@ -15,3 +15,4 @@ pub use error::CodecError;
 pub use intermediate::{check_any, decode_any, encode_any, encode_timed};
 pub use limits::DecodeLimits;
 pub use vdi::{Codec, EncodeOptions, EncodedHeader, Layout, decode, encode, peek, quantize};
+pub use volume::ErrorMeasure;

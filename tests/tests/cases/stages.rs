@@ -61,7 +61,7 @@ pub(crate) fn run(case: &Case, casters: &[Caster], drawers: &[Drawer], table: &m
         rays(report, &fitted, &views[0], &seen[0]);
         for (name, codec, layout) in CODECS {
             let report = &mut Report { case, backend: format!("{} {name}", caster.kind()), table };
-            encoded(report, &vdi, &EncodeOptions { codec, layout }, &views[0], &seen[0]);
+            encoded(report, &vdi, &EncodeOptions { codec, layout, ..EncodeOptions::BZIP2 }, &views[0], &seen[0]);
         }
         // The oracle's VDI is drawn by all, the others' by their own kind. From where they were generated these differ from
         // the volume by what they were allowed there.

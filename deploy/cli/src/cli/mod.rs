@@ -6,7 +6,9 @@ mod live;
 mod offline;
 
 pub use live::{Live, NodeOptions, Replay, Serve, StepsPerSecond, Term, Watch};
-pub use offline::{CodecArgument, Compare, Export, Generate, LayoutArgument, Raycast, Render, Tune, View};
+pub use offline::{
+    CodecArgument, Compare, ErrorArgument, Export, Generate, LayoutArgument, Raycast, Render, Tune, View,
+};
 
 use crate::dims::Dims;
 use clap::{Args, Parser, Subcommand};

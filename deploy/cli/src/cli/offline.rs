@@ -75,9 +75,22 @@ pub struct Generate {
     /// context-mixing; bzip2 for the plain layout]
     #[arg(long, value_name = "NAME", hide_possible_values = true)]
     pub codec: Option<CodecArgument>,
+    /// What --gamma limits of a reduced volume: the error of each value, or the mean square error, as in runs, where it may take
+    /// half the bytes
+    #[arg(long, value_name = "NAME", default_value = "maximum")]
+    pub error: ErrorArgument,
     /// Where to write it
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+}
+
+/// What an error bound limits.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum ErrorArgument {
+    /// The error of each value.
+    Maximum,
+    /// The mean square error.
+    MeanSquare,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]

@@ -13,7 +13,7 @@ use curve::{RateCurve, Sample, difference};
 use indicatif::{ProgressBar, ProgressStyle};
 use lamina::offline::{open, prepare};
 use lamina::say;
-use lamina_codec::{Codec, DecodeLimits, EncodeOptions, Layout};
+use lamina_codec::{Codec, DecodeLimits, EncodeOptions, ErrorMeasure, Layout};
 use lamina_model::{GenerationParams, Intermediate, ReferenceSamples, SamplePlan, Segmentation, VdiParams};
 use lamina_raycast::{Field, most_points};
 use lamina_report::numbers::significant;
@@ -40,8 +40,9 @@ const VDI_CODINGS: [(&str, Segmentation, EncodeOptions, Detail); 5] = [
     ("VDI, fitted", Segmentation::Fitted, EncodeOptions::BZIP2, Detail::Cubic),
     ("VDI, context mixing", Segmentation::Fitted, CONTEXT_MIXING, Detail::Cubic),
 ];
-const PLAIN: EncodeOptions = EncodeOptions { codec: Codec::Bzip2, layout: Layout::Plain };
-const CONTEXT_MIXING: EncodeOptions = EncodeOptions { codec: Codec::ContextMixing, layout: Layout::Columns };
+const PLAIN: EncodeOptions = EncodeOptions { codec: Codec::Bzip2, layout: Layout::Plain, ..EncodeOptions::BZIP2 };
+const CONTEXT_MIXING: EncodeOptions =
+    EncodeOptions { codec: Codec::ContextMixing, layout: Layout::Columns, error: ErrorMeasure::MeanSquare };
 
 /// Volumes of all sample points: in the tables only, as their curve lies on that of all volumes.
 const WHOLE: &str = "volume, whole";

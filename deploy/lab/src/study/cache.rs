@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Goes into the key: raised when what is measured changes its meaning.
-const VERSION: u32 = 6;
+const VERSION: u32 = 7;
 
 /// A trial as a line of the file.
 #[derive(Serialize, Deserialize)]

@@ -39,7 +39,7 @@ const PREAMBLE_BYTES: usize = 8;
 /// # Errors
 /// If the codec does not support the layout, a compressor fails, or [`Layout::Plain`] cannot hold the depths in 32-bit floats.
 pub fn encode(vdi: &Vdi, options: &EncodeOptions) -> Result<Vec<u8>, CodecError> {
-    let EncodeOptions { codec, layout } = options.check()?;
+    let EncodeOptions { codec, layout, .. } = options.check()?;
     let segments = vdi.segments().len() as u32;
     let occupied_rays = vdi.offsets().windows(2).filter(|w| w[0] < w[1]).count() as u32;
     let header = EncodedHeader { header: *vdi.header(), codec, layout, segments };

@@ -1,5 +1,6 @@
 //! Choices of an encoder: compression method and layout, with their codes in the format.
 
+use crate::volume::ErrorMeasure;
 use lamina_model::{Invalid, VdiHeader};
 
 /// Compression method of a VDI.
@@ -66,11 +67,13 @@ pub struct EncodeOptions {
     pub codec: Codec,
     /// Arrangement; [`Codec::ContextMixing`] takes [`Layout::Columns`] only.
     pub layout: Layout,
+    /// What the error bound of reduced volumes limits.
+    pub error: ErrorMeasure,
 }
 
 impl EncodeOptions {
     /// Columns compressed by bzip2, which published sizes are compared with.
-    pub const BZIP2: Self = Self { codec: Codec::Bzip2, layout: Layout::Columns };
+    pub const BZIP2: Self = Self { codec: Codec::Bzip2, layout: Layout::Columns, error: ErrorMeasure::Maximum };
 
     /// These options, if the codec supports the layout.
     ///

@@ -4,7 +4,7 @@
 
 use super::bands;
 use super::free_intervals::FreeIntervals;
-use super::mask;
+use super::{ErrorMeasure, mask};
 use crate::DecodeLimits;
 use crate::envelope::{CRC_BYTES, checked_body, take_version, too_short};
 use crate::error::{CodecError, invalid};
@@ -18,14 +18,18 @@ use std::borrow::Cow;
 pub(crate) const MAGIC: [u8; 4] = *b"LVOL";
 /// The version of a volume whose points are all there.
 const VERSION: u16 = 1;
-/// The version of a volume with a mask of missing points, and the newest read.
+/// The version of a volume with a mask of missing points.
 const MASKED: u16 = 2;
+/// The version of a volume with bands of wavelet coefficients, and the newest read: there is a mask, which may be empty, and each
+/// band begins with a byte that says how it is coded.
+const MARKED: u16 = 3;
 /// The largest header read; a scene with the greatest number of control points takes three quarters of it.
 const MAX_HEADER_BYTES: usize = 1 << 18;
 
 /// Encodes a reduced volume. Every value decodes within the params' gamma, except where the transfer function shows nothing
-/// of it; a missing point decodes as missing.
-pub fn encode(volume: &ReducedVolume) -> Vec<u8> {
+/// of it, or, by [`ErrorMeasure::MeanSquare`], with a mean square error no greater than with that bound; a missing point
+/// decodes as missing.
+pub fn encode(volume: &ReducedVolume, measure: ErrorMeasure) -> Vec<u8> {
     let header = v1::VolumeHeader {
         grid: Some(volume.grid().into()),
         scene: Some(volume.scene().into()),
@@ -34,21 +38,32 @@ pub fn encode(volume: &ReducedVolume) -> Vec<u8> {
     let head = header.encode_to_vec();
     let (units, dims) = (volume.units(), volume.grid().dims());
     let is_masked = units.par_iter().any(|u| u.is_nan());
-    let mut bytes = Vec::from(MAGIC);
-    bytes.extend(if is_masked { MASKED } else { VERSION }.to_le_bytes());
-    bytes.extend((head.len() as u32).to_le_bytes());
-    bytes.extend(head);
     let bound = bound(volume.params());
     let free_intervals = FreeIntervals::new(volume, bound);
-    let mut filled = Cow::Borrowed(units);
+    let (mut filled, mut missing) = (Cow::Borrowed(units), Vec::new());
     if is_masked {
-        let missing: Vec<bool> = units.iter().map(|u| u.is_nan()).collect();
-        let coded = mask::encode(&missing, dims);
-        bytes.extend((coded.len() as u64).to_le_bytes());
-        bytes.extend(coded);
+        missing = mask::encode(&units.iter().map(|u| u.is_nan()).collect::<Vec<bool>>(), dims);
         inpaint(filled.to_mut(), dims);
     }
-    bytes.extend(bands::encode(&filled, dims, bound, |n| free_intervals.at(n)));
+    let (values, is_marked) = bands::encode(&filled, dims, bound, |n| free_intervals.at(n), measure);
+    let version = match (is_marked, is_masked) {
+        (true, _) => MARKED,
+        (false, true) => MASKED,
+        (false, false) => VERSION,
+    };
+    let mut bytes = Vec::from(MAGIC);
+    bytes.extend(version.to_le_bytes());
+    bytes.extend((head.len() as u32).to_le_bytes());
+    bytes.extend(head);
+    if version == MARKED && is_masked && missing.is_empty() {
+        // An empty mask says that no point is missing; a decoder reads zeros beyond the end.
+        missing.push(0);
+    }
+    if version > VERSION {
+        bytes.extend((missing.len() as u64).to_le_bytes());
+        bytes.extend(missing);
+    }
+    bytes.extend(values);
     bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
     bytes
 }
@@ -58,8 +73,9 @@ pub fn encode(volume: &ReducedVolume) -> Vec<u8> {
 /// # Errors
 /// If the bytes are not a volume, of a newer version, damaged, larger than `limits`, or contradict themselves.
 pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ReducedVolume, CodecError> {
-    let Head { grid, scene, params, mask, values } = read_head(bytes, limits)?;
-    let mut units = bands::decode(values, grid.dims(), bound(&params)).map_err(|e| invalid(e.to_string()))?;
+    let Head { grid, scene, params, mask, values, is_marked } = read_head(bytes, limits)?;
+    let mut units =
+        bands::decode(values, grid.dims(), bound(&params), is_marked).map_err(|e| invalid(e.to_string()))?;
     if let Some(mask) = mask {
         let missing = mask::decode(mask, grid.dims());
         units.iter_mut().zip(missing).filter(|(_, missing)| *missing).for_each(|(unit, _)| *unit = f32::NAN);
@@ -74,11 +90,13 @@ pub(crate) struct Head<'a> {
     params: VolumeParams,
     mask: Option<&'a [u8]>,
     values: &'a [u8],
+    /// Each band begins with a byte that says how it is coded.
+    is_marked: bool,
 }
 
 /// Checks and reads everything but the values.
 pub(crate) fn read_head<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<Head<'a>, CodecError> {
-    let version = take_version(bytes, MAGIC, MASKED)?;
+    let version = take_version(bytes, MAGIC, MARKED)?;
     let body = checked_body(bytes, MAGIC.len() + 2 + 4 + CRC_BYTES)?;
     let rest = &body[MAGIC.len() + 2..];
     let (length, rest) = rest.split_at(4);
@@ -95,16 +113,16 @@ pub(crate) fn read_head<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<He
     if needed_bytes > limit_bytes {
         return Err(CodecError::TooLarge { needed_bytes, limit_bytes });
     }
-    let (mask, values) = if version == MASKED { take_mask(values)? } else { (None, values) };
-    Ok(Head { grid, scene, params, mask, values })
+    let (mask, values) = if version > VERSION { take_mask(values)? } else { (None, values) };
+    Ok(Head { grid, scene, params, mask, values, is_marked: version == MARKED })
 }
 
-/// The bytes of the mask, and those after it.
+/// The bytes of the mask, if it has any, and those after it.
 fn take_mask(rest: &[u8]) -> Result<(Option<&[u8]>, &[u8]), CodecError> {
     let (length, rest) = rest.split_first_chunk().ok_or_else(too_short)?;
     let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| too_short())?;
     let (mask, values) = rest.split_at_checked(length).ok_or_else(too_short)?;
-    Ok((Some(mask), values))
+    Ok(((!mask.is_empty()).then_some(mask), values))
 }
 
 /// The header's code for the representation.

@@ -24,10 +24,13 @@ pub(super) fn encode(
     dims: [usize; 3],
     bound: f32,
     free: impl Fn(usize) -> Option<(f32, f32)>,
-) -> Vec<u8> {
+) -> PredictedBand {
     assert_eq!(dims.iter().product::<usize>(), values.len(), "a volume has as many values as voxels");
     debug_assert!(values.iter().all(|v| v.is_finite()), "values are finite");
-    let Some(&first) = values.first() else { return Vec::new() };
+    let first = values.first().copied().unwrap_or_default();
+    if values.is_empty() {
+        return PredictedBand { bytes: Vec::new(), field: MultigridField::new(first, [first; 2]) };
+    }
     let range = range(values, first);
     let wanted = QuantizationTarget { values, bound, free };
     let mut bytes: Vec<u8> = [range[0], range[1], first].iter().flat_map(|v| v.to_le_bytes()).collect();
@@ -45,7 +48,21 @@ pub(super) fn encode(
         above = Some(work.level(number, above.as_ref()));
     }
     bytes.extend(work.encoder.finish());
-    bytes
+    PredictedBand { bytes, field: work.field }
+}
+
+/// A coded band.
+pub(super) struct PredictedBand {
+    pub bytes: Vec<u8>,
+    field: MultigridField,
+}
+
+impl PredictedBand {
+    /// The values as they decode.
+    pub(super) fn decoded(mut self) -> Vec<f32> {
+        self.field.end(false);
+        std::mem::take(&mut self.field.parts[0].values)
+    }
 }
 
 /// Least and largest value.

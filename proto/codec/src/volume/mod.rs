@@ -5,6 +5,9 @@
 //! for Composing Prediction-Based Error-Bounded Lossy Compressors", IEEE Trans. Big Data 9(2), 2023) and QoZ (J. Liu et al.,
 //! "Dynamic Quality Metric Oriented Error Bounded Lossy Compression", SC 2022). Prediction weights are fitted to the volume,
 //! and residuals are coded by context mixing of the residuals around them.
+//!
+//! Where only the mean square error has to be that of such a coding ([`ErrorMeasure::MeanSquare`]), each band is coded by
+//! [`wavelet`] coefficients instead if these take fewer bytes, as on fields with noise and without sharp edges.
 mod bands;
 mod block_flags;
 pub(crate) mod container;
@@ -20,11 +23,25 @@ mod quantize;
 mod regression;
 mod settings;
 mod symbols;
+mod wavelet;
 
 #[cfg(test)]
 mod tests;
 
+use serde::{Deserialize, Serialize};
+
 pub use container::{decode, encode};
+
+/// What a reduced volume's error bound limits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ErrorMeasure {
+    /// The error of each value.
+    #[default]
+    Maximum,
+    /// The mean square error, which is at most what it is where each value keeps the bound. Single values may be off by more.
+    MeanSquare,
+}
 
 /// Bytes of a band before the range coder: least, largest and first value, each a little-endian `f32`.
 const HEADER: usize = 12;

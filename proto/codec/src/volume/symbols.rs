@@ -165,7 +165,7 @@ fn code_uniform(coder: &mut impl Coder, count: u32, number: u32) -> u32 {
 
 /// Bins of a sum: 0, 1, 2, 3..4, 5..7, 8..12, 13..20, more.
 #[inline]
-fn bin(sum: u32) -> usize {
+pub(super) fn bin(sum: u32) -> usize {
     const BINS: [u8; 22] = [0, 1, 2, 3, 3, 4, 4, 4, 5, 5, 5, 5, 5, 6, 6, 6, 6, 6, 6, 6, 6, 7];
     usize::from(BINS[sum.min(21) as usize])
 }
