@@ -198,13 +198,15 @@ impl Backend {
     ) -> Result<Option<Image>, Invalid> {
         Image::check_size(size[0], size[1])?;
         let on_cpu = || {
-            let mut colors = Vec::with_capacity(size[0] as usize * size[1] as usize);
             let rows = ROWS_A_THREAD * rayon::current_num_threads() as u32;
+            // No copy where all fit one band.
+            let mut colors = Vec::new();
             for first in (0..size[1]).step_by(rows as usize) {
                 if !wanted() {
                     return None;
                 }
-                colors.extend(vdi.rows(camera, size, first..size[1].min(first + rows), detail));
+                let mut band = vdi.rows(camera, size, first..size[1].min(first + rows), detail);
+                if colors.is_empty() { colors = band } else { colors.append(&mut band) }
             }
             Some(colors)
         };

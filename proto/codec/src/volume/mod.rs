@@ -7,7 +7,7 @@
 //! and residuals are coded by context mixing of the residuals around them.
 //!
 //! Where only the mean square error has to be that of such a coding ([`ErrorMeasure::MeanSquare`]), each band is coded by
-//! [`wavelet`] coefficients instead if these take fewer bytes, as on fields with noise and without sharp edges.
+//! wavelet coefficients (`wavelet`) instead if these take fewer bytes, as on fields with noise and without sharp edges.
 mod bands;
 mod block_flags;
 pub(crate) mod container;

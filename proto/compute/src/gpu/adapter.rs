@@ -1,7 +1,13 @@
 //! Enumeration of GPUs through Vulkan, best first.
 
 use super::AdapterFacts;
+use std::sync::LazyLock;
 use wgpu::{Adapter, Backends, DeviceType, Instance, InstanceDescriptor};
+
+/// The only one of the process: a driver may hang where one thread makes an instance while another one destroys its own.
+static INSTANCE: LazyLock<Instance> = LazyLock::new(|| {
+    Instance::new(InstanceDescriptor { backends: Backends::VULKAN, ..InstanceDescriptor::new_without_display_handle() })
+});
 
 /// The best adapter; `None` if the machine has no Vulkan loader or no device.
 pub fn adapter() -> Option<AdapterFacts> {
@@ -17,11 +23,7 @@ pub(crate) fn may_have_gpu() -> bool {
 
 /// All adapters, best first: discrete, integrated, virtual, other, software.
 pub(crate) fn adapters() -> Vec<Adapter> {
-    let instance = Instance::new(InstanceDescriptor {
-        backends: Backends::VULKAN,
-        ..InstanceDescriptor::new_without_display_handle()
-    });
-    let mut adapters = pollster::block_on(instance.enumerate_adapters(Backends::VULKAN));
+    let mut adapters = pollster::block_on(INSTANCE.enumerate_adapters(Backends::VULKAN));
     adapters.sort_by_key(|a| match a.get_info().device_type {
         DeviceType::DiscreteGpu => 0,
         DeviceType::IntegratedGpu => 1,
