@@ -4,7 +4,7 @@ use super::AdapterFacts;
 use std::sync::LazyLock;
 use wgpu::{Adapter, Backends, DeviceType, Instance, InstanceDescriptor};
 
-/// The only one of the process: a driver may hang where one thread makes an instance while another one destroys its own.
+/// The only one of the process.
 static INSTANCE: LazyLock<Instance> = LazyLock::new(|| {
     Instance::new(InstanceDescriptor { backends: Backends::VULKAN, ..InstanceDescriptor::new_without_display_handle() })
 });
