@@ -191,6 +191,22 @@ mod tests {
     }
 
     #[test]
+    fn changed_bytes_decode_to_numbers_within_the_range_or_are_refused() {
+        let dims = [21, 14, 10];
+        let values = waves(dims);
+        let bytes = encode(&values, dims, |_| None, &off(&values, 1e-3), 1 << 30).unwrap();
+        for at in 0..bytes.len() {
+            for change in [1, 0x80, 0xff] {
+                let mut other = bytes.clone();
+                other[at] ^= change;
+                if let Ok(back) = decode(&other, dims) {
+                    assert!(back.len() == values.len() && back.iter().all(|v| v.is_finite()), "byte {at}");
+                }
+            }
+        }
+    }
+
+    #[test]
     fn noise_counts_less_than_what_is_wrong_throughout() {
         let dims = [8, 6, 4];
         let alike = mean_square((0..192).map(|_| 0.5), dims);
