@@ -7,7 +7,11 @@ use lamina_tests::processes::{Daemon, binary, free_port, wait_for};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::RwLock;
 use std::time::Duration;
+
+/// Held for writing by the test that has the machine to itself: a GPU in software beside six browsers takes minutes a picture.
+static ALONE: RwLock<()> = RwLock::new(());
 
 /// WebGPU in software.
 const GPU: [&str; 2] = ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"];
@@ -77,6 +81,7 @@ fn scene(folder: &tempfile::TempDir, effects: &str) -> String {
 
 #[test]
 fn the_browsers_processor_draws_the_viz_nodes_picture_to_the_byte() {
+    let _turn = ALONE.read();
     let folder = tempfile::tempdir().unwrap();
     // All together.
     let [shading, integration, shadows, surfaces] = EFFECTS;
@@ -110,6 +115,7 @@ fn holds_by_webgpu(arguments: &[&str], views: &[[f64; 3]]) {
 
 #[test]
 fn webgpu_draws_the_viz_nodes_picture_within_fifty_decibels() {
+    let _turn = ALONE.write();
     holds_by_webgpu(&["--representation", "vdi", "--resolution", "96", "--gamma", "0.02"], &VIEWS);
     holds_by_webgpu(&["--representation", "volume"], &VIEWS);
     for effects in EFFECTS {
@@ -120,6 +126,7 @@ fn webgpu_draws_the_viz_nodes_picture_within_fifty_decibels() {
 
 #[test]
 fn a_step_that_has_arrived_is_turned_without_the_server() {
+    let _turn = ALONE.read();
     let (lamina, browser, _profile) = watched(&["--representation", "vdi"], &["--disable-gpu"], "");
     look(&browser, VIEWS[1]);
     browser.js("performance.clearResourceTimings()");
@@ -144,6 +151,7 @@ fn recorded(folder: &Path, name: &str) -> Option<PathBuf> {
 
 #[test]
 fn a_damaged_step_is_said_to_be_and_the_others_are_drawn() {
+    let _turn = ALONE.read();
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().display().to_string();
     let (lamina, browser, _profile) = watched(&["--out", &out, "--representation", "vdi"], &["--disable-gpu"], "");
@@ -167,6 +175,7 @@ fn a_damaged_step_is_said_to_be_and_the_others_are_drawn() {
 
 #[test]
 fn the_page_moves_by_hand_and_key_and_says_so_in_its_address() {
+    let _turn = ALONE.read();
     let (lamina, browser, _profile) = watched(&["--representation", "volume"], &["--disable-gpu"], "");
     look(&browser, VIEWS[0]);
     // Shift pans, alt rolls, the address follows, and back goes to where it says.
@@ -200,6 +209,7 @@ fn the_page_moves_by_hand_and_key_and_says_so_in_its_address() {
 
 #[test]
 fn every_button_does_what_it_says() {
+    let _turn = ALONE.read();
     let (lamina, browser, _profile) = watched(&["--representation", "volume"], &["--disable-gpu"], "");
     let click = |id: &str| browser.js(&format!("document.querySelector('#{id}').click()"));
     look(&browser, VIEWS[0]);
@@ -266,6 +276,7 @@ fn every_button_does_what_it_says() {
 
 #[test]
 fn the_last_step_is_turned_in_the_report_without_a_server() {
+    let _turn = ALONE.read();
     for representation in ["vdi", "volume"] {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().display().to_string();
