@@ -211,8 +211,8 @@ impl Backend {
             Some(colors)
         };
         let colors = match &self.vdis {
-            _ if !wanted() => None,
             VdiRenderer::Cpu => on_cpu(),
+            VdiRenderer::Gpu(_) if !wanted() => None,
             VdiRenderer::Gpu(kernels) => or_cpu(kernels, kernels.picture(vdi, camera, size, detail).map(Some), on_cpu)?,
         };
         colors.map(|colors| Image::new(size[0], size[1], colors)).transpose()

@@ -33,13 +33,19 @@ pub(super) fn decode(bytes: &[u8], dims: [usize; 3], bound: f32) -> Result<Vec<f
     Ok(whole.values)
 }
 
-/// Least value, largest value and first value, and the bytes of the range coder.
-fn header(bytes: &[u8]) -> Result<([f32; 3], &[u8]), EntropyError> {
+/// The three numbers that a band begins with, and the bytes of the range coder.
+pub(super) fn numbers(bytes: &[u8]) -> Result<([f32; 3], &[u8]), EntropyError> {
     let (header, rest) = bytes.split_at_checked(HEADER).ok_or(EntropyError::LengthMismatch)?;
     let mut numbers = [0.0; 3];
     for (number, four) in numbers.iter_mut().zip(header.chunks_exact(4)) {
         *number = f32::from_le_bytes([four[0], four[1], four[2], four[3]]);
     }
+    Ok((numbers, rest))
+}
+
+/// Least value, largest value and first value, and the bytes of the range coder.
+fn header(bytes: &[u8]) -> Result<([f32; 3], &[u8]), EntropyError> {
+    let (numbers, rest) = numbers(bytes)?;
     let [low, high, first] = numbers;
     let fit = low.is_finite() && high.is_finite() && low <= first && first <= high;
     if fit { Ok((numbers, rest)) } else { Err(EntropyError::InvalidValue) }

@@ -27,10 +27,9 @@ pub(super) fn encode(
 ) -> PredictedBand {
     assert_eq!(dims.iter().product::<usize>(), values.len(), "a volume has as many values as voxels");
     debug_assert!(values.iter().all(|v| v.is_finite()), "values are finite");
-    let first = values.first().copied().unwrap_or_default();
-    if values.is_empty() {
-        return PredictedBand { bytes: Vec::new(), field: MultigridField::new(first, [first; 2]) };
-    }
+    let Some(&first) = values.first() else {
+        return PredictedBand { bytes: Vec::new(), field: MultigridField::new(0.0, [0.0; 2]) };
+    };
     let range = range(values, first);
     let wanted = QuantizationTarget { values, bound, free };
     let mut bytes: Vec<u8> = [range[0], range[1], first].iter().flat_map(|v| v.to_le_bytes()).collect();
@@ -66,7 +65,7 @@ impl PredictedBand {
 }
 
 /// Least and largest value.
-fn range(values: &[f32], first: f32) -> [f32; 2] {
+pub(super) fn range(values: &[f32], first: f32) -> [f32; 2] {
     // Eight independent comparisons at a time, so that the compiler vectorizes them.
     let (mut low, mut high) = ([first; 8], [first; 8]);
     let (chunks, rest) = values.as_chunks();

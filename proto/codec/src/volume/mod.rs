@@ -28,13 +28,10 @@ mod wavelet;
 #[cfg(test)]
 mod tests;
 
-use serde::{Deserialize, Serialize};
-
 pub use container::{decode, encode};
 
 /// What a reduced volume's error bound limits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ErrorMeasure {
     /// The error of each value.
     #[default]
@@ -43,7 +40,8 @@ pub enum ErrorMeasure {
     MeanSquare,
 }
 
-/// Bytes of a band before the range coder: least, largest and first value, each a little-endian `f32`.
+/// Bytes of a band before the range coder: least and largest value, then the first one or the quantizer step of wavelets, each a
+/// little-endian `f32`.
 const HEADER: usize = 12;
 /// The quantizer step of a level is twice the bound times a multiple of 1 / this.
 const STEP_PARTS: f32 = 64.0;

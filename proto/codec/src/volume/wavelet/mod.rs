@@ -8,13 +8,15 @@
 mod coefficients;
 mod lifting;
 
+use super::HEADER;
+use super::decode::numbers;
+use super::encode::range;
 use super::multigrid::within;
 use crate::entropy::EntropyError;
+use crate::entropy::range_coder::{Decoder, Encoder};
 use coefficients::code;
 use lifting::{extents, forward, inverse};
 
-/// Bytes before the range coder: least and largest value, and the quantizer step, each a little-endian `f32`.
-const HEADER: usize = 12;
 /// A coefficient below this many steps is 0.
 const DEAD_ZONE: f32 = 0.62;
 /// Reconstructed magnitudes are this many steps below the middle of their interval: small ones are the more frequent.
@@ -43,7 +45,7 @@ pub(super) fn encode(
     rival_bytes: usize,
 ) -> Option<Vec<u8>> {
     let levels = extents(dims);
-    let range = values.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], &v| [low.min(v), high.max(v)]);
+    let range = range(values, *values.first()?);
     let intervals: Vec<Option<(f32, f32)>> = (0..values.len()).map(free).collect();
     if intervals.iter().filter(|free| free.is_some()).count() > values.len() / 2 {
         // Prediction makes more of what nobody sees, and of its edges.
@@ -87,9 +89,10 @@ pub(super) fn encode(
         step *= (AIM / share.max(1e-9)).powf(0.6).clamp(0.4, 2.5) as f32;
     }
     let (step, mut quantized) = found?;
+    // Least and largest value, and the quantizer step.
     let mut bytes: Vec<u8> = [range[0], range[1], step].iter().flat_map(|v| v.to_le_bytes()).collect();
     debug_assert_eq!(bytes.len(), HEADER);
-    let mut encoder = crate::entropy::range_coder::Encoder::default();
+    let mut encoder = Encoder::default();
     code(&mut encoder, &mut quantized, dims, &levels);
     bytes.extend(encoder.finish());
     ((bytes.len() as f64) < most_bytes).then_some(bytes)
@@ -97,18 +100,13 @@ pub(super) fn encode(
 
 /// Decodes a band of `dims`. Corrupt bytes give other finite values or an error, in the time and memory that `dims` take.
 pub(super) fn decode(bytes: &[u8], dims: [usize; 3]) -> Result<Vec<f32>, EntropyError> {
-    let (header, rest) = bytes.split_at_checked(HEADER).ok_or(EntropyError::LengthMismatch)?;
-    let mut numbers = [0.0; 3];
-    for (number, four) in numbers.iter_mut().zip(header.chunks_exact(4)) {
-        *number = f32::from_le_bytes([four[0], four[1], four[2], four[3]]);
-    }
-    let [low, high, step] = numbers;
+    let ([low, high, step], rest) = numbers(bytes)?;
     if !(low.is_finite() && high.is_finite() && low <= high && step.is_finite() && step > 0.0) {
         return Err(EntropyError::InvalidValue);
     }
     let levels = extents(dims);
     let mut quantized = vec![0; dims.iter().product()];
-    code(&mut crate::entropy::range_coder::Decoder::new(rest), &mut quantized, dims, &levels);
+    code(&mut Decoder::new(rest), &mut quantized, dims, &levels);
     Ok(reconstructed(&quantized, dims, &levels, step, [low, high]))
 }
 
