@@ -1,7 +1,7 @@
 //! A picture of a recorded step from an orbiting camera, as PNG.
 
 use crate::store::{Store, StoreError};
-use lamina_model::{ControlPoint, Image, Invalid};
+use lamina_model::{Appearance, Image, Invalid};
 use lamina_vdi_render::{Backend, Detail, Drawable};
 use parking_lot::{Mutex, MutexGuard};
 use std::sync::Arc;
@@ -47,39 +47,38 @@ pub enum PaintError {
 /// Largest side of a picture for the page.
 const MAX_SIZE: u32 = 2048;
 
-/// Draws steps, from anywhere and, where they are volumes, in other colors.
+/// Draws steps, from anywhere and, where they are volumes, looking otherwise.
 #[derive(Debug)]
 pub struct Painter {
     store: Arc<Store>,
     backend: Backend,
-    recolored: Mutex<Option<Recolored>>,
+    changed: Mutex<Option<Changed>>,
 }
 
-/// The volume last drawn in other colors: the next picture is likely to be of it, in the same; if it is not in other
-/// colors, this is dropped.
+/// The volume last drawn otherwise than recorded: the next picture is likely to be of it, looking the same; if one looks as
+/// recorded, this is dropped.
 #[derive(Debug)]
-struct Recolored {
+struct Changed {
     from: Arc<Drawable>,
-    points: Vec<ControlPoint>,
+    appearance: Appearance,
     shown: Arc<Drawable>,
 }
 
 impl Painter {
     /// Draws what `store` holds with `backend`.
     pub fn new(store: Arc<Store>, backend: Backend) -> Self {
-        Self { store, backend, recolored: Mutex::new(None) }
+        Self { store, backend, changed: Mutex::new(None) }
     }
 
-    /// Draws `step`, under `points` if there are any: they take the place of its transfer function's, and what that leaves
-    /// transparent stays so. Nothing, if it is no longer `wanted`.
+    /// Draws `step`, with `appearance` if there is one. Nothing, if it is no longer `wanted`.
     ///
     /// # Errors
-    /// If the step is not held, the orbit is out of bounds, or there are points and they cannot be used.
+    /// If the step is not held, the orbit is out of bounds, or the step cannot look so.
     pub fn picture(
         &self,
         step: u64,
         orbit: Orbit,
-        points: Option<Vec<ControlPoint>>,
+        appearance: Option<Appearance>,
         wanted: impl Fn() -> bool,
     ) -> Result<Option<PaintedPicture>, PaintError> {
         if orbit.size > MAX_SIZE {
@@ -88,8 +87,8 @@ impl Painter {
         let mut shown = self.store.prepared(step)?;
         let camera = shown.camera().orbit(orbit.azimuth_deg, orbit.elevation_deg, orbit.zoom)?;
         let start = Instant::now();
-        match points {
-            Some(points) => shown = self.recolored(shown, points)?,
+        match appearance {
+            Some(appearance) => shown = self.changed(shown, appearance)?,
             None => *self.last() = None,
         }
         let image = self.backend.render_while(&shown, &camera, [orbit.size; 2], orbit.detail, wanted)?;
@@ -97,17 +96,17 @@ impl Painter {
         image.map(|image| Ok(PaintedPicture { step, png: png(&image)?, render_time })).transpose()
     }
 
-    fn last(&self) -> MutexGuard<'_, Option<Recolored>> {
-        self.recolored.lock()
+    fn last(&self) -> MutexGuard<'_, Option<Changed>> {
+        self.changed.lock()
     }
 
-    fn recolored(&self, from: Arc<Drawable>, points: Vec<ControlPoint>) -> Result<Arc<Drawable>, Invalid> {
+    fn changed(&self, from: Arc<Drawable>, appearance: Appearance) -> Result<Arc<Drawable>, Invalid> {
         let mut last = self.last();
-        if let Some(last) = last.as_ref().filter(|l| Arc::ptr_eq(&l.from, &from) && l.points == points) {
+        if let Some(last) = last.as_ref().filter(|l| Arc::ptr_eq(&l.from, &from) && l.appearance == appearance) {
             return Ok(last.shown.clone());
         }
-        let shown = Arc::new(from.with_points(points.clone())?);
-        *last = Some(Recolored { from, points, shown: shown.clone() });
+        let shown = Arc::new(from.with_appearance(&appearance)?);
+        *last = Some(Changed { from, appearance, shown: shown.clone() });
         Ok(shown)
     }
 }

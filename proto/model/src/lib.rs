@@ -4,6 +4,7 @@
 //! because its constructor checked it. Source of the method, "the paper" throughout: S. Frey and T. Ertl,
 //! "Auto-Tuning Intermediate Representations for In Situ Visualization", NYSDS 2016.
 
+mod appearance;
 pub mod camera;
 mod color_field;
 pub mod composite;
@@ -34,6 +35,7 @@ mod tuning_state;
 pub mod vdi;
 pub mod volume;
 
+pub use appearance::Appearance;
 pub use camera::{Aabb, Camera, Ray};
 pub use cost::Cost;
 pub use effects::{ColorField, Effects};

@@ -1,7 +1,7 @@
 //! A time step in either representation, prepared for rendering.
 
 use super::PreparedVdi;
-use lamina_model::{Camera, ControlPoint, Intermediate, Invalid, TransferFunction, Vdi};
+use lamina_model::{Appearance, Camera, Intermediate, Invalid, TransferFunction, Vdi};
 use lamina_raycast::Field;
 use std::sync::Arc;
 
@@ -31,18 +31,16 @@ impl Drawable {
         }
     }
 
-    /// The same volume under other control points, made transparent where the scene's are: there values were not recorded.
+    /// The same volume, looking as asked for.
     ///
     /// # Errors
-    /// If it is a VDI, which holds colors instead of values, or the points are invalid.
-    pub fn with_points(&self, points: Vec<ControlPoint>) -> Result<Self, Invalid> {
+    /// If it is a VDI, which holds colors instead of values, or as [`Appearance::applied_to`].
+    pub fn with_appearance(&self, appearance: &Appearance) -> Result<Self, Invalid> {
         let Self::Volume(field) = self else {
             let reason = "a VDI holds colors, not values; they can be chosen anew where a step is a volume";
-            return Err(Invalid::new("points", reason));
+            return Err(Invalid::new("appearance", reason));
         };
-        let recorded = &field.scene().transfer;
-        let wished = TransferFunction::new(*recorded.range(), recorded.stated_unit_length(), points)?;
-        Ok(Self::Volume(Box::new(field.with_transfer(wished.where_shown_by(recorded)?)?)))
+        Ok(Self::Volume(Box::new(field.with_scene(appearance.applied_to(field.scene())?)?)))
     }
 
     /// The transfer function of a volume; `None` for a VDI.

@@ -24,7 +24,7 @@ use axum::{
 use futures::{Stream, StreamExt};
 use guard::Rights;
 use lamina_compute::{Activity, Priority};
-use lamina_model::{ControlPoint, Steerable, TransferFunction};
+use lamina_model::{Appearance, Steerable, TransferFunction};
 use lamina_rpc::daemon::Access;
 use lamina_vdi_render::Detail;
 use serde::{Deserialize, Serialize};
@@ -200,8 +200,8 @@ struct StepQuery {
 #[derive(Deserialize)]
 struct ImageQuery {
     step: String,
-    /// Control points of another transfer function, JSON.
-    points: Option<String>,
+    /// An [`Appearance`], JSON.
+    appearance: Option<String>,
     #[serde(default)]
     azimuth: f64,
     #[serde(default)]
@@ -267,9 +267,9 @@ async fn image(State(web): State<Web>, Query(query): Query<ImageQuery>) -> Respo
     let (zoom, size) = (query.zoom, query.size);
     let detail = if query.draft { Detail::Nearest } else { Detail::Cubic };
     let orbit = Orbit { azimuth_deg: query.azimuth, elevation_deg: query.elevation, zoom, size, detail };
-    let points = match query.points.as_deref().map(serde_json::from_str::<Vec<ControlPoint>>).transpose() {
-        Ok(points) => points,
-        Err(e) => return (StatusCode::BAD_REQUEST, format!("points: {e}")).into_response(),
+    let appearance = match query.appearance.as_deref().map(serde_json::from_str::<Appearance>).transpose() {
+        Ok(appearance) => appearance,
+        Err(e) => return (StatusCode::BAD_REQUEST, format!("appearance: {e}")).into_response(),
     };
     if web.intake.share.waiting() > MOST_WAITING {
         return (StatusCode::SERVICE_UNAVAILABLE, "too many pictures are waited for; ask again later").into_response();
@@ -278,7 +278,7 @@ async fn image(State(web): State<Web>, Query(query): Query<ImageQuery>) -> Respo
     // Whoever closes the connection, as a page does when the picture is turned, drops this and wants no more.
     let (waiting, wanted) = std::sync::mpsc::channel::<Infallible>();
     let work =
-        move |_: &mut _| web.painter.picture(step, orbit, points, || wanted.try_recv() == Err(TryRecvError::Empty));
+        move |_: &mut _| web.painter.picture(step, orbit, appearance, || wanted.try_recv() == Err(TryRecvError::Empty));
     let done = permit.run(Activity::Draw, work).await;
     drop(waiting);
     match done {

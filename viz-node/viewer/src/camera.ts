@@ -1,5 +1,6 @@
 // The camera, and the hands and keys that move it.
 
+import { nextComparison } from "./compare";
 import { refresh, refreshStatus } from "./frame";
 import { pumpSoon } from "./picture";
 import { FRONT, IDLE_MS, ZOOM_RANGE, byId, clamp, motion, shownIndex, store, view } from "./state";
@@ -137,6 +138,8 @@ const PAGE_KEYS: Keys = {
   "[": () => rollBy(-5),
   "]": () => rollBy(5),
   "0": resetCamera,
+  c: nextComparison,
+  C: nextComparison,
   b: toggleOverlay,
   B: toggleOverlay,
   s: savePicture,
@@ -165,7 +168,7 @@ export function onKey(event: KeyboardEvent): void {
   const focus = document.activeElement;
   // Space works the control that has the focus; fields and a sheet have their own keys.
   if ((event.key === " " && focus?.matches("button, summary")) || focus?.matches("input, select")) return;
-  if (byId<HTMLDialogElement>("help-sheet").open) return;
+  if (document.querySelector("dialog[open]")) return;
   const onPicture = focus === byId("picture") || focus === document.body;
   const arrows = focus === byId("timeline") ? TIMELINE_KEYS : !onPicture ? {} : event.shiftKey ? PAN_KEYS : CAMERA_KEYS;
   const action = arrows[event.key] ?? PAGE_KEYS[event.key];

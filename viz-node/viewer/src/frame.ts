@@ -3,7 +3,9 @@
 
 import { writeAddress } from "./address";
 import { drawColors } from "./colors";
+import { drawComparison } from "./compare";
 import { drawContract } from "./contract";
+import { drawEffects } from "./effects";
 import { drawField } from "./field";
 import { drawGenerationCamera } from "./generation_camera";
 import { drawPareto } from "./pareto";
@@ -48,6 +50,8 @@ function draw(): void {
   drawTimeline();
   drawReadout();
   drawColors();
+  drawEffects();
+  drawComparison();
   PLOTS.forEach(drawPlot);
   drawAccuracy();
   drawTrust();

@@ -4,7 +4,9 @@ import "./viewer.css";
 import { listenToAddress } from "./address";
 import { listenToPicture, onKey, resetCamera, zoomBy } from "./camera";
 import { listenToColors } from "./colors";
+import { nextComparison } from "./compare";
 import { listenToContract } from "./contract";
+import { listenToEffects } from "./effects";
 import { listenToField } from "./field";
 import { refresh, refreshStatus } from "./frame";
 import { followView, listenToGenerationCamera } from "./generation_camera";
@@ -20,15 +22,17 @@ import { byId, shownIndex } from "./state";
 import { drawRun } from "./status";
 import { listenToSlices } from "./slices";
 import { listenToSteering } from "./steering";
+import { listenToVideo } from "./video";
 import { choose, followNewest } from "./steps";
 
 function buildFigures(): void {
-  const build = (id: string, label: string) => {
+  const build = (id: string, label: string, role = "img") => {
     byId(id).innerHTML = `<figcaption><span></span><span></span></figcaption>
-      <div class="plot"><svg role="img" aria-label="${label}"></svg></div>`;
+      <div class="plot"><svg role="${role}" aria-label="${label}"></svg></div>`;
   };
   build("trust", "PSNR over the angle between the view and the generation camera");
-  build("pareto", "PSNR over size, trials of the newest study");
+  // Its points can be pressed.
+  build("pareto", "PSNR over size, trials of the newest study", "group");
   listenToPareto();
   build("accuracy", "PSNR over generation time, all steps and trials");
   for (const { id, label } of PLOTS) {
@@ -45,6 +49,7 @@ buildFigures();
 listenToPicture(byId<HTMLCanvasElement>("picture"));
 listenToSteps(byId("timeline"), 10, 10);
 listenToColors();
+listenToEffects();
 listenToContract();
 listenToField();
 listenToGenerationCamera();
@@ -59,8 +64,10 @@ onClick("zoom-out", () => zoomBy(1 / 1.25));
 onClick("reset", resetCamera);
 onClick("box", toggleOverlay);
 onClick("save", savePicture);
+onClick("compare", nextComparison);
 onClick("help", openHelp);
 listenToPlay();
+listenToVideo();
 new ResizeObserver(refresh).observe(byId("stage"));
 new ResizeObserver(refresh).observe(document.querySelector("aside")!);
 setInterval(() => {

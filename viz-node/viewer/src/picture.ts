@@ -1,8 +1,10 @@
 // The picture on the stage: which one is wanted, and who draws it.
 
-import { wishedPoints } from "./colors";
+import { wishedAppearance } from "./appearance";
+import { comparison, showBeside } from "./compare";
 import { DraftSize } from "./draft_size";
 import { BrowserPainter, type Picture, Refused } from "./engine/painter";
+import type { Description } from "./engine/wasm";
 import { refresh, refreshStatus } from "./frame";
 import { serverPicture } from "./server_picture";
 import { LARGEST_SIZE, RETRY_MS, type Shown, type Wanted, byId, clamp, link, motion, picture, shownRow, store, view } from "./state";
@@ -27,6 +29,9 @@ function browserPainter(): BrowserPainter | null {
 
 const DRAWN_BY = { gpu: "by this machine's GPU", cpu: "by this machine's processor", server: "by the viz-node" };
 
+/** What is known of the step on the stage, where the browser holds it. */
+export const shownDescription = (): Description | null => (picture.shown && painter?.description(picture.shown.run, picture.shown.step)) ?? null;
+
 /** What drew the picture on the stage, in words. */
 export const deviceText = ({ by }: Shown): string => DRAWN_BY[by];
 
@@ -43,6 +48,8 @@ const BRIEF_STILL_MS = 300;
 /** Steps that come no more often than this leave time for a whole still. */
 const STEADY_MS = 2000;
 const LEAST_STILL = 256;
+/** A draft comes before a still that takes longer. */
+const SLOW_STILL_MS = 500;
 
 /** Milliseconds a pixel that the last still took; 0: not known. */
 let stillCost = 0;
@@ -58,22 +65,22 @@ function stillSize(): number {
 
 const inMotion = () => Boolean(motion.held || motion.timer);
 
-/** Six digits are enough, and shorter. */
-const rounded = (_: string, value: unknown) => (typeof value === "number" ? Number(value.toPrecision(6)) : value);
-
 function wantedPicture(): Wanted | null {
   const row = shownRow();
   if (!row || !store.run) return null;
-  // An empty stage is filled by a draft first.
-  const draft = inMotion() || picture.shown === null;
-  const points = wishedPoints();
+  const [appearance, beside] = [wishedAppearance(), comparison.step];
+  const { shown } = picture;
+  const other = shown === null || shown.step !== row.step || shown.appearance !== appearance || shown.beside !== beside;
+  // An empty stage is filled by a draft first, and one that shows something else where a still takes its time.
+  const draft = inMotion() || shown === null || (other && !follows() && stillCost * fullSize() ** 2 > SLOW_STILL_MS);
   return {
     run: store.run.id,
     step: row.step,
     live: view.step === null,
     pose: view.pose,
     size: draft ? Math.min(draftSize.side, fullSize()) : stillSize(),
-    points: points && JSON.stringify(points, rounded),
+    appearance,
+    beside,
     draft,
   };
 }
@@ -85,7 +92,7 @@ function wantedPicture(): Wanted | null {
 function satisfies(have: Wanted | null, want: Wanted): boolean {
   if (have === null) return false;
   const sameStep = have.step === want.step || (want.live && have.step > want.step);
-  const sameView = have.run === want.run && have.points === want.points && have.pose === want.pose;
+  const sameView = have.run === want.run && have.appearance === want.appearance && have.pose === want.pose && have.beside === want.beside;
   // The cost of a still is never quite the last one's: the same step is not drawn again for a few more pixels.
   const large = have.size >= (follows() ? 0.7 : 1) * want.size;
   return sameStep && sameView && (!have.draft || want.draft) && (want.draft || large);
@@ -108,6 +115,7 @@ export function pumpSoon(): void {
  * wait for a still.
  */
 export function pumpPicture(): void {
+  if (picture.resting) return;
   const want = wantedPicture();
   if (picture.coming) {
     const serves = want === null || [picture.shown, picture.coming.want].some((have) => satisfies(have, want));
@@ -142,10 +150,15 @@ async function bringPicture(want: Wanted): Promise<void> {
   showBusy();
   try {
     const drawn = await drawnPicture(want, stop.signal);
-    if (drawn) {
+    const beside = drawn && want.beside !== null ? await drawnPicture({ ...want, step: want.beside, live: false }, stop.signal) : null;
+    if (drawn && (beside || want.beside === null)) {
       // A new run may have begun meanwhile, and this picture would pass for its step.
-      if (want.run === store.run?.id) showPicture(drawn, { ...want, step: drawn.step, askedAt, renderMs: drawn.drawMs, by: drawn.by });
+      if (want.run === store.run?.id) {
+        showPicture(drawn, { ...want, step: drawn.step, askedAt, renderMs: drawn.drawMs, by: drawn.by });
+        if (beside) showBeside(beside);
+      }
       drawn.bitmap.close();
+      beside?.bitmap.close();
       if (!want.draft) stillCost = drawn.drawMs / want.size ** 2;
       if (want.draft && inMotion()) draftSize.record(want.size, performance.now() - askedAt);
     }
@@ -157,9 +170,10 @@ async function bringPicture(want: Wanted): Promise<void> {
   showBusy();
 }
 
-async function drawnPicture(want: Wanted, signal: AbortSignal): Promise<Picture | null> {
+/** A picture, by whoever draws here; null if another took its place. */
+export async function drawnPicture(want: Wanted, signal: AbortSignal): Promise<Picture | null> {
   if (painter === null || serverDraws) return serverPicture(want, signal);
-  return painter.draw(want.run, want.step, want.pose, want.size, !want.draft, want.points, signal);
+  return painter.draw(want.run, want.step, want.pose, want.size, !want.draft, want.appearance, signal);
 }
 
 function failed(want: Wanted, error: unknown): void {
@@ -184,8 +198,8 @@ function showPicture({ bitmap, by }: Picture, shown: Shown): void {
   context.drawImage(bitmap, 0, 0);
   const first = picture.shown === null;
   if (first || !shown.draft) continueBackground(context, bitmap.width, bitmap.height);
-  const { step, size, draft, renderMs, pose } = shown;
-  const facts = { step, size, draft, renderMs, drawnBy: by, decodeMs: painter?.decodeMs ?? "" };
+  const { step, size, draft, renderMs, pose, appearance } = shown;
+  const facts = { step, size, draft, renderMs, drawnBy: by, appearance: appearance ?? "", decodeMs: painter?.decodeMs ?? "" };
   for (const [name, value] of Object.entries(facts)) canvas.dataset[name] = String(value);
   for (const [name, value] of Object.entries(pose)) canvas.dataset[name] = String(Number(value.toFixed(4)));
   // A still takes half of the time at most: a simulation may need the same processor.

@@ -6,14 +6,14 @@ import type { Wanted } from "./state";
 export async function serverPicture(want: Wanted, signal: AbortSignal): Promise<Picture> {
   const { azimuth, elevation, zoom } = want.pose;
   const query = new URLSearchParams({
-    // Colors are those of the step they were chosen for, or one like it: the newest may be a VDI.
-    step: want.live && !want.points ? "newest" : String(want.step),
+    // An appearance is for the step it was chosen for, or one like it: the newest may be a VDI.
+    step: want.live && !want.appearance ? "newest" : String(want.step),
     azimuth: azimuth.toFixed(2),
     elevation: elevation.toFixed(2),
     zoom: zoom.toFixed(4),
     size: String(want.size),
     draft: String(want.draft),
-    ...(want.points && { points: want.points }),
+    ...(want.appearance && { appearance: want.appearance }),
   });
   const answer = await fetch(`api/image?${query}`, { cache: "no-store", signal });
   if (!answer.ok) {

@@ -11,7 +11,7 @@ export const RETRY_MS = 2000;
 export const QUIET_MS = 10_000;
 export const ZOOM_RANGE: [number, number] = [0.25, 8];
 
-/** A picture that is asked for: `points` are control points as JSON, or null for the recorded ones. */
+/** A picture that is asked for: `appearance` is JSON, or null for the recorded one. */
 export interface Wanted {
   run: string;
   step: number;
@@ -19,7 +19,9 @@ export interface Wanted {
   live: boolean;
   pose: Pose;
   size: number;
-  points: string | null;
+  appearance: string | null;
+  /** The step that is drawn beside it. */
+  beside: number | null;
   /** Drawn fast rather than well. */
   draft: boolean;
 }
@@ -94,6 +96,8 @@ interface Picture {
   restUntil: number;
   restTimer: number;
   notice: string;
+  /** No picture is asked for: a video is made. */
+  resting: boolean;
 }
 
 export const picture: Picture = {
@@ -104,6 +108,7 @@ export const picture: Picture = {
   restUntil: 0,
   restTimer: 0,
   notice: "",
+  resting: false,
 };
 
 export const byId = <E extends HTMLElement = HTMLElement>(id: string): E => document.getElementById(id) as E;

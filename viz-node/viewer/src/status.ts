@@ -133,6 +133,6 @@ export function drawState() {
 }
 
 function renderedText(shown: Shown): string {
-  const { step, size, renderMs, points } = shown;
-  return `step ${step}${behindText()}, ${size} px in ${fixed(renderMs, 1)} ms${points ? ", own colors" : ""}, ${deviceText(shown)}`;
+  const { step, size, renderMs, appearance } = shown;
+  return `step ${step}${behindText()}, ${size} px in ${fixed(renderMs, 1)} ms${appearance ? ", not as recorded" : ""}, ${deviceText(shown)}`;
 }

@@ -8,6 +8,11 @@ export function valueAt({ lo, hi, scale }: TransferFunction["range"], at: number
   return scale === "log10" ? lo * (hi / lo) ** at : lo + at * (hi - lo);
 }
 
+/** The position of `value` in the range. */
+export function positionOf({ lo, hi, scale }: TransferFunction["range"], value: number): number {
+  return scale === "log10" ? Math.log(value / lo) / Math.log(hi / lo) : (value - lo) / (hi - lo);
+}
+
 /** Color and opacity at `at`: linear between the points, constant beyond them. */
 export function classified(points: ControlPoint[], at: number): Omit<ControlPoint, "at"> {
   const next = points.findIndex((point) => point.at >= at);

@@ -10,7 +10,7 @@ use super::occupancy::EmptySpaceMap;
 use super::part::GridPart;
 use super::stored::{StoredVoxels, for_stored, stored};
 use glam::DVec3;
-use lamina_model::{Grid, Invalid, ReducedVolume, Scene, TransferFunction, Volume};
+use lamina_model::{Grid, Invalid, ReducedVolume, Scene, Volume};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -77,15 +77,14 @@ impl Field {
         Self::of((grid, whole), scene, Arc::new(StoredVoxels::F32(units)), [1.0, 0.0], None)
     }
 
-    /// The same field under another transfer function over the same range. Both share the voxels in memory.
+    /// The same field under another scene over the same range. Both share the voxels in memory.
     ///
     /// # Errors
     /// If the ranges differ.
-    pub fn with_transfer(&self, transfer: TransferFunction) -> Result<Self, Invalid> {
-        if transfer.range() != self.scene.transfer.range() {
+    pub fn with_scene(&self, scene: Scene) -> Result<Self, Invalid> {
+        if scene.transfer.range() != self.scene.transfer.range() {
             return Err(Invalid::new("transfer.range", "not the one the voxels were brought to"));
         }
-        let scene = Scene { transfer, ..self.scene.clone() };
         let colors = self.effects().and_then(|e| e.colors.clone());
         let field =
             Self::of((self.grid, self.part.clone()), scene, self.stored.clone(), [self.scale, self.offset], colors);

@@ -70,16 +70,16 @@ pub unsafe extern "C" fn lamina_open(start: *mut u8, length: usize, max_decoded_
     answer(|session| session.open(&bytes, max_decoded_bytes as u64))
 }
 
-/// The step under other control points, JSON: [`Session::recolor`].
+/// The step with another appearance, JSON: [`Session::with_appearance`].
 ///
 /// # Safety
 /// `start` must be what [`lamina_room`] gave for `length`, and not taken before.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lamina_recolor(handle: usize, start: *mut u8, length: usize) -> i32 {
+pub unsafe extern "C" fn lamina_with_appearance(handle: usize, start: *mut u8, length: usize) -> i32 {
     // SAFETY: passed on.
     let bytes = unsafe { take(start, length) };
-    let points = serde_json::from_slice(&bytes).map_err(|e| Invalid::new("points", e.to_string()));
-    answer(|session| session.recolor(handle, points?))
+    let appearance = serde_json::from_slice(&bytes).map_err(|e| Invalid::new("appearance", e.to_string()));
+    answer(|session| session.with_appearance(handle, &appearance?))
 }
 
 /// Forgets a step.

@@ -5,7 +5,7 @@ use crate::message::Message;
 use glam::DVec3;
 use lamina_codec::{CodecError, DecodeLimits, decode_any};
 use lamina_compute::kernel::Binding;
-use lamina_model::{Camera, ControlPoint, Image, Intermediate, Invalid, TransferFunction};
+use lamina_model::{Appearance, Camera, Effects, Image, Intermediate, Invalid, TransferFunction};
 use lamina_raycast::kernel::VolumeKernel;
 use lamina_vdi_render::kernel::VdiKernel;
 use lamina_vdi_render::{Detail, Drawable};
@@ -26,6 +26,8 @@ pub struct Description {
     pub constants: Vec<(&'static str, f64)>,
     /// The transfer function of a volume.
     pub transfer: Option<TransferFunction>,
+    /// The effects of a volume.
+    pub effects: Option<Effects>,
     /// Positions in the range whose values were not recorded, since nothing shows there.
     pub unrecorded: Vec<[f32; 2]>,
     /// Of a volume: how many of its points lie in each of [`BINS`] equal parts of the range.
@@ -95,14 +97,14 @@ impl Session {
         Ok(self.keep(Shown { drawable: Drawable::new(decoded), volume: None, elements, histogram }))
     }
 
-    /// Keeps the volume `handle` under other control points; the new handle, and its [`Description`].
+    /// Keeps the volume `handle` with another appearance; the new handle, and its [`Description`].
     ///
     /// # Errors
-    /// If there is no such volume, or the points are invalid.
-    pub fn recolor(&mut self, handle: usize, points: Vec<ControlPoint>) -> Result<(usize, Message), Invalid> {
+    /// If there is no such volume, or it cannot look so.
+    pub fn with_appearance(&mut self, handle: usize, asked: &Appearance) -> Result<(usize, Message), Invalid> {
         let Shown { drawable, elements, histogram, .. } = self.get(handle)?;
         let (elements, histogram) = (*elements, histogram.clone());
-        Ok(self.keep(Shown { drawable: drawable.with_points(points)?, volume: None, elements, histogram }))
+        Ok(self.keep(Shown { drawable: drawable.with_appearance(asked)?, volume: None, elements, histogram }))
     }
 
     fn keep(&mut self, shown: Shown) -> (usize, Message) {
@@ -259,14 +261,15 @@ fn histogram(decoded: &Intermediate) -> Vec<u32> {
 }
 
 fn describe(Shown { drawable, elements, histogram, .. }: &Shown) -> Description {
-    let (representation, bounds, background, constants, visible) = match drawable {
+    let (representation, bounds, background, effects, constants, visible) = match drawable {
         Drawable::Vdi(vdi) => {
             let header = vdi.vdi().header();
-            ("vdi", header.bounds, header.background, Vec::new(), VdiKernel::is_visible(vdi))
+            ("vdi", header.bounds, header.background, None, Vec::new(), VdiKernel::is_visible(vdi))
         }
         Drawable::Volume(field) => {
             let (bounds, scene) = (field.grid().bounds(), field.scene());
-            ("volume", bounds, scene.background, VolumeKernel::constants(field), true)
+            let effects = Some(scene.effects.clone());
+            ("volume", bounds, scene.background, effects, VolumeKernel::constants(field), true)
         }
     };
     let transfer = drawable.transfer().cloned();
@@ -277,6 +280,7 @@ fn describe(Shown { drawable, elements, histogram, .. }: &Shown) -> Description 
         bounds: [bounds.min.to_array(), bounds.max.to_array()],
         elements: *elements,
         constants,
+        effects,
         unrecorded: parts.map(|part| part.map(|end| end.clamp(0.0, 1.0))).collect(),
         transfer,
         histogram: histogram.clone(),

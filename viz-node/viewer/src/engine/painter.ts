@@ -103,7 +103,7 @@ export class BrowserPainter {
     pose: Pose,
     side: number,
     still: boolean,
-    points: string | null,
+    appearance: string | null,
     signal: AbortSignal,
   ): Promise<Picture | null> {
     await this.ready;
@@ -115,7 +115,7 @@ export class BrowserPainter {
       this.drawings.set(id, { resolve, reject });
     });
     signal.addEventListener("abort", () => this.send({ kind: "cancel", id }), { once: true });
-    this.send({ kind: "draw", id, key, pose, side, still, points });
+    this.send({ kind: "draw", id, key, pose, side, still, appearance });
     const picture = await drawn;
     return picture && { step, ...picture };
   }

@@ -9,8 +9,8 @@ export type Request =
   /** Decode `bytes` and hold them as `key`. */
   | { kind: "open"; key: string; bytes: ArrayBuffer }
   | { kind: "close"; key: string }
-  /** Takes the place of a picture asked for before. `points`: control points as JSON, for a volume in other colors. */
-  | { kind: "draw"; id: number; key: string; pose: Pose; side: number; still: boolean; points: string | null }
+  /** Takes the place of a picture asked for before. `appearance`: JSON, for a volume that looks otherwise than recorded. */
+  | { kind: "draw"; id: number; key: string; pose: Pose; side: number; still: boolean; appearance: string | null }
   | { kind: "cancel"; id: number }
   /** The plane across an axis, at 0 to 1 along it, of a volume that is held. */
   | { kind: "slice"; id: number; key: string; axis: number; at: number };

@@ -32,11 +32,37 @@ export interface TransferFunction {
   points: ControlPoint[];
 }
 
+export interface Isosurface {
+  value: number;
+  color: [number, number, number];
+  opacity: number;
+}
+
+export interface ClipBox {
+  min: [number, number, number];
+  max: [number, number, number];
+}
+
+/** What a scene asks for beyond emission and absorption: the keys of a scene file. */
+export interface Effects {
+  light?: [number, number, number];
+  shading?: { ambient: number; diffuse: number; specular: number; shininess: number };
+  shadows?: number;
+  ambient_occlusion?: number;
+  isosurfaces?: Isosurface[];
+  clip_planes?: object[];
+  clip_box?: ClipBox;
+  pre_integrated?: boolean;
+  depth_cue?: object;
+}
+
 export interface Description {
   representation: "vdi" | "volume";
   camera: RecordedCamera;
   /** Of a volume. */
   transfer: TransferFunction | null;
+  /** Of a volume. */
+  effects: Effects | null;
   /** Parts of the range whose values were not recorded. */
   unrecorded: [number, number][];
   /** How many points of a volume lie in each of 64 equal parts of the range. */
@@ -72,7 +98,7 @@ interface Exports {
   lamina_answer(): number;
   lamina_answer_length(): number;
   lamina_open(start: number, length: number, maxDecodedBytes: number): number;
-  lamina_recolor(handle: number, start: number, length: number): number;
+  lamina_with_appearance(handle: number, start: number, length: number): number;
   lamina_close(handle: number): void;
   lamina_bindings(handle: number): number;
   lamina_view(handle: number, ...numbers: number[]): number;
@@ -107,11 +133,11 @@ export class Engine {
     return { handle, description: this.json() as Description };
   }
 
-  /** The volume `handle` under other control points. */
-  recolor(handle: number, points: string): { handle: number; description: Description } {
-    const bytes = new TextEncoder().encode(points);
-    const recolored = this.checked(this.wasm.lamina_recolor(handle, this.fill(bytes), bytes.length));
-    return { handle: recolored, description: this.json() as Description };
+  /** The volume `handle` with another appearance: JSON of control points and effects. */
+  withAppearance(handle: number, appearance: string): { handle: number; description: Description } {
+    const bytes = new TextEncoder().encode(appearance);
+    const changed = this.checked(this.wasm.lamina_with_appearance(handle, this.fill(bytes), bytes.length));
+    return { handle: changed, description: this.json() as Description };
   }
 
   close(handle: number): void {

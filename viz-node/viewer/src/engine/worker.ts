@@ -9,8 +9,8 @@ type Draw = Extract<Request, { kind: "draw" }>;
 interface Held {
   handle: number;
   description: Description;
-  /** The same volume in other colors, the last asked for. */
-  recolored: { points: string; handle: number; description: Description } | null;
+  /** The same volume looking otherwise, as last asked for. */
+  changed: { appearance: string; handle: number; description: Description } | null;
 }
 
 const reply = (message: Reply, transfer: Transferable[] = []) => postMessage(message, { transfer });
@@ -49,7 +49,7 @@ class Painter {
     try {
       const { handle, description } = this.engine.open(bytes);
       this.close(key);
-      this.held.set(key, { handle, description, recolored: null });
+      this.held.set(key, { handle, description, changed: null });
       reply({ kind: "opened", key, decodeMs: performance.now() - begun, description });
     } catch (error) {
       reply({ kind: "refused", key, reason: reason(error) });
@@ -61,7 +61,7 @@ class Painter {
     if (!held) return;
     this.held.delete(key);
     this.forget(held.handle);
-    if (held.recolored) this.forget(held.recolored.handle);
+    if (held.changed) this.forget(held.changed.handle);
   }
 
   private forget(handle: number): void {
@@ -117,21 +117,21 @@ class Painter {
     this.gpu = null;
   }
 
-  private shown(held: Held, points: string | null): { handle: number; description: Description } {
-    if (points === null || held.description.representation === "vdi") return held;
-    if (held.recolored?.points === points) return held.recolored;
-    const { handle, description } = this.engine.recolor(held.handle, points);
-    if (held.recolored) this.forget(held.recolored.handle);
-    held.recolored = { points, handle, description };
-    return held.recolored;
+  private shown(held: Held, appearance: string | null): { handle: number; description: Description } {
+    if (appearance === null || held.description.representation === "vdi") return held;
+    if (held.changed?.appearance === appearance) return held.changed;
+    const { handle, description } = this.engine.withAppearance(held.handle, appearance);
+    if (held.changed) this.forget(held.changed.handle);
+    held.changed = { appearance, handle, description };
+    return held.changed;
   }
 
   private async paint(request: Draw): Promise<void> {
-    const { id, key, pose, side, still, points } = request;
+    const { id, key, pose, side, still, appearance } = request;
     const held = this.held.get(key);
     if (!held) return reply({ kind: "failed", id, reason: "the step is no longer held" });
     const begun = performance.now();
-    const { handle, description } = this.shown(held, points);
+    const { handle, description } = this.shown(held, appearance);
     const wanted = () => this.current === request && this.next === null && this.held.get(key) === held;
     // The processor draws while the kernel is compiled; then the page may ask again.
     const compiled = () => reply({ kind: "device", device: this.device() });

@@ -102,7 +102,10 @@ fn damaged_steps_and_absurd_requests_are_refused_and_the_rest_goes_on() {
     let (first, _) = session.open(&vdi, 1 << 30).expect("a step");
     let (second, _) = session.open(&volume, 1 << 30).expect("a step");
     assert!(session.view(second, &Pose::default(), [9, 9], Detail::Cubic, [0, 9]).is_err(), "its bindings come first");
-    assert!(session.recolor(first, Vec::new()).is_err() && session.recolor(second, Vec::new()).is_err());
+    let colorless = Appearance { points: Some(Vec::new()), effects: None };
+    assert!(
+        session.with_appearance(first, &colorless).is_err() && session.with_appearance(second, &colorless).is_err()
+    );
     let far = Pose { zoom: f64::NAN, ..Pose::default() };
     assert!(session.begin(first, &far, [9, 9], Detail::Nearest).is_err());
     assert!(session.begin(first, &Pose::default(), [0, 9], Detail::Nearest).is_err());

@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod tools;
+
 use lamina_tests::browser::{Browser, end};
 use lamina_tests::processes::{Daemon, binary, free_port, wait_for};
 use serde_json::json;
@@ -50,7 +52,8 @@ fn difference(browser: &Browser, [azimuth, elevation, zoom]: [f64; 3]) -> f64 {
         "(async () => {{ const bytes = (source, n) => {{ const c = document.createElement('canvas'); c.width = c.height = n; \
          const x = c.getContext('2d'); x.drawImage(source, 0, 0); return x.getImageData(0, 0, n, n).data }}; \
          const c = document.querySelector('#picture'), n = c.width; \
-         const r = await fetch(`api/image?step=2&azimuth={azimuth}&elevation={elevation}&zoom={zoom}&size=${{n}}`); \
+         const look = c.dataset.appearance && `&appearance=${{encodeURIComponent(c.dataset.appearance)}}`; \
+         const r = await fetch(`api/image?step=2&azimuth={azimuth}&elevation={elevation}&zoom={zoom}&size=${{n}}${{look}}`); \
          const a = bytes(c, n), b = bytes(await createImageBitmap(await r.blob()), n); \
          let sum = 0; for (let i = 0; i < a.length; i++) sum += (a[i] - b[i]) ** 2; \
          return {{mean: sum / (3 * n * n) / 255 ** 2, lit: b.some((v, i) => i % 4 < 3 && v > 60)}} }})()"
@@ -213,9 +216,9 @@ fn every_button_does_what_it_says() {
     let (lamina, browser, _profile) = watched(&["--representation", "volume"], &["--disable-gpu"], "");
     let click = |id: &str| browser.js(&format!("document.querySelector('#{id}').click()"));
     look(&browser, VIEWS[0]);
-    // The box: twelve edges, three labels; seen from the front, at the recorded camera, it is upright and in the middle.
+    // The box: twelve edges; its axes' labels, and the scale's; seen from the front, at the recorded camera, it is upright and in the middle.
     click("box");
-    browser.wait_js("document.querySelectorAll('#overlay .edge').length === 12 && document.querySelectorAll('#overlay text').length === 3");
+    browser.wait_js("document.querySelectorAll('#overlay .edge').length === 12 && document.querySelectorAll('#overlay text').length === 4");
     let middle = "[...document.querySelectorAll('#overlay .edge')].flatMap(e => e.getAttribute('d').match(/-?[\\d.]+/g).map(Number)) \
         .reduce((sum, c, n) => (sum[n % 2] += c / 24, sum), [0, 0])";
     let before = browser.js(middle);
