@@ -207,8 +207,9 @@ fn another_field_is_chosen_or_written_on_the_page_and_tuned_anew() {
 
 #[test]
 fn vdis_come_from_where_the_reader_looks_and_in_the_colors_asked_for() {
-    let arguments = ["--cells", "32", "--pace", "4", "--cpu-share", "100%", "--representation", "vdi"];
-    let (lamina, browser, _profile) = watched(&arguments);
+    // So small that the nodes keep up and measure some of them.
+    let arguments = ["--cells", "32", "--pace", "2", "--cpu-share", "100%", "--representation", "vdi"];
+    let (lamina, browser, _profile) = watched(&[&arguments[..], &["--contract", "size <= 40kB"]].concat());
     let run = "document.querySelector('#run').textContent !== '' && fetch('api/state').then(r => r.json()).then(s => s.run.id)";
     let is_run = |n: u32| format!("{run}.then(id => id.endsWith('.{n}'))");
     browser.wait_js(DRAWN);
