@@ -18,6 +18,7 @@ pub mod in_process;
 pub mod keys;
 pub mod nodes;
 pub mod offline;
+mod out_of_core;
 pub mod pacer;
 mod picture_file;
 pub mod process;

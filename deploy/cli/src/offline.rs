@@ -1,8 +1,9 @@
 //! The parts by themselves: raycast, generate, render, compare.
 
 use crate::cli;
+use crate::out_of_core::Slabs;
 use crate::picture_file;
-use crate::scene_file::scene_for;
+use crate::scene_file::{scene_for, with_step};
 use crate::source::{read_options, with_colors};
 use anyhow::{Context, ensure};
 use lamina_codec::{Codec, CodecError, DecodeLimits, EncodeOptions, ErrorMeasure, Layout};
@@ -10,6 +11,7 @@ use lamina_model::{
     GenerationParams, Intermediate, Invalid, Representation, Scene, Segmentation, VdiParams, Volume, psnr,
 };
 use lamina_raycast::{Backend, Field};
+use lamina_tuner::units::Bytes;
 use lamina_vdi_render::{Detail, Drawable};
 use lamina_volume_io::Series;
 use std::fs::File;
@@ -30,11 +32,6 @@ pub fn read_step(series: &Series, input: &cli::Input) -> anyhow::Result<Volume> 
     let (n, steps) = (input.time_step, series.len());
     ensure!(n < steps, "--time-step {n}: {} has {steps} steps, counted from 0", input.input.display());
     Ok(series.read(n)?)
-}
-
-/// `scene`, sampled as `--step` says.
-pub fn with_step(scene: Scene, input: &cli::Input) -> anyhow::Result<Scene> {
-    Ok(Scene { step_voxels: input.step.unwrap_or(scene.step_voxels), ..scene }.check()?)
 }
 
 /// `volume` under `scene`, with a warning where voxels are missing.
@@ -84,12 +81,21 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
         arguments.representation == Representation::Volume || error == ErrorMeasure::Maximum,
         "--error is for reduced volumes; leave it out with --representation vdi"
     );
-    let (volume, scene) = open(&arguments.input)?;
-    let params =
-        params(arguments.representation, arguments.resolution, arguments.gamma, arguments.opacity_cutoff, &scene)?;
-    let field = prepare(volume, &scene);
-    let (intermediate, generation_time) =
-        Backend::open(arguments.input.backend)?.represent(&field, &params, arguments.segmentation)?;
+    let backend = Backend::open(arguments.input.backend)?;
+    let stated = |scene: &Scene| {
+        params(arguments.representation, arguments.resolution, arguments.gamma, arguments.opacity_cutoff, scene)
+    };
+    let (params, (intermediate, generation_time)) = if let Some(Bytes(memory)) = arguments.memory {
+        let series = Series::open(&arguments.input.input, &read_options(&arguments.input.raw))?;
+        let is_volume = arguments.representation == Representation::Volume;
+        let slabs = Slabs::open(&series, &arguments.input, memory, is_volume)?;
+        let params = stated(slabs.scene())?;
+        (params, slabs.represent(&backend, &params, arguments.segmentation)?)
+    } else {
+        let (volume, scene) = open(&arguments.input)?;
+        let params = stated(&scene)?;
+        (params, backend.represent(&prepare(volume, &scene), &params, arguments.segmentation)?)
+    };
     let (bytes, cost) = lamina_codec::encode_timed(&intermediate, generation_time, &options)?;
     let [generation_ms, encode_ms] = [cost.generation, cost.encode].map(|t| t.as_secs_f64() * 1e3);
     let elements = match params.representation() {

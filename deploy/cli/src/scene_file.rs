@@ -1,5 +1,6 @@
 //! Scene files: what they leave out is chosen to suit the data.
 
+use crate::cli;
 use anyhow::Context;
 use lamina_model::{Camera, Effects, Invalid, Scene, TransferFunction, VdiParams, Volume, suggest};
 use serde::Deserialize;
@@ -32,6 +33,11 @@ pub fn whole(file: &Path) -> anyhow::Result<Scene> {
     let camera = camera.with_context(|| format!("{}: camera {missing}", name()))?;
     let step_voxels = step_voxels.unwrap_or(VdiParams::DEFAULT_STEP_VOXELS);
     Scene { transfer, camera, background, step_voxels, effects }.check().with_context(name)
+}
+
+/// `scene`, sampled as `--step` says.
+pub fn with_step(scene: Scene, input: &cli::Input) -> anyhow::Result<Scene> {
+    Ok(Scene { step_voxels: input.step.unwrap_or(scene.step_voxels), ..scene }.check()?)
 }
 
 /// The scene in `file`, completed for `volumes`, or all of it chosen for them.

@@ -2,8 +2,9 @@
 
 use crate::cli;
 use crate::in_process::{InProcessEvaluator, TrialsInMemory};
-use crate::offline::{read_step, with_step};
+use crate::offline::read_step;
 use crate::process::ProcessorTime;
+use crate::scene_file::with_step;
 use crate::source::{read_options, scene_of, with_colors};
 use lamina_model::{SamplePlan, Segmentation, VdiParams};
 use lamina_tuner::Contract;

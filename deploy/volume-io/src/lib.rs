@@ -11,6 +11,7 @@ mod missing;
 mod nrrd;
 mod nrrd_axes;
 mod nrrd_header;
+mod planes;
 mod pvd;
 mod raw;
 mod scalars;

@@ -8,6 +8,7 @@ use flate2::bufread::MultiGzDecoder;
 use lamina_model::{Grid, Volume, Voxels};
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,7 +64,27 @@ impl Nrrd {
         Volume::new(self.grid, voxels).map_err(|e| ReadError::grid(&self.data, e))
     }
 
+    /// The grid.
+    pub(crate) fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// Whether its data has to be read from its beginning.
+    pub(crate) fn is_packed(&self) -> bool {
+        self.encoding != Encoding::Raw
+    }
+
+    /// Some points, x fastest, of data that is not packed.
+    pub(crate) fn read_points(&self, points: Range<usize>) -> Result<Voxels, ReadError> {
+        self.decoded(points).map_err(|e| ReadError::while_reading(&self.data, e))
+    }
+
     fn voxels(&self) -> io::Result<Voxels> {
+        self.decoded(0..self.grid.voxels())
+    }
+
+    /// Of packed data only all points can be read.
+    fn decoded(&self, points: Range<usize>) -> io::Result<Voxels> {
         let count = self.grid.voxels();
         let want = count as u64 * self.scalar.size_bytes();
         let file = File::open(&self.data)?;
@@ -84,8 +105,8 @@ impl Nrrd {
         let (need, packed) = (want.saturating_add(skip), bytes.saturating_sub(at));
         match self.encoding {
             Encoding::Raw if need <= packed => {
-                file.seek(SeekFrom::Start(at + skip))?;
-                self.scalar.decode(&mut file, self.order, count)
+                file.seek(SeekFrom::Start(at + skip + points.start as u64 * self.scalar.size_bytes()))?;
+                self.scalar.decode(&mut file, self.order, points.len())
             }
             Encoding::Gzip if can_inflate(packed, need) => self.unpack(file, skip, count),
             // A value takes a character and the blank before the next.

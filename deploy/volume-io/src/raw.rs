@@ -7,7 +7,8 @@ use glam::DVec3;
 use lamina_model::volume::MAX_VOXELS;
 use lamina_model::{Grid, Volume, VoxelType, Voxels};
 use std::fs::File;
-use std::io::{self, BufReader, Read};
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// The shape of a raw file; what is left open is taken from a name like `engine_256x256x128_uint8.raw.gz`.
@@ -60,19 +61,43 @@ impl RawFile {
         Volume::new(self.grid, voxels).map_err(|e| ReadError::grid(&self.path, e))
     }
 
-    fn voxels(&self, source: &mut dyn Read) -> Result<Voxels, ReadError> {
-        let scalar = match self.voxel_type {
+    /// The grid.
+    pub(crate) fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// Whether it has to be read from its beginning.
+    pub(crate) fn is_packed(&self) -> bool {
+        self.gzipped
+    }
+
+    /// Some points, x fastest, of a file that is not packed.
+    pub(crate) fn read_points(&self, points: Range<usize>) -> Result<Voxels, ReadError> {
+        let mut file = self.open_sized()?;
+        let start = points.start as u64 * self.voxel_type.size_bytes() as u64;
+        let read = file
+            .seek(SeekFrom::Start(start))
+            .and_then(|_| self.scalar().decode(&mut BufReader::new(file), ByteOrder::Little, points.len()));
+        read.map_err(|e| ReadError::while_reading(&self.path, e))
+    }
+
+    fn scalar(&self) -> ScalarType {
+        match self.voxel_type {
             VoxelType::U8 => ScalarType::U8,
             VoxelType::U16 => ScalarType::U16,
             VoxelType::I16 => ScalarType::I16,
             VoxelType::F16 => ScalarType::F16,
             VoxelType::F32 => ScalarType::F32,
             VoxelType::F64 => ScalarType::F64,
-        };
-        let voxels = scalar.decode(source, ByteOrder::Little, self.grid.voxels()).map_err(|e| match e.kind() {
-            io::ErrorKind::UnexpectedEof => self.wrong_size("fewer"),
-            _ => ReadError::while_reading(&self.path, e),
-        })?;
+        }
+    }
+
+    fn voxels(&self, source: &mut dyn Read) -> Result<Voxels, ReadError> {
+        let voxels =
+            self.scalar().decode(source, ByteOrder::Little, self.grid.voxels()).map_err(|e| match e.kind() {
+                io::ErrorKind::UnexpectedEof => self.wrong_size("fewer"),
+                _ => ReadError::while_reading(&self.path, e),
+            })?;
         // One byte more tells whether the end was met, and has a gzip file's checksum verified.
         match source.read(&mut [0]).map_err(|e| ReadError::while_reading(&self.path, e))? {
             0 => Ok(voxels),

@@ -25,10 +25,10 @@ pub struct Options {
 /// A recorded time series, opened: its steps are known, their voxels are read on demand.
 #[derive(Debug)]
 pub struct Series {
-    path: PathBuf,
+    pub(crate) path: PathBuf,
     name: String,
     field: String,
-    shown: FieldExpression,
+    pub(crate) shown: FieldExpression,
     /// Of all scalars in a step's file.
     names: Vec<String>,
     missing: Option<f64>,
@@ -36,13 +36,13 @@ pub struct Series {
 }
 
 #[derive(Debug)]
-struct SeriesStep {
+pub(crate) struct SeriesStep {
     time: f64,
-    source: SeriesSource,
+    pub(crate) source: SeriesSource,
 }
 
 #[derive(Debug)]
-enum SeriesSource {
+pub(crate) enum SeriesSource {
     Vti(PathBuf),
     Nrrd(Box<Nrrd>),
     Raw(RawFile),
@@ -129,15 +129,22 @@ impl Series {
 
     /// The array of that place among the names, of step `index`.
     fn read_array(&self, index: usize, field: usize) -> Result<Volume, ReadError> {
-        let Some(step) = self.steps.get(index) else {
-            return Err(ReadError::Step { path: self.path.clone(), index, last: self.steps.len().saturating_sub(1) });
-        };
-        let volume = match &step.source {
+        let volume = match &self.step(index)?.source {
             // By name, so that a series does not change its scalar where a step lists its arrays differently.
             SeriesSource::Vti(path) => vti::read(path, Some(&self.names[field])),
             SeriesSource::Nrrd(nrrd) => nrrd.read(),
             SeriesSource::Raw(raw) => raw.read(),
         }?;
+        self.marked(volume)
+    }
+
+    pub(crate) fn step(&self, index: usize) -> Result<&SeriesStep, ReadError> {
+        let last = self.steps.len().saturating_sub(1);
+        self.steps.get(index).ok_or_else(|| ReadError::Step { path: self.path.clone(), index, last })
+    }
+
+    /// `volume` without what stands for missing voxels.
+    pub(crate) fn marked(&self, volume: Volume) -> Result<Volume, ReadError> {
         match self.missing {
             Some(value) => mark_missing(volume, value).map_err(|e| ReadError::grid(&self.path, e)),
             None => Ok(volume),

@@ -39,10 +39,7 @@ impl Preparation {
 
     /// Layers of points around a box that its samples need, and what those are computed from.
     fn ghost(&self) -> Result<usize, Invalid> {
-        // Shading looks a point further, effects half a step; clipped steps are sampled elsewhere in theirs.
-        let beside = 3 + self.scene.step_voxels.ceil().clamp(1.0, 64.0) as usize;
-        let of_samples = if self.scene.effects.is_none() { 1 } else { beside };
-        Ok(of_samples + self.shown_fields()?.reach())
+        Ok(GridPart::ghost_layers(&self.scene) + self.shown_fields()?.reach())
     }
 
     /// The parts of member `member`: its boxes, joined where two make up a larger one, as far as they have cells.

@@ -15,8 +15,8 @@ use std::time::Duration;
 /// Held for writing by the test that has the machine to itself: a GPU in software beside six browsers takes minutes a picture.
 static ALONE: RwLock<()> = RwLock::new(());
 
-/// WebGPU in software.
-const GPU: [&str; 2] = ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"];
+/// WebGPU in software; `WEBGPU_FLAGS` holds others for a real GPU.
+const GPU: &str = "--enable-unsafe-webgpu --use-webgpu-adapter=swiftshader";
 /// Azimuth, elevation, zoom.
 const VIEWS: [[f64; 3]; 6] =
     [[0.0, 0.0, 1.0], [20.0, 10.0, 1.0], [-35.0, 25.0, 1.4], [60.0, -20.0, 0.8], [150.0, 40.0, 1.0], [10.0, 5.0, 3.0]];
@@ -28,7 +28,7 @@ fn watched(arguments: &[&str], flags: &[&str], query: &str) -> (Daemon, Browser,
     let live = ["live", "--viewer", &viewer, "--cells", "32", "--steps", "3", "--cpu-share", "100%"];
     let lamina = Daemon::start_plain("lamina", port, &[&live[..], arguments].concat());
     let profile = tempfile::tempdir().unwrap();
-    let browser = Browser::open(&profile.path().display().to_string(), &[flags, &["--window-size=900,420"]].concat());
+    let browser = Browser::open(&profile.path().display().to_string(), &[&["--window-size=900,420"], flags].concat());
     browser.post("/url", &json!({"url": format!("{}/{query}", lamina.url())}));
     browser.wait_js("document.querySelector('#picture').dataset.step !== undefined");
     // On a busy machine others may be dropped.
@@ -102,7 +102,8 @@ fn the_browsers_processor_draws_the_viz_nodes_picture_to_the_byte() {
 }
 
 fn holds_by_webgpu(arguments: &[&str], views: &[[f64; 3]]) {
-    let (lamina, browser, _profile) = watched(arguments, &GPU, "?gpu");
+    let flags = std::env::var("WEBGPU_FLAGS").unwrap_or_else(|_| GPU.to_owned());
+    let (lamina, browser, _profile) = watched(arguments, &flags.split(' ').collect::<Vec<_>>(), "?gpu");
     // The processor draws until the kernel is compiled: isosurfaces take SwiftShader half a minute.
     let by_gpu =
         "(location.hash = `#azimuth=${90 * Math.random()}`, document.querySelector('#picture').dataset.drawnBy)";
@@ -110,6 +111,7 @@ fn holds_by_webgpu(arguments: &[&str], views: &[[f64; 3]]) {
     for &view in views {
         look(&browser, view);
         let decibels = -10.0 * difference(&browser, view).log10();
+        eprintln!("{decibels:.1} dB: {}", browser.js("document.querySelector('#rendered').textContent"));
         assert!(decibels >= 50.0, "{arguments:?}, {view:?}: {decibels} dB");
         assert_eq!(browser.js("document.querySelector('#picture').dataset.drawnBy"), json!("gpu"));
     }

@@ -6,6 +6,7 @@ use lamina_compute::gpu::Choice;
 use lamina_model::{Representation, Segmentation};
 use lamina_tuner::Contract;
 use lamina_tuner::search::SearchGrid;
+use lamina_tuner::units::Bytes;
 use std::path::PathBuf;
 
 /// Options of `lamina tune`.
@@ -79,6 +80,9 @@ pub struct Generate {
     /// half the bytes
     #[arg(long, value_name = "NAME", default_value = "maximum")]
     pub error: ErrorArgument,
+    /// Read the volume in slabs, so that no more memory is taken than this: for raw values, in a .raw or NRRD file, that do not fit
+    #[arg(long, value_name = "2GB")]
+    pub memory: Option<Bytes>,
     /// Where to write it
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,

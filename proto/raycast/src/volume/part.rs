@@ -5,7 +5,7 @@
 //! same arithmetic, whoever takes it.
 
 use glam::DVec3;
-use lamina_model::{Camera, Grid, Invalid};
+use lamina_model::{Camera, Grid, Invalid, Scene};
 use std::ops::Range;
 
 /// A box of cells of a grid, and of the sample points that are stored for it.
@@ -22,6 +22,13 @@ impl GridPart {
     pub fn whole(grid: &Grid) -> Self {
         let dims = grid.dims();
         Self { whole: dims, start: [0; 3], dims, cells: dims.map(|n| 0..(n - 1).max(1)) }
+    }
+
+    /// Layers of points around a box that its samples under `scene` need.
+    pub fn ghost_layers(scene: &Scene) -> usize {
+        // Shading looks a point further, effects half a step; clipped steps are sampled elsewhere in theirs.
+        let beside = 3 + scene.step_voxels.ceil().clamp(1.0, 64.0) as usize;
+        if scene.effects.is_none() { 1 } else { beside }
     }
 
     /// The cells that begin with the sample points of the box of `dims` points from `start` on, stored with `ghost` layers of

@@ -1,0 +1,53 @@
+//! Some planes of a volume whose file is larger than memory: those files of one plain array are read from the middle.
+
+use crate::ReadError;
+use crate::series::{Series, SeriesSource};
+use lamina_model::{Grid, Volume};
+use std::ops::Range;
+
+impl Series {
+    /// The grid of step `index`, whose planes can be read apart by [`Self::read_planes`].
+    ///
+    /// # Errors
+    /// If there is no such step, or its file has to be read from its beginning: it is packed, text, or VTK's.
+    pub fn grid_of_planes(&self, index: usize) -> Result<Grid, ReadError> {
+        let whole = |what: &str| {
+            let remedy = "write it as raw values, described by NRRD or by its name, or leave out --memory";
+            Err(ReadError::unsupported(&self.path, format!("planes of {what}"), remedy))
+        };
+        if self.shown.plain().is_none() {
+            return whole("an expression");
+        }
+        match &self.step(index)?.source {
+            SeriesSource::Vti(_) => whole("VTK image data"),
+            SeriesSource::Nrrd(nrrd) if nrrd.is_packed() => whole("a packed or text NRRD"),
+            SeriesSource::Raw(raw) if raw.is_packed() => whole("a gzipped file"),
+            SeriesSource::Nrrd(nrrd) => Ok(*nrrd.grid()),
+            SeriesSource::Raw(raw) => Ok(*raw.grid()),
+        }
+    }
+
+    /// Planes `planes` of step `index`, all along z, as a volume of their own.
+    ///
+    /// # Errors
+    /// As [`Self::grid_of_planes`], or if the file cannot be read.
+    ///
+    /// # Panics
+    /// If there are no such planes.
+    pub fn read_planes(&self, index: usize, planes: Range<usize>) -> Result<Volume, ReadError> {
+        let grid = self.grid_of_planes(index)?;
+        let [nx, ny, nz] = grid.dims();
+        assert!(planes.start < planes.end && planes.end <= nz, "planes {planes:?} of {nz}");
+        let points = planes.start * nx * ny..planes.end * nx * ny;
+        let voxels = match &self.step(index)?.source {
+            SeriesSource::Nrrd(nrrd) => nrrd.read_points(points)?,
+            SeriesSource::Raw(raw) => raw.read_points(points)?,
+            SeriesSource::Vti(_) => unreachable!("refused above"),
+        };
+        let mut origin = grid.origin();
+        origin.z += planes.start as f64 * grid.spacing().z;
+        let slab = Grid::new([nx, ny, planes.len()], grid.spacing(), origin);
+        let volume = slab.and_then(|slab| Volume::new(slab, voxels)).map_err(|e| ReadError::grid(&self.path, e))?;
+        self.marked(volume)
+    }
+}
