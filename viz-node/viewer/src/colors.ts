@@ -9,6 +9,7 @@ import { type Point, GUTTER, gridLine, pathOf, significant } from "./plots";
 import { RETRY_MS, byId, clamp, link, motion, picture, shownRow, store } from "./state";
 import { post } from "./post";
 import { PRESETS } from "./presets";
+import { fromHex, hex } from "./rgb";
 import { drawMessage, setText } from "./status";
 import { classified, valueAt } from "./transfer";
 
@@ -94,9 +95,6 @@ function curveScale() {
     opacity: (y: number) => clamp((CURVE_BOTTOM - y) / (CURVE_BOTTOM - CURVE_TOP), 0, 1) ** 3,
   };
 }
-
-const hex = (color: readonly number[]): string => `#${color.map((c) => Math.round(c * 255).toString(16).padStart(2, "0")).join("")}`;
-const fromHex = (text: string) => [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16) / 255);
 
 /** The scalar at position `at` of the range. */
 const scalarAt = (at: number): number => valueAt(colors.recorded!.range, at);
@@ -325,7 +323,7 @@ function listenToCurve(element: HTMLElement): void {
 export function listenToColors() {
   listenToCurve(byId("curve"));
   byId("colors").addEventListener("toggle", refresh);
-  byId("corner-color").addEventListener("input", () => changeSelected({ color: fromHex(byId<HTMLInputElement>("corner-color").value) as ControlPoint["color"] }));
+  byId("corner-color").addEventListener("input", () => changeSelected({ color: fromHex(byId<HTMLInputElement>("corner-color").value) }));
   byId("previous-corner").addEventListener("click", () => select(colors.selected - 1));
   byId("next-corner").addEventListener("click", () => select(colors.selected + 1));
   byId("add-corner").addEventListener("click", addBesideSelected);

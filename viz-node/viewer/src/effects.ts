@@ -7,6 +7,7 @@ import { refresh } from "./frame";
 import { painter, shownDescription } from "./picture";
 import { significant } from "./plots";
 import { axesOf } from "./projection";
+import { fromHex, hex } from "./rgb";
 import { byId, clamp, motion, shownRow, store } from "./state";
 import { setText } from "./status";
 import { classified, positionOf, valueAt } from "./transfer";
@@ -27,8 +28,6 @@ export const wishedEffects = (): Effects | null =>
   shownRow()?.representation === "volume" && chosen.run === store.run?.id ? chosen.wished : null;
 
 const input = (id: string) => byId<HTMLInputElement>(id);
-const hex = (color: readonly number[]): string => `#${color.map((c) => Math.round(c * 255).toString(16).padStart(2, "0")).join("")}`;
-const fromHex = (text: string) => [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16) / 255) as Vector;
 
 const radians = (degrees: number) => (degrees * Math.PI) / 180;
 
@@ -171,15 +170,18 @@ export function listenToEffects(): void {
   const details = byId("effects");
   details.addEventListener("toggle", refresh);
   details.addEventListener("input", change);
-  // Drafts until the control is let go.
+  // Drafts until the control is let go, wherever.
+  let slides = false;
   details.addEventListener("pointerdown", ({ target }) => {
-    if ((target as Element).matches("[type=range]")) motion.held = true;
+    if ((target as Element).matches("[type=range]")) slides = motion.held = true;
   });
-  window.addEventListener("pointerup", () => {
-    if (!motion.held) return;
-    motion.held = false;
+  const release = () => {
+    if (!slides) return;
+    slides = motion.held = false;
     refresh();
-  });
+  };
+  window.addEventListener("pointerup", release);
+  window.addEventListener("pointercancel", release);
   byId("add-surface").addEventListener("click", addSurface);
   byId("recorded-effects").addEventListener("click", backToRecorded);
   listenToClip(change);
