@@ -1,5 +1,7 @@
 // The decoder, the data of the kernels and the processor's renderer: `engine/` compiled to WebAssembly, called by plain numbers.
 
+import type { Vector } from "../vector";
+
 /** A camera relative to the recorded one: angles in degrees, the distance divided by `zoom`, shifts in heights of the picture. */
 export interface Pose {
   azimuth: number;
@@ -14,15 +16,15 @@ export const FRONT: Pose = { azimuth: 0, elevation: 0, zoom: 1, right: 0, up: 0,
 
 export interface ControlPoint {
   at: number;
-  color: [number, number, number];
+  color: Vector;
   opacity: number;
 }
 
 /** The camera of the scene. */
 export interface RecordedCamera {
-  position: [number, number, number];
-  target: [number, number, number];
-  up: [number, number, number];
+  position: Vector;
+  target: Vector;
+  up: Vector;
   fov_y_deg: number;
 }
 
@@ -34,18 +36,18 @@ export interface TransferFunction {
 
 export interface Isosurface {
   value: number;
-  color: [number, number, number];
+  color: Vector;
   opacity: number;
 }
 
 export interface ClipBox {
-  min: [number, number, number];
-  max: [number, number, number];
+  min: Vector;
+  max: Vector;
 }
 
 /** What a scene asks for beyond emission and absorption: the keys of a scene file. */
 export interface Effects {
-  light?: [number, number, number];
+  light?: Vector;
   shading?: { ambient: number; diffuse: number; specular: number; shininess: number };
   shadows?: number;
   ambient_occlusion?: number;
@@ -67,10 +69,10 @@ export interface Description {
   unrecorded: [number, number][];
   /** How many points of a volume lie in each of 64 equal parts of the range. */
   histogram: number[];
-  bounds: [[number, number, number], [number, number, number]];
+  bounds: [Vector, Vector];
   elements: number;
   constants: [string, number][];
-  background: [number, number, number];
+  background: Vector;
   /** False if no picture shows anything but the background. */
   visible: boolean;
 }
