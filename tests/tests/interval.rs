@@ -49,6 +49,7 @@ fn two_hundred_intervals_hold_the_truth_as_often_as_they_say() {
             let view = |v: usize| ViewError {
                 angle_deg: ANGLES_DEG[v],
                 batch_mse: (0..BATCHES).map(|n| batch(v, n)).collect(),
+                ssim: None,
             };
             let quality = Quality { views: (0..ANGLES_DEG.len()).map(view).collect() };
             (quality.psnr_db() - truth_db).abs() <= half_width_db(&quality)

@@ -148,7 +148,7 @@ mod tests {
         {
             let size_bytes = (much * f64::from(r).powf(1.8) * f64::powf(gamma, -0.3)) as u64;
             let mse = 10_f64.powf(-(20.0 * f64::from(r).log10() - 50.0 * gamma) / 10.0);
-            let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse] }] };
+            let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse], ssim: None }] };
             let measured = Measurement { cost: Cost { size_bytes, ..Cost::default() }, quality };
             let cost = Contract::size(limit).cost(&measured);
             study.add(Trial { params: params(r, gamma), measured, cost });

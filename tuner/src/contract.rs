@@ -3,7 +3,7 @@
 use crate::evaluator::Measurement;
 use crate::units::{Bytes, Millis, show_bytes};
 use crate::utility::Utility;
-use lamina_model::{Cost, Invalid, Limits, Representation};
+use lamina_model::{Cost, Invalid, Limits, Representation, SamplePlan};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
@@ -17,6 +17,8 @@ use std::str::FromStr;
 pub struct Contract {
     /// What every step must keep.
     pub limits: Limits,
+    /// The least mean structural similarity of the views. Trials keep it; of live steps it is not measured.
+    pub ssim: Option<f64>,
     /// Views up to so many degrees to either side count; without it, those of the generator-node's sample plan.
     pub cone_deg: Option<f64>,
     /// What is best among what keeps the limits; `None`: quality, or size where quality alone is limited.
@@ -29,10 +31,13 @@ const MARGIN_DB: f64 = 0.2;
 /// Share of a limit on time that a study aims at: steps alike differ by some percent on a machine that does other things too.
 const TIME_AIMED_AT: f64 = 0.9;
 
+/// By which share of what is left to 1 a study aims beyond a limit on structural similarity: 0.2 dB of it.
+const MARGIN_SSIM: f64 = 0.045;
+
 /// Further than any quality short of its limit.
 const FAR: f64 = 100.0;
 
-const HELP: &str = "write limits such as `size <= 300kB, time <= 40ms, psnr >= 35dB, cone <= 30deg, overhead <= 5%` (or `time+encoding <= 60ms` for `time`), and \
+const HELP: &str = "write limits such as `size <= 300kB, time <= 40ms, psnr >= 35dB, ssim >= 0.98, cone <= 30deg, overhead <= 5%` (or `time+encoding <= 60ms` for `time`), and \
      `maximise psnr`, `minimise size`, `minimise time` or `maximise q - 0.01 * sigma`";
 
 fn bad(part: &str, why: impl fmt::Display) -> Invalid {
@@ -58,19 +63,21 @@ impl Contract {
     }
 
     fn of(limits: Limits) -> Self {
-        Self { limits, cone_deg: None, utility: None }
+        Self { limits, ssim: None, cone_deg: None, utility: None }
     }
 
     /// The utility in force.
     pub fn utility(&self) -> Utility {
-        let quality_alone =
-            self.limits.psnr_db.is_some() && self.limits.size_bytes.is_none() && self.limits.time_ms.is_none();
+        let quality = self.limits.psnr_db.is_some() || self.ssim.is_some();
+        let quality_alone = quality && self.limits.size_bytes.is_none() && self.limits.time_ms.is_none();
         self.utility.clone().unwrap_or(if quality_alone { Utility::Size } else { Utility::Quality })
     }
 
-    /// Test views that the cone calls for, degrees; `None` without a cone.
-    pub fn angles_deg(&self) -> Option<Vec<f64>> {
-        self.cone_deg.map(|d| [-3.0, -2.0, -1.0, 1.0, 2.0, 3.0].map(|k| k * d / 3.0).to_vec())
+    /// Where quality has to be measured: in views of the cone, if there is one; on every pixel where structure counts.
+    pub fn sample_plan(&self) -> SamplePlan {
+        let plan = if self.ssim.is_some() { SamplePlan::whole_views() } else { SamplePlan::default() };
+        let of_cone = |d: f64| [-3.0, -2.0, -1.0, 1.0, 2.0, 3.0].map(|k| k * d / 3.0).to_vec();
+        SamplePlan { angles_deg: self.cone_deg.map_or(plan.angles_deg.clone(), of_cone), ..plan }
     }
 
     /// What a study is to reach: a little more quality and less time than the limits say, so that the next steps, which differ
@@ -82,7 +89,7 @@ impl Contract {
             time_ms: self.limits.time_ms.map(|ms| ms * TIME_AIMED_AT),
             ..self.limits
         };
-        Self { limits, ..self.clone() }
+        Self { limits, ssim: self.ssim.map(|least| least + MARGIN_SSIM * (1.0 - least)), ..self.clone() }
     }
 
     /// What trials have to keep where live steps take so many times as long.
@@ -135,12 +142,13 @@ impl Contract {
     /// alpha: lower is better; +infinity breaks a limit or measures nothing.
     #[doc(alias = "alpha")]
     pub fn cost(&self, measured: &Measurement) -> f64 {
-        self.cost_at(&measured.cost, measured.quality.psnr_db())
+        self.cost_at(measured, measured.quality.psnr_db())
     }
 
-    /// alpha of what generation cost and so many decibels.
-    pub(crate) fn cost_at(&self, cost: &Cost, psnr_db: f64) -> f64 {
-        if psnr_db.is_nan() || self.excess(cost, psnr_db) > 0.0 {
+    /// alpha of a trial whose quality over all pixels is so many decibels.
+    pub(crate) fn cost_at(&self, measured: &Measurement, psnr_db: f64) -> f64 {
+        let Measurement { cost, quality } = measured;
+        if self.breaks_ssim(quality) || psnr_db.is_nan() || self.excess(cost, psnr_db) > 0.0 {
             return f64::INFINITY;
         }
         self.utility().cost(cost.size_bytes, psnr_db, self.time_of(cost))
@@ -158,7 +166,7 @@ impl Contract {
             limit(self.limits.time_ms.map(|t| format!("{t} ms"))),
             if db.is_nan() { "quality not measured".to_owned() } else { format!("{db:.2} dB") },
             limit(self.limits.psnr_db.map(|q| format!("{q} dB"))),
-        )
+        ) + &self.describe_ssim(&measured.quality)
     }
 
     fn limit(&mut self, part: &str) -> Result<(), Invalid> {
@@ -180,6 +188,10 @@ impl Contract {
                 once(self.limits.psnr_db.is_none())?;
                 self.limits.psnr_db = Some(number(part, value, "dB", 0.0..=200.0)?);
             }
+            ("ssim", false) => {
+                once(self.ssim.is_none())?;
+                self.ssim = Some(number(part, value, "", 0.0..=1.0)?);
+            }
             ("cone", true) => {
                 once(self.cone_deg.is_none())?;
                 self.cone_deg = Some(number(part, value, "deg", 0.1..=180.0)?);
@@ -191,7 +203,7 @@ impl Contract {
             ("size" | "time" | "time+encoding" | "cone" | "overhead", false) => {
                 return Err(bad(part, "this is limited from above, <="));
             }
-            ("psnr", true) => return Err(bad(part, "quality is limited from below, >=")),
+            ("psnr" | "ssim", true) => return Err(bad(part, "quality is limited from below, >=")),
             _ => return Err(bad(part, "there is no such quantity")),
         }
         Ok(())
@@ -202,7 +214,8 @@ fn number(part: &str, value: &str, unit: &str, range: std::ops::RangeInclusive<f
     let digits = value.strip_suffix(unit).unwrap_or(value).trim();
     let parsed = digits.parse().ok().filter(|v| range.contains(v));
     let (low, high) = (range.start(), range.end());
-    parsed.ok_or_else(|| bad(part, format!("needs a number of {unit} from {low} to {high}")))
+    let unit = if unit.is_empty() { String::new() } else { format!(" of {unit}") };
+    parsed.ok_or_else(|| bad(part, format!("needs a number{unit} from {low} to {high}")))
 }
 
 impl FromStr for Contract {
@@ -231,6 +244,7 @@ impl fmt::Display for Contract {
             self.limits.size_bytes.map(|b| format!("size <= {}", Bytes(b))),
             self.limits.time_ms.map(|t| format!("{time} <= {t}ms")),
             self.limits.psnr_db.map(|q| format!("psnr >= {q}dB")),
+            self.ssim.map(|least| format!("ssim >= {least}")),
             self.cone_deg.map(|d| format!("cone <= {d}deg")),
             self.limits.overhead.map(|share| format!("overhead <= {}%", (share * 1e8).round() / 1e6)),
             self.utility.as_ref().map(ToString::to_string),
@@ -262,7 +276,10 @@ mod tests {
 
     fn measured(size_bytes: u64, ms: u64, mse: f64) -> Measurement {
         let cost = Cost { size_bytes, generation: Duration::from_millis(ms), ..Cost::default() };
-        Measurement { cost, quality: Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse] }] } }
+        Measurement {
+            cost,
+            quality: Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse], ssim: None }] },
+        }
     }
 
     fn contract(text: &str) -> Contract {
@@ -317,6 +334,8 @@ mod tests {
             "size <= 252.501kB, maximise psnr",
             "size <= 1.000001MB",
             "time+encoding <= 40.5ms, psnr >= 35dB, minimise size",
+            "ssim >= 0.98",
+            "size <= 300kB, ssim >= 0.95, cone <= 30deg",
             "cone <= 30deg",
             "size <= 300kB, overhead <= 5%",
             "overhead <= 0.25%",
@@ -335,6 +354,9 @@ mod tests {
             "weight <= 3",
             "time <= -1ms",
             "psnr >= nan",
+            "ssim >= 1.1",
+            "ssim <= 0.9",
+            "ssim >= 0.9, ssim >= 0.8",
             "cone <= 0",
             "overhead <= 0%",
             "overhead <= 101%",

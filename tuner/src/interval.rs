@@ -60,7 +60,7 @@ mod tests {
     use lamina_model::ViewError;
 
     fn quality(batch_mse: &[f64]) -> Quality {
-        Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: batch_mse.to_vec() }] }
+        Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: batch_mse.to_vec(), ssim: None }] }
     }
 
     #[test]

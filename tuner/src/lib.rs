@@ -15,6 +15,7 @@ pub mod push;
 pub mod remote;
 mod run_state;
 pub mod search;
+mod ssim_limit;
 mod status;
 pub mod tune;
 pub mod units;

@@ -77,7 +77,7 @@ mod tests {
 
     fn row(kilobytes: u64, ms: u64, db: f64) -> Trial {
         let cost = Cost { size_bytes: 1000 * kilobytes, generation: Duration::from_millis(ms), ..Cost::default() };
-        let view = ViewError { angle_deg: 10.0, batch_mse: vec![10_f64.powf(-db / 10.0)] };
+        let view = ViewError { angle_deg: 10.0, batch_mse: vec![10_f64.powf(-db / 10.0)], ssim: None };
         let measured = Measurement { cost, quality: Quality { views: vec![view] } };
         Trial { params: GenerationParams::vdi(64, 0.1).unwrap(), measured, cost: 0.0 }
     }

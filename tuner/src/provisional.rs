@@ -87,7 +87,7 @@ mod tests {
         let params = |resolution| GenerationParams::vdi(resolution, 0.02).unwrap();
         let (mut choice, mut chosen) = ProvisionalChoice::new(&contract, Progress::new(true));
         let mut trial = |resolution, size_bytes, mse| {
-            let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse] }] };
+            let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse], ssim: None }] };
             let measured = Measurement { cost: Cost { size_bytes, ..Cost::default() }, quality };
             let cost = contract.cost(&measured);
             choice.add(&Trial { params: params(resolution), cost, measured });

@@ -64,7 +64,7 @@ const AT_ONCE: usize = 8;
 ///     ) -> Result<Vec<Result<Measurement, Invalid>>, TrialError> {
 ///         let one = |p: &GenerationParams| {
 ///             let rays = f64::from(p.resolution()).powi(2);
-///             let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![1.0 / rays] }] };
+///             let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![1.0 / rays], ssim: None }] };
 ///             Ok(Measurement { cost: Cost { size_bytes: rays as u64, ..Cost::default() }, quality })
 ///         };
 ///         Ok(all.iter().map(one).collect())
@@ -232,7 +232,7 @@ mod tests {
                     ..Cost::default()
                 };
                 let mse = 10_f64.powf(-(20.0 * r.log10() - 100.0 * p.gamma()) / 10.0);
-                let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse] }] };
+                let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![mse], ssim: None }] };
                 Ok(Measurement { cost, quality })
             };
             Ok(all.iter().map(one).collect())
@@ -302,7 +302,8 @@ mod tests {
     fn rows_are_compared_on_the_pixels_that_all_have_and_limits_kept_on_all_of_each() {
         let contract: Contract = "psnr >= 30dB, maximise psnr".parse().unwrap();
         let row = |gamma: f64, batch_mse: &[f64]| {
-            let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: batch_mse.to_vec() }] };
+            let quality =
+                Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: batch_mse.to_vec(), ssim: None }] };
             let measured = Measurement { cost: Cost::default(), quality };
             let cost = contract.cost(&measured);
             Trial { params: GenerationParams::vdi(64, gamma).unwrap(), measured, cost }

@@ -222,7 +222,8 @@ mod tests {
     #[test]
     fn what_trials_came_to_is_remembered_by_run_and_batches_add_up() {
         let trials = ShownTrials::default();
-        let quality = |mse: &[f64]| Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: mse.to_vec() }] };
+        let quality =
+            |mse: &[f64]| Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: mse.to_vec(), ssim: None }] };
         let frame =
             |trial_id, run_id: &str| Frame { trial_id: Some(trial_id), run_id: run_id.into(), ..Frame::default() };
         trials.remember(&frame(1, "a"), &quality(&[1e-4]));

@@ -36,8 +36,8 @@ pub struct Setup {
     pub store: Option<PathBuf>,
     /// Bytes for time steps in the generator-node.
     pub memory_bytes: u64,
-    /// Views that quality is measured from, degrees; the default plan's without.
-    pub angles_deg: Option<Vec<f64>>,
+    /// Where quality is measured.
+    pub samples: SamplePlan,
     /// What casts the rays.
     pub backend: Choice,
     /// How to show runs that do not say; `None`: chosen from the first step.
@@ -109,7 +109,7 @@ impl Nodes {
             memory_bytes: setup.memory_bytes,
             params: setup.params,
             scene: setup.scene,
-            samples: plan(setup.angles_deg),
+            samples: setup.samples,
             live_batches: if setup.measure_all { 0 } else { lamina_generator_node::Config::default().live_batches },
             ..Default::default()
         };
@@ -233,10 +233,4 @@ async fn announce(generator: &str, tuning: &Tuning) -> anyhow::Result<()> {
     let control = ControlClient::new(connect(generator, Role::Generator, None).await?);
     push(&control, &limits_alone(&tuning.contract, &tuning.representations)).await?;
     Ok(())
-}
-
-/// Where quality is measured.
-fn plan(angles_deg: Option<Vec<f64>>) -> SamplePlan {
-    let plan = SamplePlan::default();
-    SamplePlan { angles_deg: angles_deg.unwrap_or(plan.angles_deg.clone()), ..plan }
 }

@@ -8,7 +8,7 @@ use crate::source::{read_options, with_colors};
 use anyhow::{Context, ensure};
 use lamina_codec::{Codec, CodecError, DecodeLimits, EncodeOptions, ErrorMeasure, Layout};
 use lamina_model::{
-    GenerationParams, Intermediate, Invalid, Representation, Scene, Segmentation, VdiParams, Volume, psnr,
+    GenerationParams, Intermediate, Invalid, Representation, Scene, Segmentation, VdiParams, Volume, psnr, ssim,
 };
 use lamina_raycast::{Backend, Field};
 use lamina_tuner::units::Bytes;
@@ -155,6 +155,14 @@ pub fn render(arguments: &cli::Render) -> anyhow::Result<()> {
 /// `lamina compare`.
 pub fn compare(arguments: &cli::Compare) -> anyhow::Result<()> {
     let (a, b) = (picture_file::read(&arguments.a)?, picture_file::read(&arguments.b)?);
-    say!("psnr_db {:.4}", psnr(&a, &b)?);
+    let db = psnr(&a, &b)?;
+    let least = a.width().min(a.height());
+    if least >= ssim::WINDOW as u32 {
+        say!("ssim {:.6}", ssim::ssim(&a, &b)?);
+    }
+    if least >= ssim::LEAST_SIDE_OF_SCALES {
+        say!("ms_ssim {:.6}", ssim::ms_ssim(&a, &b)?);
+    }
+    say!("psnr_db {db:.4}");
     Ok(())
 }

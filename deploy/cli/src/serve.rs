@@ -14,14 +14,14 @@ const POLL: Duration = Duration::from_millis(100);
 pub fn serve(arguments: &cli::Serve) -> anyhow::Result<()> {
     let options = &arguments.nodes;
     let scene = options.scene.as_deref().map(scene_file::whole).transpose()?;
-    let (angles_deg, tuning) = tuning(options);
+    let (samples, tuning) = tuning(options);
     let nodes = Nodes::start(Setup {
         listen: arguments.listen,
         viewer: options.viewer,
         insecure: options.insecure,
         store: options.out.clone(),
         memory_bytes: arguments.memory << 20,
-        angles_deg,
+        samples,
         backend: options.backend,
         step_voxels: scene.as_ref().map_or(lamina_tuner::Config::default().step_voxels, |s| s.step_voxels),
         scene,

@@ -6,7 +6,7 @@ use crate::offline::read_step;
 use crate::process::ProcessorTime;
 use crate::scene_file::with_step;
 use crate::source::{read_options, scene_of, with_colors};
-use lamina_model::{SamplePlan, Segmentation, VdiParams};
+use lamina_model::{Segmentation, VdiParams};
 use lamina_tuner::Contract;
 use lamina_tuner::evaluator::Evaluator as _;
 use lamina_tuner::interval::half_width_db;
@@ -29,8 +29,7 @@ pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
     let scene = with_step(scene_of(&series, input.scene.as_deref())?, input)?;
     let volume = with_colors(&series, input.time_step, volume, &scene)?;
     let kernels = Kernels::open(input.backend)?;
-    let plan = SamplePlan::default();
-    let plan = SamplePlan { angles_deg: contract.angles_deg().unwrap_or(plan.angles_deg), ..plan };
+    let plan = contract.sample_plan();
     let mut trial = InProcessEvaluator::new(
         input.time_step as u64,
         volume,
@@ -56,8 +55,7 @@ pub fn tune(arguments: &cli::Tune) -> anyhow::Result<()> {
 fn line(contract: &Contract, row: &Trial) -> String {
     let width = half_width_db(&row.measured.quality);
     let doubt = if width.is_finite() { format!(" +- {width:.2}") } else { String::new() };
-    let excess = contract.excess(&row.measured.cost, row.measured.quality.psnr_db());
-    let kept = if excess <= 0.0 { "" } else { "  not kept" };
+    let kept = if contract.keeps(&row.measured) { "" } else { "  not kept" };
     let (r, gamma) = (row.params.resolution(), row.params.gamma());
     format!(
         "{:6}  r {r:4}  gamma {gamma:<8}  {}{doubt}{kept}",

@@ -11,7 +11,7 @@ use crate::terminal::{Shown, progress};
 use anyhow::{Context, bail, ensure};
 use lamina_client::{Brick, Client, ClientError, FullPolicy, RunOptions, SteerableNumber, VoxelSlice};
 use lamina_compute::{CpuLimit, CpuShare};
-use lamina_model::{Representation, Scene, Volume, Voxels};
+use lamina_model::{Representation, SamplePlan, Scene, Volume, Voxels};
 use lamina_tuner::Contract;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::time::{Duration, Instant};
@@ -145,8 +145,8 @@ pub(crate) fn share(options: &cli::NodeOptions) -> anyhow::Result<CpuShare> {
     Ok(CpuShare::new(options.cpu_share.unwrap_or_else(|| CpuLimit::default().doubled()))?)
 }
 
-/// The angles that quality is measured at, and what the tuner is to do.
-pub(crate) fn tuning(options: &cli::NodeOptions) -> (Option<Vec<f64>>, Tuning) {
+/// Where quality is measured, and what the tuner is to do.
+pub(crate) fn tuning(options: &cli::NodeOptions) -> (SamplePlan, Tuning) {
     let contract = options.contract.clone().unwrap_or_default();
     let tuning = Tuning {
         // The cone is a matter of where quality is measured.
@@ -156,14 +156,14 @@ pub(crate) fn tuning(options: &cli::NodeOptions) -> (Option<Vec<f64>>, Tuning) {
         retune_every: options.retune_every,
         budget: lamina_tuner::Config::default().budget,
     };
-    (contract.angles_deg(), tuning)
+    (contract.sample_plan(), tuning)
 }
 
 fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume, more: &[(String, Voxels)]) -> anyhow::Result<Setup> {
     let fixed = options.resolution.zip(options.gamma);
     let representation = options.nodes.representation.first().copied().unwrap_or_default();
     let params = |(resolution, gamma)| offline::params(representation, resolution, gamma, 1.0, scene);
-    let (angles_deg, tuning) = tuning(&options.nodes);
+    let (samples, tuning) = tuning(&options.nodes);
     // Without a viewer every step waits for its tuning.
     let tuning = if options.headless { Tuning { budget: 1.0, ..tuning } } else { tuning };
     let untuned = fixed.and(options.nodes.representation.first());
@@ -186,7 +186,7 @@ fn setup(options: &cli::Watch, scene: &Scene, volume: &Volume, more: &[(String, 
         viewer: if options.headless { SocketAddr::from((Ipv4Addr::LOCALHOST, 0)) } else { options.nodes.viewer },
         store: options.nodes.out.as_ref().map(|dir| dir.join("vdi")),
         backend: options.nodes.backend,
-        angles_deg,
+        samples,
         // Room for two waiting steps: more would only show the past.
         memory_bytes: 4 * (volume.size_bytes() as u64 + more_bytes) + in_work + (1 << 20),
         scene: Some(scene.clone()),

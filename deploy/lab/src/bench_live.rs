@@ -13,7 +13,7 @@ use lamina::source::{Example, Recorded, Source, read_options};
 use lamina::watch::{connect, push};
 use lamina_client::FullPolicy;
 use lamina_compute::{Activity, CpuLimit, CpuShare, Priority};
-use lamina_model::{Representation, Scene, TuningState, Volume};
+use lamina_model::{Representation, SamplePlan, Scene, TuningState, Volume};
 use lamina_tuner::search::SearchGrid;
 use lamina_viz_node::store::{QualityStatus, StepRow};
 use parking_lot::Mutex;
@@ -248,7 +248,7 @@ fn setup(arguments: &cli::BenchLive, share: CpuShare, first: &Volume, scene: Sce
         insecure: false,
         store: None,
         backend: lamina_compute::gpu::Choice::Auto,
-        angles_deg: None,
+        samples: SamplePlan::default(),
         memory_bytes: 4 * first.size_bytes() as u64 + 12 * first.grid().voxels() as u64 + (1 << 20),
         params: None,
         step_voxels: scene.step_voxels,

@@ -53,6 +53,9 @@ pub(crate) struct StudyArguments {
     /// context-mixing) as nodes send them
     #[arg(long, value_name = "NAME", default_value_t = Segmentation::Greedy)]
     pub segmentation: Segmentation,
+    /// Compare every pixel of views of 256 x 256, for structural similarity too, instead of one pixel in 64 of 768 x 768
+    #[arg(long)]
+    pub ssim: bool,
     /// Size limits to choose under; without: a ladder, each 1.5 times the one before
     #[arg(long, value_name = "SIZE,..", value_delimiter = ',')]
     pub size_limits: Vec<Bytes>,

@@ -33,6 +33,8 @@ pub struct ViewError {
     pub angle_deg: f64,
     /// Mean squared error of each batch, 0 or more; colors lie in 0..=1.
     pub batch_mse: Vec<f64>,
+    /// Structural similarity ([`crate::ssim()`]), where every pixel of the view was compared.
+    pub ssim: Option<f64>,
 }
 
 /// -10 log10 of a mean squared error of colors in 0..=1: decibels, +infinity for 0.
@@ -74,12 +76,19 @@ impl Quality {
         decibels(self.mse())
     }
 
+    /// Mean structural similarity of all views; `None` where only some of their pixels were compared.
+    pub fn ssim(&self) -> Option<f64> {
+        let views: Option<Vec<f64>> = self.views.iter().map(|v| v.ssim).collect();
+        views.filter(|views| !views.is_empty()).map(|views| mean(views.into_iter()))
+    }
+
     /// The first `batches` of it; nothing of none.
     #[must_use]
     pub fn first(&self, batches: usize) -> Self {
         let first = |v: &ViewError| ViewError {
             angle_deg: v.angle_deg,
             batch_mse: v.batch_mse.iter().copied().take(batches).collect(),
+            ssim: v.ssim,
         };
         Self { views: if batches == 0 { Vec::new() } else { self.views.iter().map(first).collect() } }
     }
@@ -109,7 +118,7 @@ mod tests {
 
     #[test]
     fn batches_pool_to_the_mean_over_views_and_batches() {
-        let view = |angle_deg, batch_mse: &[f64]| ViewError { angle_deg, batch_mse: batch_mse.to_vec() };
+        let view = |angle_deg, batch_mse: &[f64]| ViewError { angle_deg, batch_mse: batch_mse.to_vec(), ssim: None };
         let mut q = Quality { views: vec![view(10.0, &[0.01, 0.03]), view(20.0, &[0.03, 0.05])] };
         assert_eq!(q.batch_mse(), [0.02, 0.04]);
         assert!((q.mse() - 0.03).abs() < 1e-15 && (q.views[0].psnr_db() - 10.0 * 50_f64.log10()).abs() < 1e-12);

@@ -27,6 +27,7 @@ pub mod samples;
 pub mod scene;
 mod scene_change;
 mod setting;
+pub mod ssim;
 mod steering;
 mod step_report;
 pub mod suggest;

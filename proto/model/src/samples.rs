@@ -27,6 +27,16 @@ impl Default for SamplePlan {
 }
 
 impl SamplePlan {
+    /// Every pixel of six views of 256 x 256, as structural similarity needs.
+    pub fn whole_views() -> Self {
+        Self { image_size: 256, tile: 1, batches: 1, ..Self::default() }
+    }
+
+    /// True if every pixel is compared.
+    pub fn is_whole(&self) -> bool {
+        self.tile == 1
+    }
+
     /// The most views of a plan.
     pub const MAX_VIEWS: usize = 64;
     /// The most batches of a plan.

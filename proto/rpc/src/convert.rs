@@ -99,7 +99,7 @@ impl From<v1::TuningState> for TuningState {
 impl v1::QualityReply {
     /// The answer about a trial.
     pub fn new(trial_id: u64, q: &Quality) -> Self {
-        let view = |v: &ViewError| v1::View { angle_deg: v.angle_deg, batch_mse: v.batch_mse.clone() };
+        let view = |v: &ViewError| v1::View { angle_deg: v.angle_deg, batch_mse: v.batch_mse.clone(), ssim: v.ssim };
         Self { trial_id, views: q.views.iter().map(view).collect() }
     }
 }
@@ -114,7 +114,7 @@ impl TryFrom<v1::QualityReply> for Quality {
         if let Some(mse) = q.views.iter().flat_map(|v| &v.batch_mse).find(|mse| !(mse.is_finite() && **mse >= 0.0)) {
             return Err(Invalid::new("quality", format!("a mean squared error of {mse}")));
         }
-        let view = |v: v1::View| ViewError { angle_deg: v.angle_deg, batch_mse: v.batch_mse };
+        let view = |v: v1::View| ViewError { angle_deg: v.angle_deg, batch_mse: v.batch_mse, ssim: v.ssim };
         Ok(Self { views: q.views.into_iter().map(view).collect() })
     }
 }

@@ -352,6 +352,9 @@ pub struct View {
     pub angle_deg: f64,
     #[prost(double, repeated, tag = "2")]
     pub batch_mse: ::prost::alloc::vec::Vec<f64>,
+    /// Structural similarity, where every pixel of the view was compared.
+    #[prost(double, optional, tag = "3")]
+    pub ssim: ::core::option::Option<f64>,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct QualityReply {

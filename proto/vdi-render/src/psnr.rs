@@ -1,6 +1,8 @@
-//! Quality: PSNR of rendered pixels against reference samples.
+//! Quality: PSNR of rendered pixels against reference samples; where every pixel of the views is compared, their structural
+//! similarity too.
 
-use lamina_model::{Camera, Invalid, Quality, ReferenceSamples, SquaredError, ViewError};
+use lamina_model::ssim::{self, ssim};
+use lamina_model::{Camera, Image, Invalid, Quality, ReferenceSamples, SquaredError, ViewError};
 use std::ops::Range;
 
 /// Quality estimated from sampled pixels.
@@ -17,16 +19,19 @@ struct PixelErrors {
     angles_deg: Vec<f64>,
     per_batch: usize,
     errors: Vec<Vec<f64>>,
+    /// Per view; `None` where only some pixels were compared.
+    ssim: Vec<Option<f64>>,
 }
 
 impl PixelErrors {
     fn quality(&self) -> Quality {
         let mean = |errors: &[f64]| errors.iter().sum::<f64>() / errors.len() as f64;
-        let view = |(angle_deg, errors): (&f64, &Vec<f64>)| ViewError {
+        let view = |((angle_deg, errors), ssim): ((&f64, &Vec<f64>), &Option<f64>)| ViewError {
             angle_deg: *angle_deg,
             batch_mse: errors.chunks(self.per_batch).map(mean).collect(),
+            ssim: *ssim,
         };
-        Quality { views: self.angles_deg.iter().zip(&self.errors).map(view).collect() }
+        Quality { views: self.angles_deg.iter().zip(&self.errors).zip(&self.ssim).map(view).collect() }
     }
 
     /// Half-width of the interval: the mean of n pixels has a standard error of at most s / sqrt(n), as stratification only
@@ -85,7 +90,9 @@ fn pixel_errors(
         return Err(Invalid::new("batches", format!("{batches:?} asked for; the plan has 0..{}", plan.batches)));
     }
     let missing = || Invalid::new("batches", format!("{batches:?} asked for; {:?} are here", reference.batches));
-    let mut errors = Vec::with_capacity(cameras.len());
+    let (mut errors, mut similarities) = (Vec::with_capacity(cameras.len()), Vec::with_capacity(cameras.len()));
+    let side = plan.image_size;
+    let is_whole = plan.is_whole() && side as usize >= ssim::WINDOW;
     for (v, camera) in cameras.iter().enumerate() {
         let wanted = reference.batch_colors(v, &batches).ok_or_else(missing)?;
         // Render all batches in one call: neighboring pixels of different batches share work.
@@ -97,6 +104,9 @@ fn pixel_errors(
             error.mse()
         };
         errors.push(rendered.iter().zip(wanted).map(error).collect());
+        // With one pixel a block, the pixels are the rows of the picture.
+        let picture = |pixels: &[[f32; 3]]| Image::new(side, side, pixels.to_vec());
+        similarities.push(if is_whole { Some(ssim(&picture(&rendered)?, &picture(wanted)?)?) } else { None });
     }
-    Ok(PixelErrors { per_batch: plan.samples_per_batch(), angles_deg: plan.angles_deg, errors })
+    Ok(PixelErrors { per_batch: plan.samples_per_batch(), angles_deg: plan.angles_deg, errors, ssim: similarities })
 }

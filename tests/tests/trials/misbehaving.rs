@@ -25,7 +25,10 @@ impl quality_server::Quality for Liar {
         let v1::QualityRequest { trial_id, batches, .. } = request.into_inner();
         let reply = |trial_id, mse, batches| {
             let batch_mse = vec![mse; batches as usize];
-            Ok(v1::QualityReply { trial_id, views: vec![v1::View { angle_deg: 10.0, batch_mse }] })
+            Ok(v1::QualityReply {
+                trial_id,
+                views: vec![v1::View { angle_deg: 10.0, batch_mse, ..Default::default() }],
+            })
         };
         let at_work = Ok(v1::QualityReply { trial_id, views: Vec::new() });
         let replies = match self.0 {

@@ -25,16 +25,17 @@ pub(super) struct Acquisition {
 }
 
 /// Expectations under a contract.
-pub(super) struct ExpectedImprovement<'a> {
-    contract: &'a Contract,
+pub(super) struct ExpectedImprovement {
+    /// With what limits on quality are as limits on PSNR.
+    pub contract: Contract,
     utility: Utility,
     draws: Vec<[f64; 3]>,
 }
 
-impl<'a> ExpectedImprovement<'a> {
+impl ExpectedImprovement {
     /// Under `contract`.
-    pub(super) fn new(contract: &'a Contract) -> Self {
-        Self { contract, utility: contract.utility(), draws: draws() }
+    pub(super) fn new(contract: Contract) -> Self {
+        Self { utility: contract.utility(), contract, draws: draws() }
     }
 
     /// Of a candidate whose logarithms of bytes and milliseconds and whose decibels are `of`: the mean improvement on

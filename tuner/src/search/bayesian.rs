@@ -58,7 +58,7 @@ pub(super) struct BayesianSearch<'a> {
     pub(super) carried: Vec<Trial>,
     pub(super) screening: TimeScreening,
     refused: Vec<GenerationParams>,
-    pub(super) expected: ExpectedImprovement<'a>,
+    pub(super) expected: ExpectedImprovement,
     /// Batches that there are.
     pub(super) batches: usize,
     /// Sample points on the longest side of the data.
@@ -86,7 +86,7 @@ impl<'a> BayesianSearch<'a> {
             carried: carried.iter().filter(|r| r.params.representation() == representation).cloned().collect(),
             screening: TimeScreening::new(contract, representation),
             refused: Vec::new(),
-            expected: ExpectedImprovement::new(contract),
+            expected: ExpectedImprovement::new(contract.with_psnr_for_ssim(carried.iter())),
             batches,
             longest_side,
             to_beat: None,
@@ -178,7 +178,10 @@ impl<'a> BayesianSearch<'a> {
     ) -> Result<(), TrialError> {
         let params = self.tried[n].params;
         match trial.evaluate(&params, Batches::first(self.first_batches() as u32)).await? {
-            Ok(measured) => self.tried[n].measured = measured,
+            Ok(measured) => {
+                self.contract.check_ssim(&measured.quality)?;
+                self.tried[n].measured = measured;
+            }
             Err(reason) => {
                 self.leave_out(&params, &reason);
                 self.tried.remove(n);
@@ -223,7 +226,7 @@ impl<'a> BayesianSearch<'a> {
     pub(super) fn distance_of(&self, row: &Trial) -> f64 {
         let cost = &row.measured.cost;
         let ms = self.contract.time_of(cost);
-        self.contract.distance_of(cost.size_bytes as f64, ms, self.estimated_db(row))
+        self.expected.contract.distance_of(cost.size_bytes as f64, ms, self.estimated_db(row))
     }
 
     /// The least resolution of the candidates.

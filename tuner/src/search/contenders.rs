@@ -41,9 +41,10 @@ impl BayesianSearch<'_> {
 
     /// Costs by what is now known of the pixels.
     pub(super) fn update_costs(&mut self) {
-        let cost = |r: &Trial| self.contract.cost_at(&r.measured.cost, self.estimated_db(r));
+        let cost = |r: &Trial| self.contract.cost_at(&r.measured, self.estimated_db(r));
         let costs: Vec<f64> = self.tried.iter().map(cost).collect();
         self.tried.iter_mut().zip(costs).for_each(|(row, cost)| row.cost = cost);
+        self.expected.contract = self.contract.with_psnr_for_ssim(self.tried.iter().chain(&self.carried));
     }
 
     /// Measures contenders on more pixels, until nothing else may be the best or the time is over; true if something else may
@@ -97,8 +98,7 @@ impl BayesianSearch<'_> {
     fn may_cost_less(&self, n: usize, least: f64) -> bool {
         let row = &self.tried[n];
         let quality = &row.measured.quality;
-        let at_best =
-            self.contract.cost_at(&row.measured.cost, self.estimated_db(row) + half_width_db(quality).min(10.0));
+        let at_best = self.contract.cost_at(&row.measured, self.estimated_db(row) + half_width_db(quality).min(10.0));
         at_best < least
     }
 

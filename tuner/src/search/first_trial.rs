@@ -192,7 +192,7 @@ impl BayesianSearch<'_> {
         // What is not known yet is not exceeded.
         let size_bytes = if models.know_sizes() { typical(size) / SIZE_SHARE } else { 0.0 };
         let ms = if models.know_times() { typical(time) / TIME_SHARE } else { 0.0 };
-        let excess = self.contract.distance_of(size_bytes, ms, q.mean - MARGIN_DB).max(0.0);
+        let excess = self.expected.contract.distance_of(size_bytes, ms, q.mean - MARGIN_DB).max(0.0);
         (excess, self.utility.cost(typical(size) as u64, q.mean, typical(time)))
     }
 }

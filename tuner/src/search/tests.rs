@@ -66,7 +66,9 @@ impl Response {
             1.0 + self.own_scatter * (2.0 * (mixed >> 40) as f64 / f64::from(1 << 24) - 1.0)
         };
         let batch_mse = (0..batches).map(|b| mse * scatter(b) * own(b)).collect();
-        Quality { views: if batches == 0 { Vec::new() } else { vec![ViewError { angle_deg: 10.0, batch_mse }] } }
+        Quality {
+            views: if batches == 0 { Vec::new() } else { vec![ViewError { angle_deg: 10.0, batch_mse, ssim: None }] },
+        }
     }
 }
 

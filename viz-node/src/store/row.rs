@@ -196,7 +196,7 @@ mod tests {
     fn rows_go_to_csv_and_come_back() {
         let limits = Limits { size_bytes: Some(100), ..Limits::default() };
         let frame = Frame { step: 12, time: 0.25, limits, ..Frame::default() };
-        let view = |angle_deg, mse| ViewError { angle_deg, batch_mse: vec![mse] };
+        let view = |angle_deg, mse| ViewError { angle_deg, batch_mse: vec![mse], ssim: None };
         // 40 dB, and identical.
         let [some, none] = [1e-4, 0.0].map(|mse| Quality { views: vec![view(10.0, mse), view(20.0, mse)] });
         let tuning = TuningState::Done;

@@ -31,6 +31,9 @@ struct CacheLine {
     spent: SpentTime,
     angles_deg: Vec<f64>,
     batch_mse: Vec<Vec<f64>>,
+    /// Of each view, where every pixel was compared.
+    #[serde(default)]
+    ssim: Vec<Option<f64>>,
 }
 
 impl From<&RecordedTrial> for CacheLine {
@@ -45,6 +48,7 @@ impl From<&RecordedTrial> for CacheLine {
             spent: t.spent,
             angles_deg: t.quality.views.iter().map(|v| v.angle_deg).collect(),
             batch_mse: t.quality.views.iter().map(|v| v.batch_mse.clone()).collect(),
+            ssim: t.quality.views.iter().map(|v| v.ssim).collect(),
         }
     }
 }
@@ -57,8 +61,9 @@ impl From<CacheLine> for RecordedTrial {
             generation: Duration::from_nanos(l.generation_ns),
             encode: Duration::from_nanos(l.encode_ns),
         };
-        let view = |(angle_deg, batch_mse)| ViewError { angle_deg, batch_mse };
-        let views = l.angles_deg.into_iter().zip(l.batch_mse).map(view).collect();
+        let similarities = l.ssim.into_iter().chain(std::iter::repeat(None));
+        let view = |((angle_deg, batch_mse), ssim)| ViewError { angle_deg, batch_mse, ssim };
+        let views = l.angles_deg.into_iter().zip(l.batch_mse).zip(similarities).map(view).collect();
         Self { params: l.params, cost, timed: l.timed, quality: Quality { views }, spent: l.spent }
     }
 }
@@ -153,7 +158,8 @@ mod tests {
     use super::*;
 
     fn trial(resolution: u32) -> RecordedTrial {
-        let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![1e-3, 0.1 + 0.2] }] };
+        let quality =
+            Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse: vec![1e-3, 0.1 + 0.2], ssim: None }] };
         let cost = Cost { size_bytes: 7, elements: 3, ..Cost::default() };
         let params = GenerationParams::vdi(resolution, 0.013).unwrap();
         RecordedTrial { params, cost, timed: 1, quality, spent: SpentTime::default() }

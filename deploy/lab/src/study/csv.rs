@@ -24,14 +24,17 @@ fn trial(row: &Trial) -> [String; 6] {
     ]
 }
 
-/// `measurements.csv`: every trial; one column for each view at the end.
+/// `measurements.csv`: every trial; one column for each view, then structural similarity where it was measured.
 pub(super) fn measurements(folder: &Path, all: &[StepStudy]) -> anyhow::Result<()> {
     let first = all.iter().flat_map(|m| &m.rows).next();
     let views = first.iter().flat_map(|r| &r.measured.quality.views).map(|v| format!("psnr_db_{}", v.angle_deg));
+    let views = views.chain(["ssim".to_owned()]);
     let header = ["scene", "step"].into_iter().chain(TRIAL).map(str::to_owned).chain(views);
     let mut table = Table::create(folder, "measurements.csv", header)?;
     for (m, r) in all.iter().flat_map(|m| m.rows.iter().map(move |row| (m, row))) {
         let views = r.measured.quality.views.iter().map(|v| format!("{:.4}", v.psnr_db()));
+        let ssim = r.measured.quality.ssim().map_or_else(String::new, |ssim| format!("{ssim:.6}"));
+        let views = views.chain([ssim]);
         table.row([m.name.clone(), m.step.to_string()].into_iter().chain(trial(r)).chain(views))?;
     }
     table.finish()

@@ -90,6 +90,30 @@ pub(super) fn row(rows: &[Trial], limits: &StudyLimits) -> [String; 6] {
     ]
 }
 
+/// Under how many limits on size the best SSIM is that of other parameters than the best PSNR, and what choosing by it changes.
+/// `None` where SSIM was not measured.
+pub(super) fn choices_by_ssim(rows: &[Trial], limits: &StudyLimits) -> Option<String> {
+    let (mut limited, mut same, mut gained, mut lost) = (0, 0, 0.0_f64, 0.0_f64);
+    let ssim = |n: usize| rows[n].measured.quality.ssim();
+    for contract in &limits.size {
+        let Some(by_psnr) = best(rows, contract) else { continue };
+        let kept = (0..rows.len()).filter(|&n| contract.cost(&rows[n].measured) < f64::INFINITY);
+        let measured = kept.filter_map(|n| Some((n, ssim(n)?)));
+        let (by_ssim, most) = measured.max_by(|a, b| a.1.total_cmp(&b.1))?;
+        limited += 1;
+        if rows[by_ssim].params == rows[by_psnr].params {
+            same += 1;
+        } else {
+            let db = |n: usize| rows[n].measured.quality.psnr_db();
+            gained = gained.max(most - ssim(by_psnr)?);
+            lost = lost.max(db(by_psnr) - db(by_ssim));
+        }
+    }
+    let other = format!("; else at most {gained:.4} more of it for {} dB less", fixed(lost, 2));
+    (limited > 0)
+        .then(|| format!("the best by PSNR in {same} of {limited}{}", if same < limited { &other } else { "" }))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -114,7 +138,7 @@ mod tests {
         ];
         let row_of = |&(r, gamma, size_bytes, ms, db): &(u32, f64, u64, u64, f64)| {
             let batch_mse = vec![10_f64.powf(-db / 10.0)];
-            let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse }] };
+            let quality = Quality { views: vec![ViewError { angle_deg: 10.0, batch_mse, ssim: None }] };
             let cost = Cost { size_bytes, generation: Duration::from_millis(ms), ..Cost::default() };
             let params = GenerationParams::vdi(r, gamma).unwrap();
             Trial { params, measured: Measurement { cost, quality }, cost: 0.0 }

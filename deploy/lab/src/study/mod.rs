@@ -69,6 +69,9 @@ pub(crate) fn study(arguments: &cli::StudyArguments) -> anyhow::Result<()> {
     page::write(&arguments.out, &all, &limits, &outcomes, &format!("lamina-lab {}", command.join(" ")))?;
     for m in &all {
         let found = findings::HEAD.iter().zip(findings::row(&m.rows, &limits));
+        let by_ssim = findings::choices_by_ssim(&m.rows, &limits);
+        let found =
+            found.map(|(what, how)| (*what, how)).chain(by_ssim.map(|how| ("best by SSIM under size limits", how)));
         found.for_each(|(what, how)| say!("{} {}: {what}: {how}", m.name, m.step));
     }
     say!("{}", recorded_search::summary(&outcomes));
@@ -85,7 +88,7 @@ fn open(
     kernels: &Kernels,
     arguments: &cli::StudyArguments,
 ) -> anyhow::Result<InProcessEvaluator> {
-    let plan = SamplePlan::default();
+    let plan = if arguments.ssim { SamplePlan::whole_views() } else { SamplePlan::default() };
     let mut kernel = format!("{:?}", std::mem::discriminant(&kernels.cast));
     if arguments.segmentation != Segmentation::Greedy {
         kernel += &format!("{} {:?}", arguments.segmentation, encode_options(arguments.segmentation).codec);
