@@ -1,7 +1,9 @@
 //! A real browser: headless Chromium driven through ChromeDriver (WebDriver over HTTP).
 
 use crate::processes::{Daemon, free_port, wait_for};
+use base64::prelude::{BASE64_STANDARD, Engine as _};
 use serde_json::{Value, json};
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
@@ -166,13 +168,24 @@ impl Drop for Browser {
     }
 }
 
-/// Nothing went wrong on the page, and its server stops when told to.
+/// Nothing went wrong on the page, and its server stops when told to. What was last seen stays in `target/screenshots`, by the name
+/// of the test.
 ///
 /// # Panics
 /// If something did.
 pub fn end(browser: &Browser, lamina: Daemon) {
+    keep_screenshot(browser);
     let log = browser.post("/se/log", &json!({"type": "browser"}));
     let errors: Vec<_> = log.as_array().expect("a list").iter().filter(|e| e["level"] == "SEVERE").collect();
     assert!(errors.is_empty(), "{errors:?}");
     assert_eq!(lamina.terminate(), Some(0));
+}
+
+fn keep_screenshot(browser: &Browser) {
+    let answer = request("GET", &format!("{}/screenshot", browser.session), &Value::Null);
+    let png = BASE64_STANDARD.decode(answer.as_str().expect("a picture")).expect("base64");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/screenshots");
+    let name = std::thread::current().name().unwrap_or("page").replace("::", "-");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    std::fs::write(folder.join(format!("{name}.png")), png).expect("a file");
 }

@@ -104,10 +104,15 @@ fn the_browsers_processor_draws_the_viz_nodes_picture_to_the_byte() {
 fn holds_by_webgpu(arguments: &[&str], views: &[[f64; 3]]) {
     let flags = std::env::var("WEBGPU_FLAGS").unwrap_or_else(|_| GPU.to_owned());
     let (lamina, browser, _profile) = watched(arguments, &flags.split(' ').collect::<Vec<_>>(), "?gpu");
-    // The processor draws until the kernel is compiled: isosurfaces take SwiftShader half a minute.
+    // The processor draws until the kernel is compiled: isosurfaces take SwiftShader half a minute. Chromium ignores changes of an
+    // address that follow each other too fast.
     let by_gpu =
         "(location.hash = `#azimuth=${90 * Math.random()}`, document.querySelector('#picture').dataset.drawnBy)";
-    assert!(wait_for(Duration::from_secs(400), || browser.js(by_gpu) == json!("gpu")), "{arguments:?}: no kernel");
+    let drawn_by_gpu = || {
+        std::thread::sleep(Duration::from_millis(250));
+        browser.js(by_gpu) == json!("gpu")
+    };
+    assert!(wait_for(Duration::from_secs(400), drawn_by_gpu), "{arguments:?}: no kernel");
     for &view in views {
         look(&browser, view);
         let decibels = -10.0 * difference(&browser, view).log10();

@@ -62,9 +62,32 @@ fn light_surfaces_and_a_clip_box_are_chosen_on_the_page() {
     last = changed(&browser, &last);
     set(&browser, "#clip-x-to", "0");
     assert!(browser.js(share).as_f64() > Some(0.0), "something is left");
+    // The address follows once all is still, and the picture is of what it says.
+    let stated = "new URLSearchParams(location.hash.slice(1)).get('look')";
+    let settled = format!("{stated} === document.querySelector('#picture').dataset.appearance && {STILL} !== false");
+    browser.wait_js(&format!("JSON.parse({stated}).effects.clip_box.max[0] < 0 && {settled}"));
+    let (link, chosen) = (browser.js("location.hash"), browser.js(STILL));
+    let recorded_again = format!("{STILL} === {recorded} && document.querySelector('#recorded-effects').disabled");
     browser.js("document.querySelector('#recorded-effects').click()");
-    browser.wait_js(&format!("{STILL} === {recorded} && document.querySelector('#recorded-effects').disabled"));
-    assert_ne!(last, recorded);
+    browser.wait_js(&format!("{recorded_again} && !/look=/.test(location.hash)"));
+    assert!(last != recorded && chosen != recorded);
+
+    // Taken back, done again, and by the link, also where the page is opened with it.
+    browser.js("document.querySelector('#undo-effects').click()");
+    browser.wait_js(&format!("{STILL} === {chosen} && document.querySelector('#shading').checked"));
+    browser.js("document.querySelector('#redo-effects').click()");
+    browser.wait_js(&recorded_again);
+    browser.js(&format!("void (location.hash = {link})"));
+    browser.wait_js(&format!("{STILL} === {chosen} && document.querySelectorAll('#surfaces > *').length === 1"));
+    browser.js("location.reload()");
+    browser.wait_js(&format!("location.hash === {link} && {STILL} === {chosen}"));
+    // What is no appearance is left out, and what the engine refuses is said; neither is the end.
+    browser.js("void (location.hash = '#step=2&look={\"points\":[{\"at\":9}]}')");
+    browser.wait_js("document.querySelector('#picture').dataset.appearance === ''");
+    browser.js("void (location.hash = '#step=2&look={\"effects\":{\"shadows\":7}}')");
+    browser.wait_js("/shadows/.test(document.querySelector('#stage').textContent)");
+    browser.js(&format!("void (location.hash = {link})"));
+    browser.wait_js(&format!("{STILL} === {chosen}"));
     end(&browser, lamina);
 }
 

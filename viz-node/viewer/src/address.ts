@@ -1,5 +1,7 @@
-// The view in the page's address, so that it can be shared, kept and gone back to: #step=12&azimuth=30&zoom=2
+// The view in the page's address, so that it can be shared, kept and gone back to: #step=12&azimuth=30&zoom=2. Colors and effects that
+// were chosen for a volume follow as `look`.
 
+import { takeAppearance, wishedAppearance } from "./appearance";
 import { jumpTo } from "./camera";
 import type { Pose } from "./engine/wasm";
 import { refresh } from "./frame";
@@ -20,6 +22,7 @@ function read(): void {
   }
   const step = Number(stated.get("step") ?? NaN);
   view.step = Number.isInteger(step) ? step : null;
+  takeAppearance(stated.get("look"));
   jumpTo(pose);
 }
 
@@ -31,6 +34,8 @@ export function writeAddress(): void {
   for (const name of NAMES) {
     if (view.pose[name] !== FRONT[name]) stated.set(name, String(Number(view.pose[name].toFixed(4))));
   }
+  const look = wishedAppearance();
+  if (look !== null) stated.set("look", look);
   const hash = stated.size === 0 ? "" : `#${stated}`;
   if (hash === written) return;
   written = hash;

@@ -4,6 +4,7 @@
 import type { ControlPoint, StepRow, Transfer } from "./api";
 import { moving } from "./camera";
 import { refresh } from "./frame";
+import { keepHistory, mayRedo, mayUndo, redo, remember, undo } from "./history";
 import { painter } from "./picture";
 import { type Point, GUTTER, gridLine, pathOf, significant } from "./plots";
 import { RETRY_MS, byId, clamp, link, motion, picture, shownRow, store } from "./state";
@@ -27,6 +28,11 @@ interface Colors {
 
 const colors: Colors = { run: null, recorded: null, points: null, selected: 0, stated: false, loading: false, retryAt: 0 };
 
+type Points = ControlPoint[] | null;
+
+/** Colors of a link, until it is known what was recorded. */
+const linked: { points: Points } = { points: null };
+
 /** What became of the colors that were asked for. */
 const asked: { message: string; refused: boolean } = { message: "", refused: false };
 
@@ -36,9 +42,23 @@ const CURVE_TOP = 8;
 const REACH = 14;
 
 /** Control points to draw the shown step with, or none: as recorded, or not a volume. */
-export const wishedPoints = (): ControlPoint[] | null => (shownRow()?.representation === "volume" && colors.run === store.run?.id && !colors.stated ? colors.points : null);
+export function wishedPoints(): Points {
+  if (shownRow()?.representation !== "volume") return null;
+  return colors.run === store.run?.id ? (colors.stated ? null : colors.points) : linked.points;
+}
+
+/** Draws with the colors of a link; null: with those that were recorded. */
+export function takePoints(points: Points): void {
+  if (colors.run !== null && colors.run === store.run?.id && !colors.stated) put(points);
+  else linked.points = points;
+}
 
 const editedPoints = (): ControlPoint[] => colors.points ?? colors.recorded?.points ?? [];
+
+function takeRecorded(run: string, recorded: Transfer): void {
+  Object.assign(colors, { run, recorded, points: linked.points, selected: 0, stated: false });
+  linked.points = null;
+}
 
 async function loadColors(row: StepRow): Promise<void> {
   const wait = colors.loading || performance.now() < colors.retryAt;
@@ -48,14 +68,14 @@ async function loadColors(row: StepRow): Promise<void> {
   const held = painter?.description(run, row.step);
   if (held?.transfer) {
     const { transfer, unrecorded, histogram } = held;
-    Object.assign(colors, { run, recorded: { ...transfer, unrecorded, histogram }, points: null, selected: 0, stated: false });
+    takeRecorded(run, { ...transfer, unrecorded, histogram });
     return refresh();
   }
   if (painter && picture.shown?.by !== "server") return;
   colors.loading = true;
   try {
     const answer = await fetch(`api/transfer?step=${row.step}`, { cache: "no-store" });
-    if (answer.ok) Object.assign(colors, { run, recorded: (await answer.json()) as Transfer, points: null, selected: 0, stated: false });
+    if (answer.ok) takeRecorded(run, (await answer.json()) as Transfer);
   } catch {
     // Asked again below.
   }
@@ -114,8 +134,8 @@ export function drawColors() {
   const ask = byId<HTMLButtonElement>("ask-colors");
   ask.hidden = !store.maySteer || store.steerable.transfer === null;
   ask.disabled = colors.points === null;
-  byId<HTMLButtonElement>("undo-colors").disabled = history.run !== colors.run || history.past.length === 0;
-  byId<HTMLButtonElement>("redo-colors").disabled = history.run !== colors.run || history.undone.length === 0;
+  byId<HTMLButtonElement>("undo-colors").disabled = !mayUndo();
+  byId<HTMLButtonElement>("redo-colors").disabled = !mayRedo();
   drawMessage("colors-message", asked.message, asked.refused);
 }
 
@@ -179,38 +199,9 @@ function applyPreset(name: string): void {
 
 // ---- Editing ---------------------------------------------------------------------------------------------------------
 
-type Points = ControlPoint[] | null;
-
-/** Of run `run`: the points before each change, the newest last, and those that were taken back. */
-const history: { run: string | null; past: Points[]; undone: Points[]; changedAt: number } = { run: null, past: [], undone: [], changedAt: 0 };
-/** Changes that follow each other so soon are one: a drag. */
-const ONE_CHANGE_MS = 400;
-const MOST_PAST = 100;
-
-/** Keeps what is about to change. */
-function remember(): void {
-  if (history.run !== colors.run) Object.assign(history, { run: colors.run, past: [], undone: [], changedAt: 0 });
-  const now = performance.now();
-  if (now - history.changedAt > ONE_CHANGE_MS) history.past.push(colors.points);
-  if (history.past.length > MOST_PAST) history.past.shift();
-  history.undone = [];
-  history.changedAt = now;
-}
-
-/** Back to the points before the last change, or forth again. */
-function travel(from: Points[], to: Points[]): void {
-  if (history.run !== colors.run || from.length === 0) return;
-  to.push(colors.points);
-  history.changedAt = 0;
-  put(from.pop()!);
-}
-
-const undo = () => travel(history.past, history.undone);
-const redo = () => travel(history.undone, history.past);
-
 /** Puts `points` in the place of what is drawn, to be taken back. */
-function setPoints(points: Points, selected = colors.selected): void {
-  remember();
+function setPoints(points: Points, selected = colors.selected, continues = false): void {
+  remember(continues);
   put(points, selected);
 }
 
@@ -227,7 +218,7 @@ function changeSelected(change: Partial<ControlPoint>): void {
   const [before, after] = [points[colors.selected - 1]?.at ?? 0, points[colors.selected + 1]?.at ?? 1];
   const moved = points[colors.selected]!;
   moved.at = clamp(moved.at, before, after);
-  setPoints(points);
+  setPoints(points, colors.selected, true);
 }
 
 /** A new point at `at`: in the color that is there, and as opaque unless told otherwise. */
@@ -337,12 +328,5 @@ export function listenToColors() {
   byId("ask-colors").addEventListener("click", () => void askForColors());
   byId("undo-colors").addEventListener("click", undo);
   byId("redo-colors").addEventListener("click", redo);
-  document.addEventListener("keydown", (event) => {
-    const isText = document.activeElement?.matches("input:not([type=checkbox]):not([type=color])");
-    if (!(event.ctrlKey || event.metaKey) || isText || byId("editor").hidden) return;
-    const action = { z: event.shiftKey ? redo : undo, y: redo }[event.key.toLowerCase()];
-    if (!action) return;
-    event.preventDefault();
-    action();
-  });
+  keepHistory({ get: () => colors.points, put });
 }

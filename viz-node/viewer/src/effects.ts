@@ -4,6 +4,7 @@ import { moving } from "./camera";
 import { drawClip, listenToClip, statedBox, takeBox } from "./clip";
 import type { Description, Effects, Isosurface, RecordedCamera } from "./engine/wasm";
 import { refresh } from "./frame";
+import { keepHistory, mayRedo, mayUndo, redo, remember, undo } from "./history";
 import { painter, shownDescription } from "./picture";
 import { significant } from "./plots";
 import { axesOf } from "./projection";
@@ -23,9 +24,20 @@ const SHADING = { ambient: 0.4, diffuse: 0.6, specular: 0.2, shininess: 32 };
 /** Of the light where the scene has none: from the left and above. */
 const LIGHT: [number, number] = [-30, 40];
 
+/** Effects of a link, until it is known what was recorded. */
+const linked: { effects: Effects | null } = { effects: null };
+
 /** Effects to draw the shown step with, or none: as recorded, or not a volume. */
-export const wishedEffects = (): Effects | null =>
-  shownRow()?.representation === "volume" && chosen.run === store.run?.id ? chosen.wished : null;
+export function wishedEffects(): Effects | null {
+  if (shownRow()?.representation !== "volume") return null;
+  return chosen.run === store.run?.id ? chosen.wished : linked.effects;
+}
+
+/** Draws with the effects of a link; null: with those that were recorded. */
+export function takeEffects(effects: Effects | null): void {
+  if (chosen.run !== null && chosen.run === store.run?.id) put(effects);
+  else linked.effects = effects;
+}
 
 const input = (id: string) => byId<HTMLInputElement>(id);
 
@@ -121,9 +133,9 @@ function stated(description: Description): Effects {
   };
 }
 
-/** Brings the panel to the recorded effects. */
-function takeRecorded(description: Description): void {
-  const effects = description.effects ?? {};
+/** Brings the panel to these effects; null: to the recorded ones. */
+function showEffects(description: Description, wished: Effects | null): void {
+  const effects = wished ?? description.effects ?? {};
   input("shading").checked = effects.shading !== undefined;
   input("shadows").value = String(effects.shadows ?? 0);
   input("occlusion").value = String(effects.ambient_occlusion ?? 0);
@@ -136,18 +148,28 @@ function takeRecorded(description: Description): void {
   stated(description);
 }
 
-/** Draws with what the panel says; the camera's drafts serve here too. */
-function change(): void {
+/** Draws with what the panel says. */
+function change(continues = false): void {
   const { description } = chosen;
   if (!description) return;
-  chosen.wished = stated(description);
-  moving();
-  refresh();
+  remember(continues);
+  draw(stated(description));
 }
 
 function backToRecorded(): void {
-  if (chosen.description) takeRecorded(chosen.description);
-  chosen.wished = null;
+  remember(false);
+  put(null);
+}
+
+/** Puts `wished` in the place of what is drawn and of what the panel says. */
+function put(wished: Effects | null): void {
+  if (chosen.description) showEffects(chosen.description, wished);
+  draw(wished);
+}
+
+/** The camera's drafts serve here too. */
+function draw(wished: Effects | null): void {
+  chosen.wished = wished;
   moving();
   refresh();
 }
@@ -157,19 +179,22 @@ export function drawEffects(): void {
   details.hidden = painter === null || shownRow()?.representation !== "volume";
   const description = shownDescription();
   if (!details.hidden && chosen.run !== store.run?.id && description?.transfer) {
-    Object.assign(chosen, { run: store.run!.id, description, wished: null });
-    takeRecorded(description);
+    Object.assign(chosen, { run: store.run!.id, description, wished: linked.effects });
+    linked.effects = null;
+    showEffects(description, chosen.wished);
   }
   const known = chosen.run === store.run?.id && chosen.description !== null;
   drawClip(!details.hidden && details.open && known);
   byId<HTMLButtonElement>("add-surface").disabled = !known || byId("surfaces").childElementCount >= MOST_SURFACES;
   byId<HTMLButtonElement>("recorded-effects").disabled = chosen.wished === null;
+  byId<HTMLButtonElement>("undo-effects").disabled = !mayUndo();
+  byId<HTMLButtonElement>("redo-effects").disabled = !mayRedo();
 }
 
 export function listenToEffects(): void {
   const details = byId("effects");
   details.addEventListener("toggle", refresh);
-  details.addEventListener("input", change);
+  details.addEventListener("input", () => change(true));
   // Drafts until the control is let go, wherever.
   let slides = false;
   details.addEventListener("pointerdown", ({ target }) => {
@@ -184,5 +209,8 @@ export function listenToEffects(): void {
   window.addEventListener("pointercancel", release);
   byId("add-surface").addEventListener("click", addSurface);
   byId("recorded-effects").addEventListener("click", backToRecorded);
-  listenToClip(change);
+  byId("undo-effects").addEventListener("click", undo);
+  byId("redo-effects").addEventListener("click", redo);
+  keepHistory({ get: () => chosen.wished, put });
+  listenToClip(() => change(true));
 }
