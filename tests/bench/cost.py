@@ -110,6 +110,7 @@ def drawing(rows):
                 parts.append(text(left - 6, y(value) + 4, f"{value:g}", "end"))
         parts += [text(x(tick), bottom + 18, tick) for tick in ticks]
         parts.append(text(round(x0 + panel_width / 2, 1), bottom + 38, title))
+        labels = []
         for kernel, color in COLORS.items():
             line = points(rows, panel, kernel)
             if line:
@@ -119,7 +120,12 @@ def drawing(rows):
                 parts += [f'<circle cx="{a}" cy="{b}" r="2.5" fill="{color}"/>' for a, b in at_pixels]
             if len(line) > 1:
                 a, b = at_pixels[-1]
-                parts.append(text(a + 6, b + 4, f"{exponent(line):.2f}", "start", f' fill="{color}"'))
+                labels.append((b + 4, a + 6, f"{exponent(line):.2f}", color))
+        free = -math.inf
+        # None on another.
+        for b, a, words, color in sorted(labels):
+            free = max(free + 12, b)
+            parts.append(text(a, round(free, 1), words, "start", f' fill="{color}"'))
     for number, (kernel, color) in enumerate(COLORS.items()):
         x0 = left + 110 * number
         parts.append(f'<path d="M{x0} 14h22" stroke="{color}" stroke-width="2"/>')
