@@ -33,7 +33,7 @@ pub struct ViewError {
     pub angle_deg: f64,
     /// Mean squared error of each batch, 0 or more; colors lie in 0..=1.
     pub batch_mse: Vec<f64>,
-    /// Structural similarity ([`crate::ssim()`]), where every pixel of the view was compared.
+    /// Structural similarity ([`crate::ssim::ssim`]), where every pixel of the view was compared.
     pub ssim: Option<f64>,
 }
 
