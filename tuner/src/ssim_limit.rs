@@ -7,7 +7,7 @@
 use crate::Contract;
 use crate::evaluator::Measurement;
 use crate::tune::Trial;
-use lamina_model::{Invalid, Quality};
+use lamina_model::{Invalid, Limits, Quality};
 
 /// Decibels of PSNR by decibels of SSIM before trials tell: `OFFSET + SLOPE * ssim`, about what recorded fields give.
 const OFFSET: f64 = 14.0;
@@ -67,7 +67,7 @@ impl Contract {
             }
         };
         let psnr_db = Some(self.limits.psnr_db.map_or(equal, |own| own.max(equal)));
-        Self { limits: lamina_model::Limits { psnr_db, ..self.limits }, ..self.clone() }
+        Self { limits: Limits { psnr_db, ..self.limits }, ..self.clone() }
     }
 }
 

@@ -26,7 +26,7 @@ pub(super) struct Acquisition {
 
 /// Expectations under a contract.
 pub(super) struct ExpectedImprovement {
-    /// With what limits on quality are as limits on PSNR.
+    /// Its limit on structural similarity stands as one on PSNR, which the models predict.
     pub contract: Contract,
     utility: Utility,
     draws: Vec<[f64; 3]>,

@@ -76,6 +76,8 @@ impl<'a> BayesianSearch<'a> {
         longest_side: u32,
         carried: &[Trial],
     ) -> Self {
+        let of_these = carried.iter().filter(|r| r.params.representation() == representation);
+        let carried: Vec<Trial> = of_these.cloned().collect();
         Self {
             contract,
             utility: contract.utility(),
@@ -83,10 +85,10 @@ impl<'a> BayesianSearch<'a> {
             candidates: Vec::new(),
             marched: Vec::new(),
             tried: Vec::new(),
-            carried: carried.iter().filter(|r| r.params.representation() == representation).cloned().collect(),
+            expected: ExpectedImprovement::new(contract.with_psnr_for_ssim(carried.iter())),
+            carried,
             screening: TimeScreening::new(contract, representation),
             refused: Vec::new(),
-            expected: ExpectedImprovement::new(contract.with_psnr_for_ssim(carried.iter())),
             batches,
             longest_side,
             to_beat: None,
