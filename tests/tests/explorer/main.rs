@@ -1,4 +1,4 @@
-//! The browser draws: by its processor as the viz-node does, to the byte, and by WebGPU within its stated bounds.
+//! The browser draws: by its processor as the viz-node does, to the byte, and by WebGPU and WebGL2 within their stated bounds.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -15,8 +15,11 @@ use std::time::Duration;
 /// Held for writing by the test that has the machine to itself: a GPU in software beside six browsers takes minutes a picture.
 static ALONE: RwLock<()> = RwLock::new(());
 
-/// WebGPU in software; `WEBGPU_FLAGS` holds others for a real GPU.
-const GPU: &str = "--enable-unsafe-webgpu --use-webgpu-adapter=swiftshader";
+/// GPUs in software, by the page's query; `WEBGPU_FLAGS` and `WEBGL_FLAGS` hold others for a real one.
+const GPUS: [(&str, &str); 2] = [
+    ("webgpu", "--enable-unsafe-webgpu --use-webgpu-adapter=swiftshader"),
+    ("webgl", "--use-angle=swiftshader --enable-unsafe-swiftshader"),
+];
 /// Azimuth, elevation, zoom.
 const VIEWS: [[f64; 3]; 6] =
     [[0.0, 0.0, 1.0], [20.0, 10.0, 1.0], [-35.0, 25.0, 1.4], [60.0, -20.0, 0.8], [150.0, 40.0, 1.0], [10.0, 5.0, 3.0]];
@@ -101,9 +104,9 @@ fn the_browsers_processor_draws_the_viz_nodes_picture_to_the_byte() {
     }
 }
 
-fn holds_by_webgpu(arguments: &[&str], views: &[[f64; 3]]) {
-    let flags = std::env::var("WEBGPU_FLAGS").unwrap_or_else(|_| GPU.to_owned());
-    let (lamina, browser, _profile) = watched(arguments, &flags.split(' ').collect::<Vec<_>>(), "?gpu");
+fn holds_by_gpu((api, flags): (&str, &str), arguments: &[&str], views: &[[f64; 3]]) {
+    let flags = std::env::var(format!("{}_FLAGS", api.to_uppercase())).unwrap_or_else(|_| flags.to_owned());
+    let (lamina, browser, _profile) = watched(arguments, &flags.split(' ').collect::<Vec<_>>(), &format!("?{api}"));
     // The processor draws until the kernel is compiled: isosurfaces take SwiftShader half a minute. Chromium ignores changes of an
     // address that follow each other too fast.
     let by_gpu =
@@ -112,25 +115,31 @@ fn holds_by_webgpu(arguments: &[&str], views: &[[f64; 3]]) {
         std::thread::sleep(Duration::from_millis(250));
         browser.js(by_gpu) == json!("gpu")
     };
-    assert!(wait_for(Duration::from_secs(400), drawn_by_gpu), "{arguments:?}: no kernel");
+    assert!(wait_for(Duration::from_secs(400), drawn_by_gpu), "{api}, {arguments:?}: no kernel");
+    let device = browser.js("document.querySelector('#rendered').title");
+    assert!(device.as_str().unwrap().to_lowercase().starts_with(api), "{device}");
     for &view in views {
         look(&browser, view);
         let decibels = -10.0 * difference(&browser, view).log10();
         eprintln!("{decibels:.1} dB: {}", browser.js("document.querySelector('#rendered').textContent"));
-        assert!(decibels >= 50.0, "{arguments:?}, {view:?}: {decibels} dB");
+        assert!(decibels >= 50.0, "{api}, {arguments:?}, {view:?}: {decibels} dB");
         assert_eq!(browser.js("document.querySelector('#picture').dataset.drawnBy"), json!("gpu"));
     }
     end(&browser, lamina);
 }
 
 #[test]
-fn webgpu_draws_the_viz_nodes_picture_within_fifty_decibels() {
+fn the_browsers_gpu_draws_the_viz_nodes_picture_within_fifty_decibels() {
     let _turn = ALONE.write();
-    holds_by_webgpu(&["--representation", "vdi", "--resolution", "96", "--gamma", "0.02"], &VIEWS);
-    holds_by_webgpu(&["--representation", "volume"], &VIEWS);
-    for effects in EFFECTS {
-        let folder = tempfile::tempdir().unwrap();
-        holds_by_webgpu(&["--representation", "volume", "--scene", &scene(&folder, effects)], &VIEWS[1..3]);
+    for gpu in GPUS {
+        holds_by_gpu(gpu, &["--representation", "vdi", "--resolution", "96", "--gamma", "0.02"], &VIEWS);
+        holds_by_gpu(gpu, &["--representation", "volume"], &VIEWS);
+        // SwiftShader compiles the loop over isosurfaces for longer than ten minutes where it comes by WebGL2.
+        let in_software = gpu.0 == "webgl" && std::env::var_os("WEBGL_FLAGS").is_none();
+        for effects in &EFFECTS[..EFFECTS.len() - usize::from(in_software)] {
+            let folder = tempfile::tempdir().unwrap();
+            holds_by_gpu(gpu, &["--representation", "volume", "--scene", &scene(&folder, effects)], &VIEWS[1..3]);
+        }
     }
 }
 
@@ -284,6 +293,25 @@ fn every_button_does_what_it_says() {
     end(&browser, lamina);
 }
 
+/// Turns the report's picture, which `drawn_by` should draw.
+fn is_turned(browser: &Browser, drawn_by: &str) {
+    let still = format!(
+        "(() => {{ const d = document.querySelector('#turntable').dataset; \
+         return d.still === 'true' && d.drawnBy === '{drawn_by}' }})()"
+    );
+    browser.wait_js(&still);
+    let lit = "(() => { const c = document.querySelector('#turntable'); const d = c.getContext('2d').getImageData(0, 0, c.width, \
+            c.height).data; return d.some((v, i) => i % 4 < 3 && v > 60) && [c.width, c.toDataURL()] })()";
+    let front = browser.js(lit);
+    assert!(front[0].as_u64() > Some(256), "something is seen, and large");
+    browser.drag("#turntable", 120, 40);
+    browser.wait_js(&format!("{still} && document.querySelector('#turntable').dataset.azimuth < -10"));
+    assert_ne!(browser.js(lit)[1], front[1], "it has turned");
+    let log = browser.post("/se/log", &json!({"type": "browser"}));
+    let errors: Vec<_> = log.as_array().unwrap().iter().filter(|e| e["level"] == "SEVERE").collect();
+    assert!(errors.is_empty(), "{errors:?}");
+}
+
 #[test]
 fn the_last_step_is_turned_in_the_report_without_a_server() {
     let _turn = ALONE.read();
@@ -294,19 +322,12 @@ fn the_last_step_is_turned_in_the_report_without_a_server() {
             ["live", "--headless", "--cells", "32", "--steps", "2", "--representation", representation, "--out", &out];
         let done = Command::new(binary("lamina")).args(live).env("RUST_LOG", "error").output().unwrap();
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
-        let profile = tempfile::tempdir().unwrap();
-        let browser = Browser::open(&profile.path().display().to_string(), &["--disable-gpu"]);
-        browser.post("/url", &json!({"url": format!("file://{out}/report.html")}));
-        browser.wait_js("document.querySelector('#turntable').dataset.still === 'true'");
-        let lit = "(() => { const c = document.querySelector('#turntable'); const d = c.getContext('2d').getImageData(0, 0, c.width, \
-            c.height).data; return d.some((v, i) => i % 4 < 3 && v > 60) && [c.width, c.toDataURL()] })()";
-        let front = browser.js(lit);
-        assert!(front[0].as_u64() > Some(256), "something is seen, and large");
-        browser.drag("#turntable", 120, 40);
-        browser.wait_js("document.querySelector('#turntable').dataset.still === 'true' && document.querySelector('#turntable').dataset.azimuth < -10");
-        assert_ne!(browser.js(lit)[1], front[1], "it has turned");
-        let log = browser.post("/se/log", &json!({"type": "browser"}));
-        let errors: Vec<_> = log.as_array().unwrap().iter().filter(|e| e["level"] == "SEVERE").collect();
-        assert!(errors.is_empty(), "{errors:?}");
+        for (query, flags, drawn_by) in [("", "--disable-gpu", "cpu"), ("?webgl", GPUS[1].1, "gpu")] {
+            let profile = tempfile::tempdir().unwrap();
+            let flags: Vec<&str> = flags.split(' ').collect();
+            let browser = Browser::open(&profile.path().display().to_string(), &flags);
+            browser.post("/url", &json!({"url": format!("file://{out}/report.html{query}")}));
+            is_turned(&browser, drawn_by);
+        }
     }
 }

@@ -52,7 +52,7 @@ fn the_built_engine_is_of_these_sources() {
         ["model", "message", "codec", "compute", "raycast", "vdi-render"].map(|name| format!("../../proto/{name}"));
     let of = |folder: &str| [format!("{folder}/src"), format!("{folder}/Cargo.toml")];
     let paths: Vec<String> = crates.iter().map(String::as_str).chain(["engine"]).flat_map(of).collect();
-    let paths: Vec<&str> = paths.iter().map(String::as_str).collect();
+    let paths: Vec<&str> = paths.iter().map(String::as_str).chain(["engine/examples"]).collect();
     let is_source = |name: &str| !name.contains("/tests/") && !name.ends_with("/tests.rs");
     is_built_of(&sums(&paths, is_source), "engine.sha256", "build engine");
 }

@@ -1,7 +1,10 @@
-// One step that can be turned in a file of its own, without a server: engine and step are in the document, in base64.
+// One step that can be turned in a file of its own, without a server: engine and step are in the document, in base64. WebGL2 draws,
+// which browsers give to files too, or the processor.
 
 import { DraftSize } from "./draft_size";
-import { Engine, FRONT, type Pose } from "./engine/wasm";
+import type { Renderer } from "./engine/renderer";
+import { type Description, Engine, FRONT, type Pose } from "./engine/wasm";
+import { WebGl } from "./engine/webgl";
 
 const STILL_AFTER_MS = 150;
 const LARGEST_SIZE = 768;
@@ -24,6 +27,8 @@ class Turntable {
     private readonly canvas: HTMLCanvasElement,
     private readonly engine: Engine,
     private readonly handle: number,
+    private readonly description: Description,
+    private readonly gpu: Renderer | null,
   ) {
     this.listen();
     this.move(FRONT);
@@ -32,10 +37,8 @@ class Turntable {
   private move(pose: Pose): void {
     const { azimuth, elevation, zoom } = pose;
     this.pose = { ...pose, azimuth, elevation: Math.min(Math.max(elevation, -89), 89), zoom: Math.min(Math.max(zoom, 0.25), 8) };
-    this.frame ||= requestAnimationFrame(() => {
-      this.frame = 0;
-      void this.draw(this.draft.side, false);
-    });
+    // One draft at a time: else each would give way to the next in motion, and none be seen.
+    this.frame ||= requestAnimationFrame(() => void this.draw(this.draft.side, false).finally(() => (this.frame = 0)));
     clearTimeout(this.timer);
     const side = Math.min(Math.round(this.canvas.clientWidth * devicePixelRatio), LARGEST_SIZE);
     this.timer = setTimeout(() => void this.draw(side, true), STILL_AFTER_MS);
@@ -44,18 +47,37 @@ class Turntable {
   private async draw(side: number, still: boolean): Promise<void> {
     const picture = ++this.drawn;
     const begun = performance.now();
+    const wanted = () => picture === this.drawn;
+    const byGpu = await this.onGpu(side, still, wanted);
+    const bitmap = byGpu ?? (wanted() ? await this.onProcessor(side, still, wanted) : null);
+    if (!bitmap) return;
+    [this.canvas.width, this.canvas.height] = [side, side];
+    this.canvas.getContext("2d")!.drawImage(bitmap, 0, 0);
+    bitmap.close();
+    Object.assign(this.canvas.dataset, { still, azimuth: this.pose.azimuth, drawnBy: byGpu ? "gpu" : "cpu" });
+    if (!still) this.draft.record(side, performance.now() - begun);
+  }
+
+  /** Null where there is no GPU that can, or the picture is no longer wanted. */
+  private async onGpu(side: number, still: boolean, wanted: () => boolean): Promise<ImageBitmap | null> {
+    const { gpu, handle, description, pose } = this;
+    if (!gpu || gpu.lost !== null || !description.visible) return null;
+    try {
+      const ready = gpu.ready(handle, description, () => this.move(this.pose));
+      return ready ? await gpu.draw(handle, pose, side, still, wanted) : null;
+    } catch {
+      // The processor draws what the device failed at.
+      return null;
+    }
+  }
+
+  private async onProcessor(side: number, still: boolean, wanted: () => boolean): Promise<ImageBitmap | null> {
     this.engine.begin(this.handle, this.pose, side, side, still);
     for (;;) {
       const pixels = this.engine.advance();
-      if (pixels) {
-        [this.canvas.width, this.canvas.height] = [side, side];
-        this.canvas.getContext("2d")!.putImageData(new ImageData(pixels, side, side), 0, 0);
-        Object.assign(this.canvas.dataset, { still, azimuth: this.pose.azimuth });
-        if (!still) this.draft.record(side, performance.now() - begun);
-        return;
-      }
+      if (pixels) return createImageBitmap(new ImageData(pixels, side, side));
       await new Promise((resolve) => setTimeout(resolve));
-      if (picture !== this.drawn) return;
+      if (!wanted()) return null;
     }
   }
 
@@ -90,9 +112,11 @@ class Turntable {
 async function start(): Promise<void> {
   const canvas = document.getElementById("turntable") as HTMLCanvasElement;
   try {
+    // `?webgl`: also in software.
+    const software = new URLSearchParams(location.search).has("webgl");
     const engine = await Engine.of(await unpacked(content("lamina-engine")));
-    const { handle } = engine.open(content("lamina-step"));
-    new Turntable(canvas, engine, handle);
+    const { handle, description } = engine.open(content("lamina-step"));
+    new Turntable(canvas, engine, handle, description, WebGl.open(engine, software));
   } catch (error) {
     const sentence = document.createElement("p");
     sentence.textContent = `It cannot be drawn here: ${error instanceof Error ? error.message : String(error)}`;

@@ -16,11 +16,11 @@ export const painter = browserPainter();
 let serverDraws = painter === null;
 
 function browserPainter(): BrowserPainter | null {
-  // `?cpu`, `?gpu` and `?server` choose for themselves: to compare, and where a GPU draws wrongly.
+  // `?cpu`, `?webgpu`, `?webgl` and `?server` choose for themselves: to compare, and where a GPU draws wrongly.
   const asked = new URLSearchParams(location.search);
   if (asked.has("server")) return null;
   if (typeof WebAssembly !== "object" || typeof OffscreenCanvas !== "function") return null;
-  const worker = new Worker(new URL("./engine/worker.ts", import.meta.url), { type: "module", name: asked.has("cpu") ? "cpu" : asked.has("gpu") ? "gpu" : "" });
+  const worker = new Worker(new URL("./engine/worker.ts", import.meta.url), { type: "module", name: ["cpu", "webgpu", "webgl"].find((name) => asked.has(name)) ?? "" });
   return new BrowserPainter(worker, refreshStatus, () => {
     serverDraws = true;
     refresh();
@@ -35,8 +35,12 @@ export const shownDescription = (): Description | null => (picture.shown && pain
 /** What drew the picture on the stage, in words. */
 export const deviceText = ({ by }: Shown): string => DRAWN_BY[by];
 
-/** Why it is not the GPU, where it is not. */
-export const deviceReason = ({ by }: Shown): string => (by === "cpu" && painter?.device?.kind === "cpu" ? painter.device.why : "");
+/** Which GPU, or why there is none. */
+export function deviceReason({ by }: Shown): string {
+  const device = painter?.device;
+  if (device?.kind !== by) return "";
+  return device.kind === "cpu" ? device.why : `${device.api}: ${device.name}`;
+}
 
 function fullSize(): number {
   const side = byId("picture").clientWidth * (window.devicePixelRatio || 1);

@@ -101,7 +101,7 @@ fn next_sample(span: RaySpan, state: ptr<function, MarchState>) -> MarchSample {
 
 fn distance_at(brick: vec3u) -> u32 {
     let n = (brick.z * volume.bricks.y + brick.y) * volume.bricks.x + brick.x;
-    return extractBits(distances[n / 4u], 8u * (n % 4u), 8u);
+    return (distances[n / 4u] >> (8u * (n % 4u))) & 0xffu;
 }
 
 // Interpolates the position in the range at `index`; false if a voxel of the cell is not finite.

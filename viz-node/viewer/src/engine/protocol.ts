@@ -3,7 +3,7 @@
 import type { Description, Pose, Slice } from "./wasm";
 
 /** What draws. */
-export type Device = { kind: "gpu"; name: string } | { kind: "cpu"; why: string };
+export type Device = { kind: "gpu"; api: "WebGPU" | "WebGL2"; name: string } | { kind: "cpu"; why: string };
 
 export type Request =
   /** Decode `bytes` and hold them as `key`. */

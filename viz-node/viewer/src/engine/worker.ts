@@ -1,8 +1,10 @@
 // The worker that decodes and draws, so that the page never waits.
 
-import { Gpu } from "./gpu";
 import type { Device, Reply, Request } from "./protocol";
+import type { Renderer } from "./renderer";
 import { type Description, Engine } from "./wasm";
+import { WebGl } from "./webgl";
+import { WebGpu } from "./webgpu";
 
 type Draw = Extract<Request, { kind: "draw" }>;
 
@@ -35,13 +37,12 @@ class Painter {
 
   constructor(
     private readonly engine: Engine,
-    private gpu: Gpu | null,
+    private gpu: Renderer | null,
   ) {}
 
   device(): Device {
-    if (this.gpu) return { kind: "gpu", name: this.gpu.name };
-    if (!isSecureContext) return { kind: "cpu", why: "browsers give WebGPU to https and to localhost only: tunnel the port" };
-    return { kind: "cpu", why: "gpu" in navigator ? "WebGPU has no device here" : "this browser has no WebGPU" };
+    if (this.gpu) return { kind: "gpu", api: this.gpu.api, name: this.gpu.name };
+    return { kind: "cpu", why: "neither WebGPU nor WebGL2 has a GPU here" };
   }
 
   open(key: string, bytes: Uint8Array): void {
@@ -168,6 +169,15 @@ function background({ background: [red, green, blue] }: Description, side: numbe
   return canvas.transferToImageBitmap();
 }
 
+/** Browsers give WebGPU to pages of https and of localhost only, and many have none. */
+async function device(): Promise<Renderer | null> {
+  // The worker's name is what should draw, where somebody asked; then software will do.
+  const asked = self.name;
+  if (asked === "cpu") return null;
+  const webGpu = asked === "webgl" ? null : await WebGpu.open(engine, asked === "webgpu");
+  return webGpu ?? (asked === "webgpu" ? null : WebGl.open(engine, asked === "webgl"));
+}
+
 const early: Request[] = [];
 let painter: Painter | null = null;
 
@@ -183,8 +193,6 @@ function take(request: Request): void {
 onmessage = ({ data }: MessageEvent<Request>) => take(data);
 
 const engine = await Engine.load("engine.wasm");
-// The worker's name is what should draw, where somebody asked.
-const gpu = self.name === "cpu" ? null : await Gpu.open(engine, self.name === "gpu");
-painter = new Painter(engine, gpu);
+painter = new Painter(engine, await device());
 reply({ kind: "ready", device: painter.device() });
 early.splice(0).forEach(take);

@@ -1,13 +1,11 @@
 // Drawing by WebGPU: the kernels of proto/vdi-render and proto/raycast, whose resources the engine gives as bytes.
 
 import present from "./present.wgsl?raw";
+import { BAND_ROWS, type Renderer } from "./renderer";
 import { type Description, type Engine, FRONT, type Pose, type Resource } from "./wasm";
 
 /** Bytes of a pixel's color: red, green, blue in single precision. */
 const COLOR_BYTES = 12;
-
-/** Rows of a still picture drawn at a time; a band begins at a multiple of what offsets of buffers have to be. */
-const BAND_ROWS = 64;
 
 /** Sizes of pictures whose buffers are kept: of drafts, and of stills. */
 const TARGETS = 3;
@@ -42,8 +40,8 @@ const layoutEntry = (binding: number, kind: Resource["kind"] | "written"): GPUBi
   return { binding, visibility, buffer: { type } };
 };
 
-export class Gpu {
-  /** Why the device is gone, once it is. */
+export class WebGpu implements Renderer {
+  readonly api = "WebGPU";
   lost: string | null = null;
   private readonly residents = new Map<number, Resident>();
   private readonly compiling = new Set<string>();
@@ -65,7 +63,7 @@ export class Gpu {
   }
 
   /** Null where the browser has none that works, or only one in software, which the processor's own renderer outruns. */
-  static async open(engine: Engine, software: boolean): Promise<Gpu | null> {
+  static async open(engine: Engine, software: boolean): Promise<WebGpu | null> {
     const adapter = await navigator.gpu?.requestAdapter({ powerPreference: "high-performance" }).catch(() => null);
     if (!adapter || (adapter.info.isFallbackAdapter && !software)) return null;
     const { maxStorageBufferBindingSize, maxBufferSize, maxTextureDimension3D } = adapter.limits;
@@ -77,7 +75,7 @@ export class Gpu {
     const pipeline = await device.createComputePipelineAsync({ layout: "auto", compute }).catch(() => null);
     if (!pipeline) return null;
     const { vendor, architecture, description } = adapter.info;
-    return new Gpu(device, engine, pipeline, description || `${vendor} ${architecture}`.trim());
+    return new WebGpu(device, engine, pipeline, description || `${vendor} ${architecture}`.trim());
   }
 
   /** Uploads a step, unless it is there; null while its kernel is compiled, after which `compiled` is called. */
@@ -102,12 +100,10 @@ export class Gpu {
     this.residents.delete(handle);
   }
 
-  /** Whether step `handle` can be drawn now; if not, its kernel is compiled, and then `compiled` called. */
   ready(handle: number, description: Description, compiled: () => void): boolean {
     return this.load(handle, description, compiled) !== null;
   }
 
-  /** A picture of step `handle`, which is ready; null if it is no longer `wanted`. A device that fails once is lost. */
   async draw(handle: number, pose: Pose, side: number, still: boolean, wanted: () => boolean): Promise<ImageBitmap | null> {
     try {
       return await this.picture(handle, pose, side, still, wanted);
