@@ -1,13 +1,13 @@
 """Reads a reduced volume's file, from the page proto/formats/volume.md alone, and prints its points (`nx ny nz`), its error
-bound, then a value a line, x fastest.
-Usage: read_volume.py FILE"""
+bound, then a value a line, x fastest. A volume that is coded after another one needs that one's file, and so on.
+Usage: read_volume.py FILE [FILE BEFORE ..]"""
 import struct, sys, zlib
 from ctypes import c_float
 from range_coder import SQUASH, STRETCH, Coder, clamp, update
 
 CLASSES = [(0,), (1,), (2,), (0, 1), (0, 2), (1, 2), (0, 1, 2)]
 WEIGHTS = {1: (-8, 0), 2: (-4, -4, 0, 0), 3: (-3, -3, -3, 0, 0, 0, 0)}
-LIMITS = 60, 90, 40, 90, 60
+LIMITS = 60, 90, 40, 90, 60, 60
 
 
 def f32(x):
@@ -27,25 +27,27 @@ def sign3(x):
 
 
 class Mixer:
-    def __init__(self):
-        self.tables, self.mixers = [{} for _ in range(5)], {}
+    def __init__(self, inputs=5):
+        self.tables, self.mixers, self.first = [{} for _ in range(inputs)], {}, [65536 * 7 // 4 // inputs] * inputs
 
-    # A bit whose probability mixes five models.
+    # A bit whose probability mixes several models.
     def decode_bit(self, coder, indices, mixer):
         models = [table.setdefault(i, [1 << 21, 0]) for table, i in zip(self.tables, indices)]
-        weights = self.mixers.setdefault(mixer, [65536 * 7 // 20] * 5)
+        weights = self.mixers.setdefault(mixer, list(self.first))
         stretched = [STRETCH[c[0] >> 10] for c in models]
         p = SQUASH[clamp(sum(w * s for w, s in zip(weights, stretched)) >> 16, -2047, 2047) + 2047]
         found = coder.bit(p)
         e = (65536 if found else 0) - p >> 4
-        for i, limit in enumerate(LIMITS):
+        for i, limit in zip(range(len(models)), LIMITS):
             weights[i] = clamp(weights[i] + (stretched[i] * e + 2048 >> 12), -196608, 196608)
             update(models[i], found, limit)
         return found
 
 
 class Band:
-    def __init__(self, data, size, bound):
+    # `past`: the values of the moved volume before, if the band is coded after it.
+    def __init__(self, data, size, bound, past=None):
+        self.past = past
         self.low, self.high, first = struct.unpack_from("<3f", data)
         if not -float("inf") < self.low <= first <= self.high < float("inf"):
             sys.exit("damaged: a band's range is none")
@@ -54,7 +56,7 @@ class Band:
         self.values = [first] * (size[0] * size[1] * size[2])
         self.residuals = [0] * len(self.values)
         self.flags, self.own, self.larger, self.digit, self.signs = {}, {}, {}, {}, {}
-        self.mixer = Mixer()
+        self.mixer = Mixer(6 if past else 5)
         before = None
         for self.level in reversed(range((max(size) - 1).bit_length())):
             before = self.one_level(1 << self.level, before)
@@ -82,27 +84,32 @@ class Band:
             if self.coder.modeled_bit(self.own, 0):
                 weights = [(self.coder.uniform(8) ^ 128) - 128 for _ in weights]
             weights = [w / 64 for w in weights]
+            share = ((self.coder.uniform(8) ^ 128) - 128) / 64 if self.past else 0
             for z in zs:
                 for y in ys:
                     for x in xs:
-                        self.point((x, y, z), h, number, odd, weights, active[x // (8 * h), y // (8 * h), z // (8 * h)])
+                        self.point((x, y, z), h, number, odd, weights, share, active[x // (8 * h), y // (8 * h), z // (8 * h)])
         return active
 
-    def point(self, at, h, number, odd, weights, active):
+    def point(self, at, h, number, odd, weights, share, active):
         i = sum(c * s for c, s in zip(at, self.strides))
-        expected, t0, slope, bend, near = self.expect(i, at, h, odd, weights)
+        expected, t0, slope, bend, near = self.expect(self.values, i, at, h, odd, weights)
+        expected, missed = self.within(expected), 0.0
+        if self.past:
+            missed = f32(self.past[i] - self.expect(self.past, i, at, h, odd, weights)[0])
+            expected = self.within(f32(expected + f32(share * missed)))
         self.values[i] = expected
         if not active:
             return
-        q = self.residual(i, at, h, number, t0, slope, bend, near)
+        q = self.residual(i, at, h, number, t0, slope, bend, missed, near)
         if isinstance(q, float):
             self.values[i], self.residuals[i] = self.within(q), 127
         elif q:
             self.values[i] = self.within(f32(expected + f32(f32(q * self.step) - (self.bias if q > 0 else -self.bias))))
             self.residuals[i] = clamp(q, -127, 127)
 
-    def expect(self, i, at, h, odd, weights):
-        v, half = self.values, lambda a, b: f32(f32(a + b) * 0.5)
+    def expect(self, v, i, at, h, odd, weights):
+        half = lambda a, b: f32(f32(a + b) * 0.5)
 
         # Where the neighbors d before and after along an axis are, relative to the point.
         def places(a, d, after_outside):
@@ -140,10 +147,10 @@ class Band:
         expected = base
         for w, difference in zip(weights, t):
             expected = f32(expected + f32(w * difference))
-        return self.within(expected), t[0], slope, bend, near
+        return expected, t[0], slope, bend, near
 
     # The residual in steps, or a float: the value itself.
-    def residual(self, i, at, h, number, t0, slope, bend, places):
+    def residual(self, i, at, h, number, t0, slope, bend, missed, places):
         coder, residuals, d = self.coder, self.residuals, [2 * h * s for s in self.strides]
         bx, by, bz = (residuals[i - d[a]] if at[a] >= 2 * h else 0 for a in range(3))
         diagonal, row = 0, 1 if at[1] >= 2 * h else 2
@@ -160,6 +167,8 @@ class Band:
             (4 * number + min(self.level, 3)) * 16 + min(near + 2 * back + diagonal, 15),
             (16 * order + b) * 8 + total,
             ((9 * (3 * order + x) + 3 * y + z) * 4 + min(near, 3)) * 2 + min(diagonal, 1))
+        if self.past:
+            contexts += (16 * order + octave(f32(missed * self.scale))) * 8 + total,
         q = 0
         while q < 3 and self.mixer.decode_bit(coder, [(c, q) for c in contexts], (q, 2 * k + min(total, 1))):
             q += 1
@@ -339,40 +348,112 @@ def fields(message):
     return found
 
 
-data = open(sys.argv[1], "rb").read()
-if data[:4] != b"LVOL":
-    sys.exit("not a reduced volume: the magic bytes are missing")
-if len(data) < 14 or zlib.crc32(data[:-4]) != int.from_bytes(data[-4:], "little"):
-    sys.exit("damaged: the checksum differs")
-version, length = struct.unpack_from("<HI", data, 4)
-if version not in (1, 2, 3) or length > min(262144, len(data) - 14):
-    sys.exit(f"version {version} with a header of {length} bytes is not known to this reader")
-header = fields(data[10:10 + length])
-grid, params = fields(header.get(1, b"")), fields(header.get(3, b""))
-nx, ny, nz = (grid.get(k, 0) for k in (1, 2, 3))
-if params.get(5) != 1 or not nx * ny * nz:
-    sys.exit("the header is not of a volume")
-bound = max(f32(struct.unpack("<d", params.get(2, bytes(8)))[0]), f32(1e-6))
-count = max(1, min(nx * ny * nz >> 22, nz // 16))
-at, missing = 10 + length, ()
-if version > 1:
-    size = int.from_bytes(data[at:at + 8], "little")
-    missing = mask(data[at + 8:at + 8 + size], (nx, ny, nz)) if size or version == 2 else ()
-    at += 8 + size
-lengths_at, at = at, at + 8 * count
-if at > len(data) - 4:
-    sys.exit("damaged: the lengths of the bands are missing")
-lengths = struct.unpack_from(f"<{count}Q", data, lengths_at)
-if min(lengths) < 12 or at + sum(lengths) != len(data) - 4:
-    sys.exit("damaged: the bands' lengths do not fit the file")
-print(nx, ny, nz)
+# Values between the points of a volume.
+def sampled(values, size, place):
+    base, weight = [], []
+    for x, n in zip(place, size):
+        x = clamp(x, 0.0, n - 1.0)
+        base.append(min(int(x), max(n - 2, 0)))
+        weight.append(f32(x - base[-1]))
+    step = [n > 1 for n in size]
+    lerp = lambda a, b, w: f32(a + f32(w * f32(b - a)))
+    v = lambda x, y, z: values[((base[2] + z * step[2]) * size[1] + base[1] + y * step[1]) * size[0] + base[0] + x * step[0]]
+    row = lambda y, z: lerp(v(0, y, z), v(1, y, z), weight[0])
+    plane = lambda z: lerp(row(0, z), row(1, z), weight[1])
+    return lerp(plane(0), plane(1), weight[2])
+
+
+# The values of the volume before where the motion says that each point comes from.
+def moved(data, values, old, size):
+    if old != size:
+        scale = [f32((m - 1) / max(n - 1, 1)) for m, n in zip(old, size)]
+        places = ((x, y, z) for z in range(size[2]) for y in range(size[1]) for x in range(size[0]))
+        values = [sampled(values, old, [f32(c * s) for c, s in zip(at, scale)]) for at in places]
+    coder, control = Coder(data), [-(-(n - 1) // 16) + 1 for n in size]
+    some, less, longer, vectors = {}, {}, {}, {}
+    for z in range(control[2]):
+        for y in range(control[1]):
+            for x in range(control[0]):
+                near = (x - 1, y, z) if x else (x, y - 1, z) if y else (x, y, z - 1)
+                vector, changed = list(vectors.get(near, (0, 0, 0))), 0
+                for axis in range(3):
+                    if not coder.modeled_bit(some, (axis, changed)):
+                        continue
+                    changed += 1
+                    negative, n = coder.modeled_bit(less, axis), 0
+                    while n < 7 and coder.modeled_bit(longer, (axis, n)):
+                        n += 1
+                    change = 1 << n | coder.uniform(n)
+                    vector[axis] = (vector[axis] + (-change if negative else change) + 128) % 256 - 128
+                vectors[x, y, z] = vector
+    lerp = lambda a, b, w: [f32(p + f32(w * f32(q - p))) for p, q in zip(a, b)]
+    place = lambda i, n: (i // 16, min(i // 16 + 1, n - 1), i % 16 / 16)
+    out = []
+    for z in range(size[2]):
+        for y in range(size[1]):
+            (y0, y1, wy), (z0, z1, wz) = place(y, control[1]), place(z, control[2])
+            at = lambda *p: [c / 4 for c in vectors[p]]
+            row = [lerp(lerp(at(x, y0, z0), at(x, y1, z0), wy), lerp(at(x, y0, z1), at(x, y1, z1), wy), wz) for x in range(control[0])]
+            for x in range(size[0]):
+                x0, x1, wx = place(x, control[0])
+                out.append(sampled(values, size, [f32(c + d) for c, d in zip((x, y, z), lerp(row[x0], row[x1], wx))]))
+    return out
+
+
+# Dimensions, error bound, values (None where missing) and checksum of the first of these files, which may be coded after the second.
+def volume(paths):
+    data = open(paths[0], "rb").read()
+    if data[:4] != b"LVOL":
+        sys.exit("not a reduced volume: the magic bytes are missing")
+    if len(data) < 14 or zlib.crc32(data[:-4]) != int.from_bytes(data[-4:], "little"):
+        sys.exit("damaged: the checksum differs")
+    version, length = struct.unpack_from("<HI", data, 4)
+    if version not in (1, 2, 3, 4) or length > min(262144, len(data) - 14):
+        sys.exit(f"version {version} with a header of {length} bytes is not known to this reader")
+    header = fields(data[10:10 + length])
+    grid, params = fields(header.get(1, b"")), fields(header.get(3, b""))
+    nx, ny, nz = size = tuple(grid.get(k, 0) for k in (1, 2, 3))
+    if params.get(5) != 1 or not nx * ny * nz:
+        sys.exit("the header is not of a volume")
+    bound = max(f32(struct.unpack("<d", params.get(2, bytes(8)))[0]), f32(1e-6))
+    count = max(1, min(nx * ny * nz >> 22, nz // 16))
+    at, missing, past = 10 + length, (), None
+    if version > 1:
+        part = int.from_bytes(data[at:at + 8], "little")
+        missing = mask(data[at + 8:at + 8 + part], size) if part or version == 2 else ()
+        at += 8 + part
+    if version == 4:
+        checksum, part = struct.unpack_from("<IQ", data, at)
+        if len(paths) < 2:
+            sys.exit(f"it is coded after the volume with the checksum {checksum:08x}: name that file too")
+        old, _, values, found = volume(paths[1:])
+        if found != checksum:
+            sys.exit(f"it is coded after the volume with the checksum {checksum:08x}, not after {found:08x}")
+        past = moved(data[at + 12:at + 12 + part], [v or 0.0 for v in values], old, size)
+        at += 12 + part
+    lengths_at, at = at, at + 8 * count
+    if at > len(data) - 4:
+        sys.exit("damaged: the lengths of the bands are missing")
+    lengths = struct.unpack_from(f"<{count}Q", data, lengths_at)
+    if min(lengths) < 12 or at + sum(lengths) != len(data) - 4:
+        sys.exit("damaged: the bands' lengths do not fit the file")
+    values = []
+    for k in range(count):
+        low, high = (i * nz // count for i in (k, k + 1))
+        sides, coded = (nx, ny, high - low), data[at:at + lengths[k]]
+        kind, coded = (coded[0], coded[1:]) if version >= 3 else (0, coded)
+        if kind > (2 if past else 1) or len(coded) < 12:
+            sys.exit("damaged: a band's coding is not known")
+        here = past[nx * ny * low:nx * ny * high] if kind == 2 else None
+        band = WaveletBand(coded, sides) if kind == 1 else Band(coded, sides, bound, here)
+        values += band.values
+        at += lengths[k]
+    for i in missing:
+        values[i] = None
+    return size, bound, values, int.from_bytes(data[-4:], "little")
+
+
+size, bound, values, _ = volume(sys.argv[1:])
+print(*size)
 print("%.9g" % bound)
-for k in range(count):
-    size, coded = (nx, ny, (k + 1) * nz // count - k * nz // count), data[at:at + lengths[k]]
-    kind, coded = (coded[0], coded[1:]) if version == 3 else (0, coded)
-    if kind > 1 or len(coded) < 12:
-        sys.exit("damaged: a band's coding is not known")
-    band = WaveletBand(coded, size) if kind else Band(coded, size, bound)
-    first = nx * ny * (k * nz // count)
-    print("\n".join("nan" if first + i in missing else "%.9g" % v for i, v in enumerate(band.values)))
-    at += lengths[k]
+print("\n".join("nan" if v is None else "%.9g" % v for v in values))

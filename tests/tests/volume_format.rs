@@ -4,19 +4,46 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use glam::DVec3;
-use lamina_codec::{DecodeLimits, ErrorMeasure, volume};
+use lamina_codec::volume::{self, ReferenceVolume};
+use lamina_codec::{DecodeLimits, ErrorMeasure};
 use lamina_model::{
     Camera, ControlPoint, Effects, Grid, ReducedVolume, ScalarRange, Scale, Scene, TransferFunction, VolumeParams,
 };
 use std::path::Path;
 use std::process::{Command, Output};
 
-fn read_volume(bytes: &[u8]) -> Output {
+/// What the script says of a file, which may be coded after the next of `files`.
+fn read_volumes(files: &[&[u8]]) -> Output {
     let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("x.lvol");
-    std::fs::write(&file, bytes).unwrap();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("read_volume.py");
-    Command::new("python3").arg(script).arg(file).output().unwrap()
+    let mut command = Command::new("python3");
+    command.arg(script);
+    for (n, bytes) in files.iter().enumerate() {
+        let file = folder.path().join(format!("{n}.lvol"));
+        std::fs::write(&file, bytes).unwrap();
+        command.arg(file);
+    }
+    command.output().unwrap()
+}
+
+fn read_volume(bytes: &[u8]) -> Output {
+    read_volumes(&[bytes])
+}
+
+/// Holds what the script says of `files` to the volume that the first one decodes to.
+fn sees(files: &[&[u8]], decoded: &ReducedVolume) {
+    let dims = decoded.grid().dims();
+    let output = read_volumes(files);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let mut lines = text.lines();
+    assert_eq!(lines.next().unwrap(), format!("{} {} {}", dims[0], dims[1], dims[2]));
+    let bound: f64 = lines.next().unwrap().parse().unwrap();
+    assert!((bound - decoded.params().error_bound()).abs() <= 1e-7 * bound);
+    let values: Vec<f32> = lines.map(|l| l.parse().unwrap()).collect();
+    assert_eq!(values.len(), decoded.units().len());
+    let differ = values.iter().zip(decoded.units()).position(|(a, b)| a != b && !(a.is_nan() && b.is_nan()));
+    assert_eq!(differ, None, "{dims:?}: the first value that differs");
 }
 
 fn reduced(dims: [usize; 3], bound: f64, unit: impl Fn(DVec3) -> f64) -> ReducedVolume {
@@ -65,17 +92,44 @@ fn an_independent_reader_sees_every_value() {
         let dims = volume.grid().dims();
         assert_eq!(bytes[4] == 3, measure == ErrorMeasure::MeanSquare, "{dims:?}, {} bytes", bytes.len());
         let back = volume::decode(&bytes, &DecodeLimits::default()).unwrap();
-        let output = read_volume(&bytes);
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        let text = String::from_utf8(output.stdout).unwrap();
-        let mut lines = text.lines();
-        assert_eq!(lines.next().unwrap(), format!("{} {} {}", dims[0], dims[1], dims[2]));
-        let bound: f64 = lines.next().unwrap().parse().unwrap();
-        assert!((bound - volume.params().error_bound()).abs() <= 1e-7 * bound);
-        let values: Vec<f32> = lines.map(|l| l.parse().unwrap()).collect();
-        assert_eq!(values.len(), back.units().len());
-        let differ = values.iter().zip(back.units()).position(|(a, b)| a != b && !(a.is_nan() && b.is_nan()));
-        assert_eq!(differ, None, "{dims:?}: the first value that differs");
+        sees(&[&bytes], &back);
+    }
+}
+
+#[test]
+fn an_independent_reader_sees_volumes_coded_after_others() {
+    let limits = DecodeLimits::default();
+    // A front and waves that move; with a ball of missing points, and on fewer points first.
+    let moving = |t: f64| {
+        move |p: DVec3| {
+            let p = p - DVec3::new(1.75 * t, 0.5 * t, -t);
+            0.5 + 0.1 * (0.5 * p.x).sin() * (0.4 * p.y).cos()
+                + 0.2 * (2.0 * (8.0 - (p - DVec3::splat(10.0)).length())).tanh()
+        }
+    };
+    let holed = |t| move |p: DVec3| if (p - DVec3::splat(4.0)).length() < 3.0 { f64::NAN } else { moving(t)(p) };
+    let dims = [35, 22, 19];
+    for steps in [
+        [reduced(dims, 0.004, moving(0.0)), reduced(dims, 0.004, moving(1.0)), reduced(dims, 0.002, moving(2.0))],
+        [reduced(dims, 0.01, holed(0.0)), reduced(dims, 0.01, holed(1.0)), reduced(dims, 0.01, holed(1.5))],
+        [
+            reduced([1, 22, 19], 0.01, moving(0.0)),
+            reduced(dims, 0.01, moving(0.0)),
+            reduced([18, 12, 10], 0.01, moving(0.5)),
+        ],
+    ] {
+        let mut files: Vec<Vec<u8>> = Vec::new();
+        let mut reference: Option<ReferenceVolume> = None;
+        for step in &steps {
+            let bytes = volume::encode_after(step, ErrorMeasure::Maximum, reference.as_ref());
+            let back = volume::decode_after(&bytes, &limits, reference.as_ref()).unwrap();
+            reference = Some(ReferenceVolume::new(&bytes, &back));
+            files.insert(0, bytes);
+            sees(&files.iter().map(|f| &f[..]).collect::<Vec<_>>(), &back);
+        }
+        assert_eq!(files[0][4], 4, "coded after the one before");
+        let alone = read_volume(&files[0]);
+        assert!(!alone.status.success() && String::from_utf8_lossy(&alone.stderr).contains("is coded after"));
     }
 }
 

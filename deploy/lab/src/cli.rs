@@ -25,6 +25,8 @@ pub(crate) enum LabCommand {
     Study(StudyArguments),
     /// Measure decibels against bytes of every representation and coding for a volume
     Rd(Rd),
+    /// Measure what coding each reduced volume of a series after the one before saves
+    Consecutive(Consecutive),
     /// Measure what each step of accuracy costs for a volume: error, time and bytes
     Accuracy(Accuracy),
     /// Measure what this machine takes for a volume or a .vdi: times, or memory
@@ -70,6 +72,22 @@ pub(crate) struct StudyArguments {
     /// What casts rays and draws: auto (a GPU if there is a real one), cpu or gpu
     #[arg(long, default_value_t)]
     pub backend: Choice,
+}
+
+/// Options of `lamina-lab consecutive`.
+#[derive(Args)]
+pub(crate) struct Consecutive {
+    #[command(flatten)]
+    pub input: Input,
+    /// Steps after the first, which --time-step names
+    #[arg(long, default_value_t = 4, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub steps: u32,
+    /// Sample points of the longest side
+    #[arg(long, default_value_t = 1024, value_name = "R")]
+    pub resolution: u32,
+    /// Error bounds, shares of the range shown
+    #[arg(long, default_value = "0.03,0.01,0.003,0.001", value_delimiter = ',', value_name = "G,..")]
+    pub gammas: Vec<f64>,
 }
 
 /// Options of `lamina-lab bench`.

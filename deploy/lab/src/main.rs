@@ -6,6 +6,7 @@ mod accuracy;
 mod bench;
 mod bench_live;
 mod cli;
+mod consecutive;
 mod rd;
 mod study;
 mod table;
@@ -19,6 +20,7 @@ fn main() -> std::process::ExitCode {
     let outcome = match cli.command {
         LabCommand::Study(arguments) => study::study(&arguments),
         LabCommand::Rd(arguments) => rd::rd(&arguments),
+        LabCommand::Consecutive(arguments) => consecutive::consecutive(&arguments),
         LabCommand::Accuracy(arguments) => accuracy::accuracy(&arguments),
         LabCommand::Bench(arguments) => bench::bench(&arguments),
         LabCommand::BenchLive(arguments) => bench_live::bench_live(&arguments),

@@ -21,6 +21,12 @@ pub enum CodecError {
     /// The bytes were cut short or changed in transit.
     #[error("damaged: {0}; fetch it again")]
     Damaged(String),
+    /// The bytes are a reduced volume that was coded after another one.
+    #[error("it is coded after the reduced volume with the checksum {checksum:08x}; decode that one before it")]
+    NeedsReference {
+        /// The CRC-32 that the other one's bytes end with.
+        checksum: u32,
+    },
     /// The decoded content would exceed the reader's limit.
     #[error("{needed_bytes} bytes decoded, limit {limit_bytes}; raise max_decoded_bytes to accept it")]
     TooLarge {

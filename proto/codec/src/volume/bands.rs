@@ -2,8 +2,8 @@
 //!
 //! Models start untrained in each band, which at [`BAND_VOXELS`] costs about a percent of the bytes. The partition follows
 //! from the grid's dimensions alone.
-use super::{ErrorMeasure, wavelet};
-use super::{decode::decode as decode_band, encode::encode as encode_band};
+use super::encode::{PredictedBand, encode as encode_band};
+use super::{ErrorMeasure, decode::decode as decode_band, wavelet};
 use crate::entropy::EntropyError;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -12,9 +12,10 @@ use std::ops::Range;
 const BAND_VOXELS: usize = 1 << 22;
 /// Fewest planes of a band.
 const BAND_PLANES: usize = 16;
-/// First bytes of bands that may be coded either way.
+/// First bytes of bands that may be coded in several ways.
 const PREDICTED: u8 = 0;
 const WAVELET: u8 = 1;
+const TEMPORAL: u8 = 2;
 
 /// Planes of each band of a volume of `dims` voxels.
 fn bands([nx, ny, nz]: [usize; 3]) -> Vec<Range<usize>> {
@@ -25,8 +26,8 @@ fn bands([nx, ny, nz]: [usize; 3]) -> Vec<Range<usize>> {
 
 /// Encodes `values` of a volume of `dims` voxels (x fastest), all finite, so that each decodes within `bound` (above 0, in
 /// units of the values) or, where `free` gives an interval for a voxel's index, within that interval; or, by
-/// [`ErrorMeasure::MeanSquare`], with a mean square error that is no greater. Also returns whether each band begins with a byte
-/// that says how it is coded.
+/// [`ErrorMeasure::MeanSquare`], with a mean square error that is no greater. `before` holds the values of a volume that resembles
+/// this one, if there is one.
 ///
 /// # Panics
 /// If `dims` do not multiply to the number of values.
@@ -36,34 +37,64 @@ pub(super) fn encode(
     bound: f32,
     free: impl Fn(usize) -> Option<(f32, f32)> + Sync,
     measure: ErrorMeasure,
-) -> (Vec<u8>, bool) {
+    before: Option<&[f32]>,
+) -> CodedBands {
     assert_eq!(dims.iter().product::<usize>(), values.len(), "a volume has as many values as voxels");
     let plane = dims[0] * dims[1];
     let band = |z: Range<usize>| {
         let (first, dims) = (z.start * plane, [dims[0], dims[1], z.len()]);
         let values = &values[first..z.end * plane];
         let free = |n: usize| free(first + n);
-        let mut predicted = encode_band(values, dims, bound, free);
+        let before = before.map(|before| &before[first..first + values.len()]);
+        let (kind, mut predicted) = predicted(before, |before| encode_band(values, dims, bound, free, before));
         let bytes = std::mem::take(&mut predicted.bytes);
         let other = match measure {
             ErrorMeasure::Maximum => None,
             ErrorMeasure::MeanSquare => wavelet::encode(values, dims, free, &predicted.decoded(), bytes.len()),
         };
-        other.map_or((PREDICTED, bytes), |other| (WAVELET, other))
+        other.map_or((kind, bytes), |other| (WAVELET, other))
     };
     let coded: Vec<(u8, Vec<u8>)> = bands(dims).into_par_iter().map(band).collect();
     let is_marked = coded.iter().any(|(kind, _)| *kind != PREDICTED);
     let mark = |kind: u8| is_marked.then_some(kind);
     let lengths = coded.iter().flat_map(|(_, c)| ((c.len() + usize::from(is_marked)) as u64).to_le_bytes());
     let bytes = coded.iter().flat_map(|(kind, c)| mark(*kind).into_iter().chain(c.iter().copied()));
-    (lengths.chain(bytes).collect(), is_marked)
+    let is_temporal = coded.iter().any(|(kind, _)| *kind == TEMPORAL);
+    CodedBands { bytes: lengths.chain(bytes).collect(), is_marked, is_temporal }
 }
 
-/// Decodes a volume of `dims` voxels coded with the same `bound`; `is_marked` as [`encode`] returned it.
+/// All bands of a volume.
+pub(super) struct CodedBands {
+    pub bytes: Vec<u8>,
+    /// Each band begins with a byte that says how it is coded.
+    pub is_marked: bool,
+    /// A decoder has to have the volume before.
+    pub is_temporal: bool,
+}
+
+/// The band coded after the volume before, if there is one and it saves bytes.
+fn predicted(before: Option<&[f32]>, code: impl Fn(Option<&[f32]>) -> PredictedBand) -> (u8, PredictedBand) {
+    let Some(before) = before else { return (PREDICTED, code(None)) };
+    let temporal = code(Some(before));
+    if temporal.is_corrected {
+        return (TEMPORAL, temporal);
+    }
+    let alone = code(None);
+    if temporal.bytes.len() < alone.bytes.len() { (TEMPORAL, temporal) } else { (PREDICTED, alone) }
+}
+
+/// Decodes a volume of `dims` voxels coded with the same `bound`, and after `before` if there is one; `is_marked` as [`encode`]
+/// returned it.
 ///
 /// # Errors
 /// If the lengths of bands do not fit the bytes, or a value is impossible.
-pub(super) fn decode(bytes: &[u8], dims: [usize; 3], bound: f32, is_marked: bool) -> Result<Vec<f32>, EntropyError> {
+pub(super) fn decode(
+    bytes: &[u8],
+    dims: [usize; 3],
+    bound: f32,
+    is_marked: bool,
+    before: Option<&[f32]>,
+) -> Result<Vec<f32>, EntropyError> {
     let plane = dims[0].checked_mul(dims[1]).ok_or(EntropyError::SizeOverflow)?;
     let voxels = plane.checked_mul(dims[2]).ok_or(EntropyError::SizeOverflow)?;
     let bands = bands(dims);
@@ -79,12 +110,14 @@ pub(super) fn decode(bytes: &[u8], dims: [usize; 3], bound: f32, is_marked: bool
         return Err(EntropyError::LengthMismatch);
     }
     let band = |(z, bytes): (Range<usize>, &[u8])| {
+        let before = before.map(|before| &before[z.start * plane..z.end * plane]);
         let dims = [dims[0], dims[1], z.len()];
-        match (is_marked, bytes.split_first()) {
-            (false, _) => decode_band(bytes, dims, bound),
-            (true, Some((&PREDICTED, bytes))) => decode_band(bytes, dims, bound),
-            (true, Some((&WAVELET, bytes))) => wavelet::decode(bytes, dims),
-            (true, _) => Err(EntropyError::InvalidValue),
+        match (is_marked, bytes.split_first(), before) {
+            (false, ..) => decode_band(bytes, dims, bound, None),
+            (true, Some((&PREDICTED, bytes)), _) => decode_band(bytes, dims, bound, None),
+            (true, Some((&WAVELET, bytes)), _) => wavelet::decode(bytes, dims),
+            (true, Some((&TEMPORAL, bytes)), Some(before)) => decode_band(bytes, dims, bound, Some(before)),
+            (true, ..) => Err(EntropyError::InvalidValue),
         }
     };
     let decoded: Vec<Vec<f32>> = bands.into_par_iter().zip(coded).map(band).collect::<Result<_, EntropyError>>()?;
@@ -121,9 +154,9 @@ mod tests {
             .collect();
         assert_eq!(bands(dims).len(), 2);
         let free = |n: usize| (n >= 156_000 * 40).then_some((-9.0, 9.0));
-        let (bytes, is_marked) = encode(&values, dims, 0.02, free, ErrorMeasure::Maximum);
+        let CodedBands { bytes, is_marked, .. } = encode(&values, dims, 0.02, free, ErrorMeasure::Maximum, None);
         assert!(!is_marked);
-        let back = decode(&bytes, dims, 0.02, false).unwrap();
+        let back = decode(&bytes, dims, 0.02, false, None).unwrap();
         assert_eq!(back.len(), values.len());
         // What is free in the second band is free by its own index.
         let worst = |z: Range<usize>| {
@@ -132,8 +165,8 @@ mod tests {
         };
         assert!(worst(0..40) <= 0.02 * 1.0001 && worst(40..64) > 0.02, "{} {}", worst(0..40), worst(40..64));
         for n in [0, 3, 15, 16, bytes.len() - 1] {
-            assert!(decode(&bytes[..n], dims, 0.02, false).is_err(), "{n} bytes");
+            assert!(decode(&bytes[..n], dims, 0.02, false, None).is_err(), "{n} bytes");
         }
-        assert!(decode(&[&bytes[..], &[0]].concat(), dims, 0.02, false).is_err());
+        assert!(decode(&[&bytes[..], &[0]].concat(), dims, 0.02, false, None).is_err());
     }
 }

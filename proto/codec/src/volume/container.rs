@@ -4,6 +4,8 @@
 
 use super::bands;
 use super::free_intervals::FreeIntervals;
+use super::motion::{self, MotionField};
+use super::reference::ReferenceVolume;
 use super::{ErrorMeasure, mask};
 use crate::DecodeLimits;
 use crate::envelope::{CRC_BYTES, checked_body, take_version, too_short};
@@ -20,9 +22,12 @@ pub(crate) const MAGIC: [u8; 4] = *b"LVOL";
 const VERSION: u16 = 1;
 /// The version of a volume with a mask of missing points.
 const MASKED: u16 = 2;
-/// The version of a volume with bands of wavelet coefficients, and the newest read: there is a mask, which may be empty, and each
-/// band begins with a byte that says how it is coded.
+/// The version of a volume with bands of wavelet coefficients: there is a mask, which may be empty, and each band begins with a byte
+/// that says how it is coded.
 const MARKED: u16 = 3;
+/// The version of a volume that is coded after another one, and the newest read: which one it is, and the motion from it, follow
+/// the mask.
+const TEMPORAL: u16 = 4;
 /// The largest header read; a scene with the greatest number of control points takes three quarters of it.
 const MAX_HEADER_BYTES: usize = 1 << 18;
 
@@ -30,6 +35,12 @@ const MAX_HEADER_BYTES: usize = 1 << 18;
 /// of it, or, by [`ErrorMeasure::MeanSquare`], with a mean square error no greater than with that bound; a missing point
 /// decodes as missing.
 pub fn encode(volume: &ReducedVolume, measure: ErrorMeasure) -> Vec<u8> {
+    encode_after(volume, measure, None)
+}
+
+/// Encodes a reduced volume as [`encode`] does, by its difference from `reference` where that saves bytes: a decoder then has to have the
+/// reference. Its grid may be another, its box should be the same.
+pub fn encode_after(volume: &ReducedVolume, measure: ErrorMeasure, reference: Option<&ReferenceVolume>) -> Vec<u8> {
     let header = v1::VolumeHeader {
         grid: Some(volume.grid().into()),
         scene: Some(volume.scene().into()),
@@ -45,17 +56,24 @@ pub fn encode(volume: &ReducedVolume, measure: ErrorMeasure) -> Vec<u8> {
         missing = mask::encode(&units.iter().map(|u| u.is_nan()).collect::<Vec<bool>>(), dims);
         inpaint(filled.to_mut(), dims);
     }
-    let (values, is_marked) = bands::encode(&filled, dims, bound, |n| free_intervals.at(n), measure);
-    let version = match (is_marked, is_masked) {
-        (true, _) => MARKED,
-        (false, true) => MASKED,
-        (false, false) => VERSION,
+    let past = reference.map(|reference| {
+        let aligned = reference.aligned(dims);
+        let motion = motion::estimate(&aligned, &filled, dims, bound);
+        (reference.checksum(), motion.encode(), motion.moved(&aligned, dims))
+    });
+    let before = past.as_ref().map(|(.., moved)| &moved[..]);
+    let coded = bands::encode(&filled, dims, bound, |n| free_intervals.at(n), measure, before);
+    let version = match (coded.is_temporal, coded.is_marked, is_masked) {
+        (true, ..) => TEMPORAL,
+        (false, true, _) => MARKED,
+        (false, false, true) => MASKED,
+        (false, false, false) => VERSION,
     };
     let mut bytes = Vec::from(MAGIC);
     bytes.extend(version.to_le_bytes());
     bytes.extend((head.len() as u32).to_le_bytes());
     bytes.extend(head);
-    if version == MARKED && is_masked && missing.is_empty() {
+    if version >= MARKED && is_masked && missing.is_empty() {
         // An empty mask says that no point is missing; a decoder reads zeros beyond the end.
         missing.push(0);
     }
@@ -63,7 +81,12 @@ pub fn encode(volume: &ReducedVolume, measure: ErrorMeasure) -> Vec<u8> {
         bytes.extend((missing.len() as u64).to_le_bytes());
         bytes.extend(missing);
     }
-    bytes.extend(values);
+    if let (TEMPORAL, Some((checksum, motion, _))) = (version, past) {
+        bytes.extend(checksum.to_le_bytes());
+        bytes.extend((motion.len() as u64).to_le_bytes());
+        bytes.extend(motion);
+    }
+    bytes.extend(coded.bytes);
     bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
     bytes
 }
@@ -71,11 +94,32 @@ pub fn encode(volume: &ReducedVolume, measure: ErrorMeasure) -> Vec<u8> {
 /// Decodes a reduced volume. `bytes` must be exactly one encoded volume.
 ///
 /// # Errors
-/// If the bytes are not a volume, of a newer version, damaged, larger than `limits`, or contradict themselves.
+/// If the bytes are not a volume, of a newer version, coded after another one, damaged, larger than `limits`, or contradict themselves.
 pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ReducedVolume, CodecError> {
-    let Head { grid, scene, params, mask, values, is_marked } = read_head(bytes, limits)?;
-    let mut units =
-        bands::decode(values, grid.dims(), bound(&params), is_marked).map_err(|e| invalid(e.to_string()))?;
+    decode_after(bytes, limits, None)
+}
+
+/// Decodes a reduced volume as [`decode`] does, or one that was coded after `reference`.
+///
+/// # Errors
+/// As [`decode`]; also if the bytes were coded after another volume than `reference`.
+pub fn decode_after(
+    bytes: &[u8],
+    limits: &DecodeLimits,
+    reference: Option<&ReferenceVolume>,
+) -> Result<ReducedVolume, CodecError> {
+    let Head { grid, scene, params, mask, past, values, is_marked } = read_head(bytes, limits)?;
+    let dims = grid.dims();
+    let before = match past {
+        None => None,
+        Some((checksum, motion)) => {
+            let reference = reference.filter(|reference| reference.checksum() == checksum);
+            let reference = reference.ok_or(CodecError::NeedsReference { checksum })?;
+            Some(MotionField::decode(motion, dims).moved(&reference.aligned(dims), dims))
+        }
+    };
+    let decoded = bands::decode(values, dims, bound(&params), is_marked, before.as_deref());
+    let mut units = decoded.map_err(|e| invalid(e.to_string()))?;
     if let Some(mask) = mask {
         let missing = mask::decode(mask, grid.dims());
         units.iter_mut().zip(missing).filter(|(_, missing)| *missing).for_each(|(unit, _)| *unit = f32::NAN);
@@ -89,6 +133,8 @@ pub(crate) struct Head<'a> {
     scene: Scene,
     params: VolumeParams,
     mask: Option<&'a [u8]>,
+    /// The checksum of the volume that this one is coded after, and the motion from it.
+    past: Option<(u32, &'a [u8])>,
     values: &'a [u8],
     /// Each band begins with a byte that says how it is coded.
     is_marked: bool,
@@ -96,7 +142,7 @@ pub(crate) struct Head<'a> {
 
 /// Checks and reads everything but the values.
 pub(crate) fn read_head<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<Head<'a>, CodecError> {
-    let version = take_version(bytes, MAGIC, MARKED)?;
+    let version = take_version(bytes, MAGIC, TEMPORAL)?;
     let body = checked_body(bytes, MAGIC.len() + 2 + 4 + CRC_BYTES)?;
     let rest = &body[MAGIC.len() + 2..];
     let (length, rest) = rest.split_at(4);
@@ -113,16 +159,23 @@ pub(crate) fn read_head<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<He
     if needed_bytes > limit_bytes {
         return Err(CodecError::TooLarge { needed_bytes, limit_bytes });
     }
-    let (mask, values) = if version > VERSION { take_mask(values)? } else { (None, values) };
-    Ok(Head { grid, scene, params, mask, values, is_marked: version == MARKED })
+    let (mask, values) = if version > VERSION { take_section(values)? } else { (&[][..], values) };
+    let (past, values) = if version == TEMPORAL {
+        let (checksum, rest) = values.split_first_chunk().ok_or_else(too_short)?;
+        let (motion, values) = take_section(rest)?;
+        (Some((u32::from_le_bytes(*checksum), motion)), values)
+    } else {
+        (None, values)
+    };
+    let mask = (!mask.is_empty()).then_some(mask);
+    Ok(Head { grid, scene, params, mask, past, values, is_marked: version >= MARKED })
 }
 
-/// The bytes of the mask, if it has any, and those after it.
-fn take_mask(rest: &[u8]) -> Result<(Option<&[u8]>, &[u8]), CodecError> {
+/// The bytes of a section that begins with its length, and those after it.
+fn take_section(rest: &[u8]) -> Result<(&[u8], &[u8]), CodecError> {
     let (length, rest) = rest.split_first_chunk().ok_or_else(too_short)?;
     let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| too_short())?;
-    let (mask, values) = rest.split_at_checked(length).ok_or_else(too_short)?;
-    Ok(((!mask.is_empty()).then_some(mask), values))
+    rest.split_at_checked(length).ok_or_else(too_short)
 }
 
 /// The header's code for the representation.

@@ -8,13 +8,19 @@ use super::quantize::reconstruct;
 use super::symbols::{
     ClassContext, RAW_VALUE, ResidualContext, ResidualNeighborhood, VolumeModels, block_range, saturated,
 };
+use super::temporal::{Before, TemporalRow};
 use super::{BIAS_BITS, HEADER, STEP_BITS, step_and_bias};
 use crate::entropy::EntropyError;
 use crate::entropy::range_coder::Decoder;
 
-/// Decodes the values of a volume of `dims` voxels (x fastest) coded with `bound`. Corrupt bytes give other finite values or
+/// Decodes the values of a volume of `dims` voxels (x fastest) coded with `bound`, and after `before` if there is one. Corrupt bytes give other finite values or
 /// an error, in the time and memory that a volume of `dims` takes.
-pub(super) fn decode(bytes: &[u8], dims: [usize; 3], bound: f32) -> Result<Vec<f32>, EntropyError> {
+pub(super) fn decode(
+    bytes: &[u8],
+    dims: [usize; 3],
+    bound: f32,
+    before: Option<&[f32]>,
+) -> Result<Vec<f32>, EntropyError> {
     let count = dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d)).ok_or(EntropyError::SizeOverflow)?;
     if count > isize::MAX as usize / 16 {
         return Err(EntropyError::SizeOverflow);
@@ -25,7 +31,8 @@ pub(super) fn decode(bytes: &[u8], dims: [usize; 3], bound: f32) -> Result<Vec<f
     let ([low, high, first], decisions) = header(bytes)?;
     let mut reader = VolumeDecoder {
         field: MultigridField::new(first, [low, high]),
-        models: VolumeModels::default(),
+        models: if before.is_some() { VolumeModels::temporal() } else { VolumeModels::default() },
+        before: before.map(|values| Before { values, voxels: Lattice { dims } }),
         decoder: Decoder::new(decisions),
     };
     reader.levels(Lattice { dims }, bound);
@@ -55,6 +62,7 @@ fn header(bytes: &[u8]) -> Result<([f32; 3], &[u8]), EntropyError> {
 struct VolumeDecoder<'a> {
     field: MultigridField,
     models: VolumeModels,
+    before: Option<Before<'a>>,
     decoder: Decoder<'a>,
 }
 
@@ -65,36 +73,49 @@ impl VolumeDecoder<'_> {
             let step_parts = self.models.bits(&mut self.decoder, STEP_BITS, 0) + 1;
             let bias_parts = self.models.bits(&mut self.decoder, BIAS_BITS, 0);
             let (step, bias) = step_and_bias(bound, step_parts, bias_parts);
-            let mut level = LevelParams { number, step, scale: 1.0 / step, bias, weights: [[0.0; WEIGHTS]; 7] };
+            let mut level =
+                LevelParams { number, step, scale: 1.0 / step, bias, weights: [[0.0; WEIGHTS]; 7], temporal: [0.0; 7] };
             let lattice = voxels.lattice(number);
             let mut flags = BlockFlags::none(lattice);
             flags.code(&mut self.models, &mut self.decoder, above.as_ref(), number);
             self.field.begin(lattice);
+            let before = self.before.as_ref().map(|before| before.level(number));
             for class in lattice.classes() {
                 level.weights[class.number] = self.models.weights(&mut self.decoder, class.odd_axes(), None);
-                self.class(&level, class, &flags);
+                if before.is_some() {
+                    level.temporal[class.number] = self.models.temporal_weight(&mut self.decoder, 0);
+                }
+                self.class(&level, class, before.as_ref(), &flags);
             }
             self.field.end(number > 0);
             above = Some(flags);
         }
     }
 
-    fn class(&mut self, level: &LevelParams, class: PointClass, flags: &BlockFlags) {
+    fn class(&mut self, level: &LevelParams, class: PointClass, before: Option<&MultigridField>, flags: &BlockFlags) {
         let mut part = self.field.take(class);
         let kind = ClassContext::new(class, level.number);
         let (mut row, mut known) = (PredictionRow::default(), ResidualNeighborhood::default());
+        let mut past = TemporalRow::default();
         for (y, z) in part.grid.rows() {
             let at = part.grid.row(y, z);
             let active = flags.row(y, z);
-            if active.contains(&true) {
+            let is_active = active.contains(&true);
+            if is_active {
                 row.compute_means::<true>(&self.field, class, y, z);
                 row.predict::<true>(self.field.range, level, class);
-                known.gather(&self.field, &part, class, [y, z]);
-                let residuals = &mut part.residuals[at..at + row.expected.len()];
-                self.residuals(level, kind, active, &mut row, &known, residuals);
             } else {
                 row.compute_means::<false>(&self.field, class, y, z);
                 row.predict::<false>(self.field.range, level, class);
+            }
+            if let Some(before) = before {
+                past.compute(before, level, class, [y, z]);
+                past.correct(&mut row.expected, level.temporal[class.number], self.field.range);
+            }
+            if is_active {
+                known.gather(&self.field, &part, class, [y, z]);
+                let residuals = &mut part.residuals[at..at + row.expected.len()];
+                self.residuals(level, kind, active, (&mut row, &past.octaves), &known, residuals);
             }
             part.values[at..at + row.expected.len()].copy_from_slice(&row.expected);
         }
@@ -107,14 +128,15 @@ impl VolumeDecoder<'_> {
         level: &LevelParams,
         kind: ClassContext,
         active: &[bool],
-        row: &mut PredictionRow,
+        (row, missed): (&mut PredictionRow, &[u8]),
         known: &ResidualNeighborhood,
         residuals: &mut [i8],
     ) {
         for block in (0..active.len()).filter(|&block| active[block]) {
             for i in block_range(block, residuals.len()) {
                 let before = if i > 0 { residuals[i - 1] } else { 0 };
-                let context = ResidualContext::new(kind, known, i, before, row.surroundings[i]);
+                let missed = missed.get(i).copied().unwrap_or(0);
+                let context = ResidualContext::new(kind, known, i, before, row.surroundings[i], missed);
                 let steps = self.models.residual(&mut self.decoder, &context, 0);
                 if steps == 0 {
                     continue;

@@ -10,12 +10,18 @@ use super::settings::EncoderSettings;
 use super::symbols::{
     ClassContext, RAW_VALUE, ResidualContext, ResidualNeighborhood, SATURATED, VolumeModels, block_range, saturated,
 };
+use super::temporal::{self, Before, TemporalRow};
 use super::{BIAS_BITS, HEADER, STEP_BITS, step_and_bias};
 use crate::entropy::range_coder::Encoder;
 
+/// The finest levels, which have all but a hundredth of the points.
+const FINE_LEVELS: usize = 2;
+/// The least weight, in 1 / [`SCALE`], at which the volume before is sure to save bytes.
+const LEAST_WEIGHT: i8 = 3;
+
 /// Encodes `values` of a volume of `dims` voxels (x fastest), all finite, so that each decodes within `bound` (above 0, in
 /// units of the values) or, where `free` gives an interval for a voxel's index, within that interval, which must hold the
-/// value.
+/// value. `before` holds the values of a volume that resembles this one, all finite, if there is one; a decoder has to have it.
 ///
 /// # Panics
 /// If `dims` do not multiply to the number of values.
@@ -24,11 +30,12 @@ pub(super) fn encode(
     dims: [usize; 3],
     bound: f32,
     free: impl Fn(usize) -> Option<(f32, f32)>,
+    before: Option<&[f32]>,
 ) -> PredictedBand {
     assert_eq!(dims.iter().product::<usize>(), values.len(), "a volume has as many values as voxels");
     debug_assert!(values.iter().all(|v| v.is_finite()), "values are finite");
     let Some(&first) = values.first() else {
-        return PredictedBand { bytes: Vec::new(), field: MultigridField::new(0.0, [0.0; 2]) };
+        return PredictedBand { bytes: Vec::new(), field: MultigridField::new(0.0, [0.0; 2]), is_corrected: false };
     };
     let range = range(values, first);
     let wanted = QuantizationTarget { values, bound, free };
@@ -38,7 +45,9 @@ pub(super) fn encode(
         quantizer: Quantizer { wanted: &wanted, range, settings: EncoderSettings::default() },
         voxels: Lattice { dims },
         field: MultigridField::new(first, range),
-        models: VolumeModels::default(),
+        models: if before.is_some() { VolumeModels::temporal() } else { VolumeModels::default() },
+        before: before.map(|values| Before { values, voxels: Lattice { dims } }),
+        is_corrected: false,
         encoder: Encoder::default(),
     };
     let levels = work.voxels.levels() as usize;
@@ -47,13 +56,15 @@ pub(super) fn encode(
         above = Some(work.level(number, above.as_ref()));
     }
     bytes.extend(work.encoder.finish());
-    PredictedBand { bytes, field: work.field }
+    PredictedBand { bytes, field: work.field, is_corrected: work.is_corrected }
 }
 
 /// A coded band.
 pub(super) struct PredictedBand {
     pub bytes: Vec<u8>,
     field: MultigridField,
+    /// Whether the volume before corrects predictions by a share worth its bytes.
+    pub is_corrected: bool,
 }
 
 impl PredictedBand {
@@ -86,6 +97,8 @@ struct VolumeEncoder<'a, F> {
     voxels: Lattice,
     field: MultigridField,
     models: VolumeModels,
+    before: Option<Before<'a>>,
+    is_corrected: bool,
     encoder: Encoder,
 }
 
@@ -93,7 +106,11 @@ struct VolumeEncoder<'a, F> {
 struct PlannedClass {
     class: PointClass,
     weights: Option<[i8; WEIGHTS]>,
+    /// Weight of the volume before, in 1 / [`SCALE`].
+    temporal_weight: i8,
     surroundings: Vec<u16>,
+    /// Octaves of what the prediction misses in the volume before, if there is one.
+    missed: Vec<u8>,
     /// Residuals beyond what `i8` holds, with their values, in the order of points.
     large: Vec<(i32, f32)>,
 }
@@ -104,12 +121,15 @@ impl<F: Fn(usize) -> Option<(f32, f32)>> VolumeEncoder<'_, F> {
         let settings = &self.quantizer.settings;
         let (step_parts, bias_parts) = (settings.step_parts(number), settings.bias);
         let (step, bias) = step_and_bias(self.quantizer.wanted.bound, step_parts, bias_parts);
-        let mut level = LevelParams { number, step, scale: 1.0 / step, bias, weights: [[0.0; WEIGHTS]; 7] };
+        let mut level =
+            LevelParams { number, step, scale: 1.0 / step, bias, weights: [[0.0; WEIGHTS]; 7], temporal: [0.0; 7] };
         let lattice = self.voxels.lattice(number);
         self.field.begin(lattice);
+        let before = self.before.as_ref().map(|before| before.level(number));
         let mut flags = BlockFlags::none(lattice);
         let classes = lattice.classes();
-        let planned: Vec<PlannedClass> = classes.map(|class| self.plan(&mut level, class, &mut flags)).collect();
+        let planned: Vec<PlannedClass> =
+            classes.map(|class| self.plan(&mut level, class, before.as_ref(), &mut flags)).collect();
         self.models.bits(&mut self.encoder, STEP_BITS, step_parts - 1);
         self.models.bits(&mut self.encoder, BIAS_BITS, bias_parts);
         flags.code(&mut self.models, &mut self.encoder, above, number);
@@ -127,21 +147,37 @@ impl<F: Fn(usize) -> Option<(f32, f32)>> VolumeEncoder<'_, F> {
     }
 
     /// Chooses prediction weights and residuals of a class.
-    fn plan(&mut self, level: &mut LevelParams, class: PointClass, flags: &mut BlockFlags) -> PlannedClass {
-        let wanted = self.quantizer.wanted;
-        let weights = fit(&self.field, level, class, |[x, y, z]| {
-            let (start, step) = self.voxels(level.number, class, y, z);
+    fn plan(
+        &mut self,
+        level: &mut LevelParams,
+        class: PointClass,
+        before: Option<&MultigridField>,
+        flags: &mut BlockFlags,
+    ) -> PlannedClass {
+        let (wanted, number) = (self.quantizer.wanted, level.number);
+        let visible = |[x, y, z]: [usize; 3]| {
+            let (start, step) = self.voxels(number, class, y, z);
             let at = start + x * step;
             (wanted.free)(at).is_none().then_some(wanted.values[at])
-        });
+        };
+        let weights = fit(&self.field, level, class, visible);
         level.weights[class.number] = weights.unwrap_or(cubic(class.odd_axes())).map(|w| f32::from(w) / SCALE);
+        let temporal_weight = before.map_or(0, |before| temporal::fit([&self.field, before], level, class, visible));
+        level.temporal[class.number] = f32::from(temporal_weight) / SCALE;
+        self.is_corrected |= number < FINE_LEVELS && temporal_weight >= LEAST_WEIGHT;
         let mut part = self.field.take(class);
-        let mut planned =
-            PlannedClass { class, weights, surroundings: Vec::with_capacity(part.values.len()), large: Vec::new() };
-        let mut row = PredictionRow::default();
+        let (count, missed) = (part.values.len(), Vec::new());
+        let (surroundings, large) = (Vec::with_capacity(count), Vec::new());
+        let mut planned = PlannedClass { class, weights, temporal_weight, surroundings, missed, large };
+        let (mut row, mut past) = (PredictionRow::default(), TemporalRow::default());
         for (y, z) in part.grid.rows() {
             row.compute_means::<true>(&self.field, class, y, z);
             row.predict::<true>(self.field.range, level, class);
+            if let Some(before) = before {
+                past.compute(before, level, class, [y, z]);
+                past.correct(&mut row.expected, level.temporal[class.number], self.field.range);
+                planned.missed.extend_from_slice(&past.octaves);
+            }
             planned.surroundings.extend_from_slice(&row.surroundings);
             let (start, step) = self.voxels(level.number, class, y, z);
             let from = part.grid.row(y, z);
@@ -168,6 +204,9 @@ impl<F: Fn(usize) -> Option<(f32, f32)>> VolumeEncoder<'_, F> {
     fn code(&mut self, number: usize, planned: &PlannedClass, flags: &BlockFlags) {
         let class = planned.class;
         self.models.weights(&mut self.encoder, class.odd_axes(), planned.weights);
+        if self.before.is_some() {
+            self.models.temporal_weight(&mut self.encoder, planned.temporal_weight);
+        }
         let part = self.field.take(class);
         let kind = ClassContext::new(class, number);
         let mut large = planned.large.iter();
@@ -180,11 +219,14 @@ impl<F: Fn(usize) -> Option<(f32, f32)>> VolumeEncoder<'_, F> {
             }
             known.gather(&self.field, &part, class, [y, z]);
             let residuals = part.residuals([y, z]);
-            let around = &planned.surroundings[part.grid.row(y, z)..][..n];
+            let at = part.grid.row(y, z);
+            let around = &planned.surroundings[at..][..n];
+            let missed = planned.missed.get(at..).unwrap_or(&[]);
             for block in (0..active.len()).filter(|&block| active[block]) {
                 for i in block_range(block, n) {
                     let before = if i > 0 { residuals[i - 1] } else { 0 };
-                    let context = ResidualContext::new(kind, &known, i, before, around[i]);
+                    let missed = missed.get(i).copied().unwrap_or(0);
+                    let context = ResidualContext::new(kind, &known, i, before, around[i], missed);
                     let (steps, value) = if residuals[i].unsigned_abs() == SATURATED {
                         large.next().copied().unwrap_or_default()
                     } else {

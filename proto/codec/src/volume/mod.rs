@@ -17,18 +17,22 @@ mod free_intervals;
 mod grid;
 mod mask;
 mod mixer;
+mod motion;
 mod multigrid;
 mod predict;
 mod quantize;
+mod reference;
 mod regression;
 mod settings;
 mod symbols;
+mod temporal;
 mod wavelet;
 
 #[cfg(test)]
 mod tests;
 
-pub use container::{decode, encode};
+pub use container::{decode, decode_after, encode, encode_after};
+pub use reference::ReferenceVolume;
 
 /// What a reduced volume's error bound limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -40,6 +40,8 @@ pub(super) struct LevelParams {
     pub bias: f32,
     /// Prediction weights by class.
     pub weights: [[f32; WEIGHTS]; 7],
+    /// By class, the share by which the volume before corrects predictions, if there is one.
+    pub temporal: [f32; 7],
 }
 
 /// `value` clamped to a range; NaN gives the least value.

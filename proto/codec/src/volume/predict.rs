@@ -315,7 +315,7 @@ fn surroundings(slope: f32, bend: f32, rise: f32) -> u16 {
 
 /// Number of half octaves of |`x`| above 1/32, 0..16.
 #[inline(always)]
-fn octaves(x: f32) -> u32 {
+pub(super) fn octaves(x: f32) -> u32 {
     let halves = (x.abs().to_bits() >> 22) as i32 - (2 * (127 - 5) - 1);
     halves.clamp(0, 15) as u32
 }

@@ -1,9 +1,10 @@
 //! Residual coder: binarizes residuals, block flags and weights, and codes each bit by context mixing.
 use super::grid::{BLOCK, PointClass};
-use super::mixer::{INPUTS, Mixer, code_mixed_bit};
+use super::mixer::{INPUTS, Mixer, TEMPORAL_INPUTS, code_mixed_bit};
 use super::multigrid::WEIGHTS;
 use super::multigrid::{LatticePart, MultigridField};
 use super::predict::{SCALE, cubic};
+use super::temporal::OCTAVES;
 use crate::entropy::logistic::{BitModel, LogisticTables, code_bit};
 use crate::entropy::range_coder::Coder;
 use std::ops::Range;
@@ -24,6 +25,10 @@ const CLASS_CONTEXTS: usize = 7 * 4 * 16;
 const BEND_CONTEXTS: usize = 3 * 16 * 8;
 /// Contexts of the fifth input: the pattern of previous residuals along each axis.
 const PATTERN_CONTEXTS: usize = 3 * 27 * 4 * 2;
+/// Contexts of the sixth input: what was missed in the volume before, and the total of magnitudes.
+const TEMPORAL_CONTEXTS: usize = 3 * OCTAVES * 8;
+/// Kinds of mixers.
+const MIXERS: usize = 9 * 2;
 /// Context-mixed bits of a magnitude: is it above 0, above 1, above 2.
 const STAGES: usize = 3;
 
@@ -39,7 +44,8 @@ pub(super) struct VolumeModels {
     by_class: Box<[StageModels; CLASS_CONTEXTS]>,
     by_bend: Box<[StageModels; BEND_CONTEXTS]>,
     by_pattern: Box<[StageModels; PATTERN_CONTEXTS]>,
-    mixers: Box<[[Mixer; STAGES]; 9 * 2]>,
+    mixers: Box<[[Mixer; STAGES]; MIXERS]>,
+    temporal: Option<Box<TemporalModels>>,
     signs: Vec<BitModel>,
     exponents: [[BitModel; RAW_LENGTH as usize + 1]; 4],
     leading: [BitModel; RAW_LENGTH as usize + 1],
@@ -47,10 +53,25 @@ pub(super) struct VolumeModels {
     own: BitModel,
 }
 
+/// What is mixed where there is a volume before.
+#[derive(Debug)]
+struct TemporalModels {
+    by_missed: [StageModels; TEMPORAL_CONTEXTS],
+    mixers: [[Mixer<TEMPORAL_INPUTS>; STAGES]; MIXERS],
+}
+
+impl Default for TemporalModels {
+    fn default() -> Self {
+        let mixers = std::array::from_fn(|_| Default::default());
+        Self { by_missed: [StageModels::default(); TEMPORAL_CONTEXTS], mixers }
+    }
+}
+
 /// Contexts of one residual.
 #[derive(Debug)]
 pub(super) struct ResidualContext {
     at: [usize; INPUTS],
+    missed: usize,
     mixer: usize,
     sign: usize,
     total: usize,
@@ -66,6 +87,7 @@ impl Default for VolumeModels {
             by_bend: Box::new([StageModels::default(); BEND_CONTEXTS]),
             by_pattern: Box::new([StageModels::default(); PATTERN_CONTEXTS]),
             mixers: Box::new(std::array::from_fn(|_| Default::default())),
+            temporal: None,
             signs: vec![BitModel::default(); 3 * 27],
             exponents: Default::default(),
             leading: Default::default(),
@@ -76,6 +98,16 @@ impl Default for VolumeModels {
 }
 
 impl VolumeModels {
+    /// Models of a band that is coded after another one.
+    pub(super) fn temporal() -> Self {
+        Self { temporal: Some(Box::default()), ..Self::default() }
+    }
+
+    /// Codes the weight of the volume before, in 1 / [`SCALE`].
+    pub(super) fn temporal_weight(&mut self, coder: &mut impl Coder, weight: i8) -> f32 {
+        f32::from(self.bits(coder, 8, u32::from(weight as u8)) as u8 as i8) / SCALE
+    }
+
     /// Codes the residual `steps` of a point, or reads one. Returns it.
     #[inline]
     pub(super) fn residual(&mut self, coder: &mut impl Coder, context: &ResidualContext, steps: i32) -> i32 {
@@ -95,10 +127,17 @@ impl VolumeModels {
         let c = &mut self.by_class[class];
         let (d, e) = (&mut self.by_bend[bend], &mut self.by_pattern[pattern]);
         for stage in 0..STAGES {
-            let mixer = &mut self.mixers[context.mixer][stage];
             let beyond = magnitude > stage as u32;
-            let models = [&mut a[stage], &mut b[stage], &mut c[stage], &mut d[stage], &mut e[stage]];
-            if !code_mixed_bit(coder, self.tables, mixer, models, beyond) {
+            let [a, b, c, d, e] = [&mut a[stage], &mut b[stage], &mut c[stage], &mut d[stage], &mut e[stage]];
+            let beyond = if let Some(temporal) = &mut self.temporal {
+                let TemporalModels { by_missed, mixers } = &mut **temporal;
+                let models = [a, b, c, d, e, &mut by_missed[context.missed][stage]];
+                code_mixed_bit(coder, self.tables, &mut mixers[context.mixer][stage], models, beyond)
+            } else {
+                let mixer = &mut self.mixers[context.mixer][stage];
+                code_mixed_bit(coder, self.tables, mixer, [a, b, c, d, e], beyond)
+            };
+            if !beyond {
                 return stage as u32;
             }
         }
@@ -292,7 +331,8 @@ impl ClassContext {
 }
 
 impl ResidualContext {
-    /// Contexts of point `i` of a row. `residual` is that of the point before it, `surroundings` are the row's context bits.
+    /// Contexts of point `i` of a row. `residual` is that of the point before it, `surroundings` are the row's context bits,
+    /// `missed` the octaves of [`TemporalRow`](super::temporal::TemporalRow), if there is a volume before.
     #[inline(always)]
     pub(super) fn new(
         kind: ClassContext,
@@ -300,6 +340,7 @@ impl ResidualContext {
         i: usize,
         residual: i8,
         surroundings: u16,
+        missed: u8,
     ) -> Self {
         // Sum the magnitudes of residuals already coded around the point.
         let (bx, by, bz) = (i32::from(residual), i32::from(known.y[i]), i32::from(known.z[i]));
@@ -323,7 +364,8 @@ impl ResidualContext {
             (((odd_axes * 3 + x) * 9 + 3 * y + z) * 4 + near.min(3) as usize) * 2 + diagonal.min(1) as usize;
         let at = [by_magnitude, by_smoothness, by_class, by_bend, by_pattern];
         let sign = (rising * 9 + usize::from(known.sign_of_sum[i]) * 3 + sign(bx + by + bz)) + 27 * odd_axes;
-        Self { at, mixer: kind * 2 + total.min(1), sign, total }
+        let missed = (odd_axes * OCTAVES + usize::from(missed)) * 8 + total;
+        Self { at, missed, mixer: kind * 2 + total.min(1), sign, total }
     }
 }
 

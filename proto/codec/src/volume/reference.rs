@@ -1,0 +1,48 @@
+//! The step that another one is coded after.
+use super::grid::Lattice;
+use super::motion::Sampler;
+use lamina_model::ReducedVolume;
+use rayon::prelude::*;
+use std::borrow::Cow;
+
+/// A decoded reduced volume that others are coded after.
+#[derive(Debug, Clone)]
+pub struct ReferenceVolume {
+    checksum: u32,
+    dims: [usize; 3],
+    /// Positions in the range; 0 where a point is missing.
+    values: Vec<f32>,
+}
+
+impl ReferenceVolume {
+    /// The volume that `bytes` decode to.
+    pub fn new(bytes: &[u8], decoded: &ReducedVolume) -> Self {
+        let finite = |u: &f32| if u.is_finite() { *u } else { 0.0 };
+        let values = decoded.units().par_iter().map(finite).collect();
+        let stated = bytes.last_chunk().map_or(0, |crc| u32::from_le_bytes(*crc));
+        Self { checksum: stated, dims: decoded.grid().dims(), values }
+    }
+
+    /// The CRC-32 that its bytes end with, by which those coded after it name it.
+    pub fn checksum(&self) -> u32 {
+        self.checksum
+    }
+
+    /// Its values at the points of a volume of `dims` points that fills the same box.
+    pub(super) fn aligned(&self, dims: [usize; 3]) -> Cow<'_, [f32]> {
+        if dims == self.dims {
+            return Cow::Borrowed(&self.values);
+        }
+        let own = Sampler { values: &self.values, points: Lattice { dims: self.dims } };
+        let scale: [f32; 3] =
+            std::array::from_fn(|a| (self.dims[a] - 1) as f32 / dims[a].saturating_sub(1).max(1) as f32);
+        let mut values = vec![0.0; dims.iter().product()];
+        values.par_chunks_mut(dims[0] * dims[1]).enumerate().for_each(|(z, plane)| {
+            for (n, value) in plane.iter_mut().enumerate() {
+                let place = [n % dims[0], n / dims[0], z].map(|i| i as f32);
+                *value = own.at(std::array::from_fn(|a| place[a] * scale[a]));
+            }
+        });
+        Cow::Owned(values)
+    }
+}
