@@ -80,6 +80,8 @@ fn a_live_run_keeps_it() {
     let bytes = |n: usize| rows[n].size_bytes;
     assert!((1..4).all(|n| 4 * bytes(n) < 3 * bytes(0)), "{:?}", (0..4).map(bytes).collect::<Vec<_>>());
     assert!(rows[1..].iter().all(|row| row.psnr_db.is_some_and(|db| f64::from(db) > 20.0)), "{rows:?}");
+    // Measured of each step, which resembles the one studied.
+    assert!(rows[1..].iter().all(|row| row.ssim.is_some_and(|ssim| ssim > 0.94 && ssim < 1.0)), "{rows:?}");
 }
 
 #[test]

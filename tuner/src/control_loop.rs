@@ -157,7 +157,9 @@ impl Daemon {
 
     /// The quality of live steps, where the contract limits it.
     fn live_quality(&self, control: &ControlClient<Channel>) -> Option<LiveQuality> {
-        self.config.contract.limits.psnr_db.map(|_| LiveQuality::follow(control, &self.credentials))
+        let Contract { limits, ssim, .. } = &self.config.contract;
+        let is_limited = limits.psnr_db.is_some() || ssim.is_some();
+        is_limited.then(|| LiveQuality::follow(control, &self.credentials))
     }
 
     /// Turns to another contract. The best that was measured so far is in use until the study for it says more; what holds at
@@ -194,9 +196,13 @@ impl Daemon {
             && match self.run.nearest_studied(report) {
                 Some(step) if step.study.best.is_none() => {
                     contract.aim().excess(&report.cost, measured.psnr_db - measured.half_width_db) <= 0.0
+                        && !contract.aim().is_above(measured.ssim)
                 }
                 // Only where the whole interval lies beyond the limit.
-                _ => contract.excess(&Cost::default(), measured.psnr_db + measured.half_width_db) > 0.0,
+                _ => {
+                    contract.excess(&Cost::default(), measured.psnr_db + measured.half_width_db) > 0.0
+                        || contract.is_above(measured.ssim)
+                }
             }
     }
 

@@ -68,7 +68,7 @@ impl ViewerStream for LiveSteps {
         let _open = OpenStream::new(told);
         while let Some(quality) = steps.message().await.map_err(|s| failed(words(&s)))? {
             // NaN would keep every limit.
-            if quality.psnr_db.is_nan() || quality.half_width_db.is_nan() {
+            if quality.psnr_db.is_nan() || quality.half_width_db.is_nan() || quality.ssim.is_some_and(f64::is_nan) {
                 return Err(failed(format!("measured NaN of step {}", quality.step)));
             }
             // Another viz-node may be further.

@@ -23,7 +23,12 @@ fn ssim_db(ssim: f64) -> f64 {
 impl Contract {
     /// True if the structural similarity is known to be less than the limit.
     pub(crate) fn breaks_ssim(&self, quality: &Quality) -> bool {
-        self.ssim.zip(quality.ssim()).is_some_and(|(least, ssim)| ssim < least)
+        self.is_above(quality.ssim())
+    }
+
+    /// True if the limit lies above a structural similarity that was measured.
+    pub(crate) fn is_above(&self, ssim: Option<f64>) -> bool {
+        self.ssim.zip(ssim).is_some_and(|(least, ssim)| ssim < least)
     }
 
     /// True if a trial keeps every limit that it was measured against.

@@ -56,6 +56,7 @@ impl quality_server::Quality for QualityService {
                         psnr_db: psnr_db.into(),
                         half_width_db: row.half_width_db.unwrap_or_default(),
                         skipped: false,
+                        ssim: row.ssim,
                     })
                 }
                 Event::Step(run_id, row) if row.measured == QualityStatus::Skipped => {

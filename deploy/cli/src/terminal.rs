@@ -38,7 +38,8 @@ fn parameters(row: &StepRow) -> String {
 /// Decibels, with their interval where they come from few pixels.
 fn quality(row: &StepRow) -> String {
     let interval = row.half_width_db.filter(|w| *w >= 0.05).map_or_else(String::new, |w| format!(" +-{w:.1}"));
-    row.psnr_db.map_or_else(|| "not measured".to_owned(), |q| format!("{:.2}{interval} dB", f64::from(q)))
+    let ssim = row.ssim.map_or_else(String::new, |ssim| format!("  ssim {ssim:.4}"));
+    row.psnr_db.map_or_else(|| "not measured".to_owned(), |q| format!("{:.2}{interval} dB{ssim}", f64::from(q)))
 }
 
 /// What the terminal was told.

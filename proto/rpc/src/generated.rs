@@ -381,6 +381,9 @@ pub struct StepQuality {
     /// There was no processor time to measure it: both figures mean nothing.
     #[prost(bool, tag = "5")]
     pub skipped: bool,
+    /// Mean structural similarity of the views, where all of their pixels were compared.
+    #[prost(double, optional, tag = "6")]
+    pub ssim: ::core::option::Option<f64>,
 }
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct TunerStatusRequest {

@@ -93,6 +93,8 @@ pub struct StepRow {
     pub triggers: Vec<String>,
     /// Milliseconds that computing the shown field from the run's took.
     pub derivation_ms: f64,
+    /// Mean structural similarity of all views, where all of their pixels were compared.
+    pub ssim: Option<f64>,
     /// The size limit in force.
     pub size_limit_bytes: Option<u64>,
     /// The generation time limit in force.
@@ -138,6 +140,7 @@ impl StepRow {
             psnr_db: psnr(quality),
             half_width_db: Some(*half_width_db).filter(|w| w.is_finite()),
             views: views(quality),
+            ssim: quality.ssim(),
             measured: QualityStatus::Yes,
             limit_kept: self.limit_kept && surely_kept,
             ..self.clone()
@@ -168,6 +171,7 @@ impl StepRow {
             limit_kept,
             psnr_limit_db: limits.psnr_db,
             views: quality.map(views).unwrap_or_default(),
+            ssim: quality.and_then(Quality::ssim),
             representation: params.representation(),
             half_width_db: None,
             measured: QualityStatus::No,
@@ -196,7 +200,7 @@ mod tests {
     fn rows_go_to_csv_and_come_back() {
         let limits = Limits { size_bytes: Some(100), ..Limits::default() };
         let frame = Frame { step: 12, time: 0.25, limits, ..Frame::default() };
-        let view = |angle_deg, mse| ViewError { angle_deg, batch_mse: vec![mse], ssim: None };
+        let view = |angle_deg, mse| ViewError { angle_deg, batch_mse: vec![mse], ssim: Some(1.0 - 10.0 * mse) };
         // 40 dB, and identical.
         let [some, none] = [1e-4, 0.0].map(|mse| Quality { views: vec![view(10.0, mse), view(20.0, mse)] });
         let tuning = TuningState::Done;
@@ -214,12 +218,14 @@ mod tests {
         for row in [&measured[0], &measured[1], &row, &StepRow::live(&frame, false)] {
             let line = row.to_csv();
             assert_eq!(StepRow::from_csv(&line).unwrap(), *row);
+            assert_eq!(row.ssim, row.psnr_db.map(|db| if f64::from(db).is_finite() { 0.999 } else { 1.0 }));
             assert_eq!(line.split(',').count(), StepRow::csv_header().split(',').count());
             assert_eq!(StepRow::from_csv(&line[..9]), None);
             // Lines of before there were shares, and of before there were volumes.
-            for columns in [23, 21, 16, 15] {
+            for columns in [24, 23, 21, 16, 15] {
                 let old = StepRow::from_csv(&line.split(',').take(columns).collect::<Vec<_>>().join(",")).unwrap();
-                assert_eq!((old.step, old.psnr_db, old.derivation_ms), (row.step, row.psnr_db, 0.0));
+                assert_eq!((old.step, old.psnr_db, old.ssim), (row.step, row.psnr_db, None));
+                assert!(columns > 23 || old.derivation_ms == 0.0);
                 assert!(columns > 21 || old.lost_ranks.is_empty());
                 let since = [old.half_width_db, old.overhead];
                 assert!(columns > 16 || since == [None, None], "{since:?}");
@@ -246,7 +252,7 @@ mod tests {
             StepRow::csv_header(),
             "step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,encode_ms,supersegments,dropped_steps,\
              empty_voxels,size_limit_bytes,time_limit_ms,limit_kept,psnr_db_by_angle,representation,\
-             psnr_half_width_db,measured,tuning,overhead,throttle,lost_ranks,triggers,derivation_ms\n"
+             psnr_half_width_db,measured,tuning,overhead,throttle,lost_ranks,triggers,derivation_ms,ssim\n"
         );
     }
 }

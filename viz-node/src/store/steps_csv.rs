@@ -45,6 +45,8 @@ struct Line {
     triggers: String,
     #[serde(default)]
     derivation_ms: f64,
+    #[serde(default)]
+    ssim: Option<f64>,
 }
 
 static HEADER: LazyLock<String> = LazyLock::new(|| {
@@ -53,9 +55,9 @@ static HEADER: LazyLock<String> = LazyLock::new(|| {
     names
 });
 
-/// Columns of lines from before there were volumes, before measuring had a share of the processor, before steps had holes, and before
-/// fields were computed.
-const EARLIER: [usize; 4] = [15, 16, 21, 23];
+/// Columns of lines from before there were volumes, before measuring had a share of the processor, before steps had holes, before
+/// fields were computed, and before structural similarity was measured.
+const EARLIER: [usize; 5] = [15, 16, 21, 23, 24];
 
 /// The line with its end, after the names of the columns if they are wanted.
 fn written(line: &Line, with_names: bool) -> String {
@@ -105,6 +107,7 @@ impl StepRow {
             lost_ranks: self.lost_ranks.iter().map(u32::to_string).collect::<Vec<_>>().join(";"),
             triggers: self.triggers.join(";"),
             derivation_ms: rounded(self.derivation_ms, 3),
+            ssim: self.ssim.map(|s| rounded(s, 5)),
         };
         written(&line, false)
     }
@@ -141,6 +144,7 @@ impl StepRow {
             lost_ranks,
             triggers: line.triggers.split(';').filter(|name| !name.is_empty()).map(str::to_owned).collect(),
             derivation_ms: line.derivation_ms,
+            ssim: line.ssim,
             size_limit_bytes: line.size_limit_bytes,
             time_limit_ms: line.time_limit_ms,
             psnr_limit_db: None,

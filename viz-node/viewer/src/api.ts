@@ -33,6 +33,8 @@ export interface StepRow {
   views: { angle_deg: number; psnr_db: Decibels }[];
   representation: "vdi" | "volume";
   half_width_db: number | null;
+  /** Structural similarity, where all pixels of the views were compared. */
+  ssim: number | null;
   measured: "no" | "pending" | "skipped" | "yes";
   tuning: "none" | "provisional" | "done";
   overhead: number | null;

@@ -26,6 +26,7 @@ function readoutFields(row: StepRow): [string, string, boolean?][] {
     ["Step", String(row.step), overThen],
     ["Time", significant(row.time, 5)],
     ["PSNR", psnrText(row)],
+    ...(row.ssim === null ? [] : [["SSIM", row.ssim.toFixed(4)] as [string, string]]),
     isVolume ? ["Volume, longest side", `${row.resolution} points`] : ["Resolution r", `${row.resolution} × ${row.resolution}`],
     [isVolume ? "Error bound" : "Gamma γ", significant(row.gamma, 3)],
     [isVolume ? "Points" : "Supersegments", row.supersegments.toLocaleString("en")],
