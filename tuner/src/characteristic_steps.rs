@@ -102,6 +102,11 @@ impl CharacteristicSteps {
         self.kept.last().map_or(&[], |step| &step.study.rows)
     }
 
+    /// The trials of each, those of the step studied last first.
+    pub(crate) fn tables(&self) -> impl Iterator<Item = &[Trial]> {
+        self.kept.iter().rev().map(|step| &step.study.rows[..])
+    }
+
     /// How many are kept.
     pub fn len(&self) -> usize {
         self.kept.len()

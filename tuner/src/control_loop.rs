@@ -10,6 +10,7 @@ use crate::remote::viewer_streams::follow_all;
 use crate::remote::{Remote, connect};
 use crate::run_state::{RunState, StudyEnd};
 use crate::search::{CandidateSet, SearchRequest, search_with_margin};
+use crate::transfer::transferred;
 use crate::tune::{Study, Trial};
 use crate::{Config, Contract, status::Status};
 use futures::StreamExt;
@@ -340,7 +341,18 @@ impl Daemon {
             );
         }
         let state = if cut { TuningState::Provisional } else { TuningState::Done };
-        let setting = setting(&study, chosen, &limits, state);
+        // Where time was short, something else than what was tried may be known to serve.
+        let expected = if cut && study.best.is_none() {
+            transferred(&study, self.run.characteristic.tables(), &contract)
+        } else {
+            None
+        };
+        if let Some(params) = &expected {
+            let (resolution, gamma) = (params.resolution(), params.gamma());
+            tracing::info!(resolution, gamma, "in use is what should keep it, after the trials on an earlier step");
+        }
+        let nearest = setting(&study, chosen, &limits, state);
+        let setting = Setting { params: expected.or(nearest.params), ..nearest };
         let from = push(control, &setting).await?;
         tracing::info!(
             step = study.step,

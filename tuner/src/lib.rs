@@ -17,6 +17,7 @@ mod run_state;
 pub mod search;
 mod ssim_limit;
 mod status;
+mod transfer;
 pub mod tune;
 pub mod units;
 pub mod utility;
