@@ -153,7 +153,7 @@ fn damage_newer_versions_and_large_claims_are_told_apart() {
     assert!(matches!(volume::decode(&damaged, &limits), Err(CodecError::Damaged(_))));
     let mut newer = bytes.clone();
     newer[4] = 9;
-    assert!(matches!(volume::decode(&newer, &limits), Err(CodecError::NewerVersion { found: 9, newest: 3 })));
+    assert!(matches!(volume::decode(&newer, &limits), Err(CodecError::NewerVersion { found: 9, newest: 4 })));
     let small = DecodeLimits { max_decoded_bytes: 1000 };
     let TooLarge { needed, limit } = too_large(volume::decode(&bytes, &small));
     assert_eq!((needed, limit), (4 * DIMS.iter().product::<usize>() as u64, 1000));

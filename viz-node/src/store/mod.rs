@@ -31,7 +31,7 @@ pub enum Event {
     /// Another run began.
     Run(Run),
     /// A step of the run of this id was recorded, or measured, or passed over.
-    Step(String, StepRow),
+    Step(String, Box<StepRow>),
     /// A trial was measured.
     Trial,
     /// The tuner came, went, or says something else.
@@ -148,7 +148,7 @@ impl Store {
         }
         state.rows.insert(row.step, row.clone());
         // Nobody watching is not an error.
-        let _ = self.events.send(Event::Step(run_id, row));
+        let _ = self.events.send(Event::Step(run_id, Box::new(row)));
     }
 
     /// Adds what a recorded step's quality came to.
