@@ -7,7 +7,7 @@ use lamina::offline::prepare;
 use lamina::say;
 use lamina::scene_file::scene_for;
 use lamina::source::read_options;
-use lamina_codec::volume::{ReferenceVolume, decode_after, encode, encode_after};
+use lamina_codec::volume::{ReferenceVolume, decode_after, encode_after};
 use lamina_codec::{DecodeLimits, ErrorMeasure};
 use lamina_model::{ReducedVolume, VolumeParams};
 use lamina_volume_io::Series;
@@ -30,10 +30,7 @@ impl Sums {
         reference: Option<&ReferenceVolume>,
     ) -> anyhow::Result<(usize, ReferenceVolume)> {
         let start = Instant::now();
-        let bytes = match reference {
-            None => encode(volume, ErrorMeasure::MeanSquare),
-            Some(_) => encode_after(volume, ErrorMeasure::MeanSquare, reference),
-        };
+        let bytes = encode_after(volume, ErrorMeasure::MeanSquare, reference);
         let encoded = Instant::now();
         let decoded = decode_after(&bytes, &DecodeLimits::default(), reference)?;
         self.decode_ms += encoded.elapsed().as_secs_f64() * 1e3;

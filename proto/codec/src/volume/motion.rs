@@ -2,6 +2,10 @@
 //! interpolated between them. An encoder finds it by matching; a decoder reads it.
 //!
 //! J. Sullivan and R. Baker, "Motion compensation for video compression using control grid interpolation", ICASSP 1991.
+mod matching;
+
+pub(super) use matching::estimate;
+
 use super::grid::Lattice;
 use crate::entropy::logistic::{BitModel, code_bit};
 use crate::entropy::range_coder::{Coder, Decoder, Encoder};
@@ -176,9 +180,6 @@ impl Sampler<'_> {
         a + weight[2] * (b - a)
     }
 }
-
-mod matching;
-pub(super) use matching::estimate;
 
 #[cfg(test)]
 mod tests {

@@ -1,5 +1,5 @@
 //! Least-squares fit of a class's prediction weights to a sample of its points.
-use super::grid::PointClass;
+use super::grid::{Lattice, PointClass};
 use super::multigrid::WEIGHTS;
 use super::multigrid::{LevelParams, MultigridField};
 use super::predict::{PredictionRow, PredictionTerms, SCALE, cubic, weights};
@@ -50,17 +50,20 @@ pub(super) fn fit(
     if sums.count < MIN_SAMPLE { None } else { solve(sums.terms, sums.right, class.odd_axes()) }
 }
 
+/// Rows of a class that are measured for its weights: some [`TARGET_SAMPLE`] points.
+pub(super) fn sampled_rows(grid: Lattice) -> impl Iterator<Item = (usize, usize)> {
+    // An odd stride, so that the sampled rows are not all of one plane.
+    grid.rows().step_by((grid.count() / TARGET_SAMPLE) | 1)
+}
+
 fn sample<const K: usize>(
     field: &MultigridField,
     level: &LevelParams,
     class: PointClass,
     wanted: impl Fn([usize; 3]) -> Option<f32>,
 ) -> NormalEquations {
-    let grid = field.lattice.part(class.odd);
-    // An odd stride, so that the sampled rows are not all of one plane.
-    let every = (grid.count() / TARGET_SAMPLE) | 1;
     let (mut sums, mut row) = (NormalEquations::default(), PredictionRow::default());
-    for (y, z) in grid.rows().step_by(every) {
+    for (y, z) in sampled_rows(field.lattice.part(class.odd)) {
         row.compute_means::<false>(field, class, y, z);
         row.features::<K>(|x, features, _| {
             if let Some(wanted) = wanted([x, y, z]) {

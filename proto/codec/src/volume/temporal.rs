@@ -5,6 +5,7 @@
 use super::grid::{Lattice, PointClass};
 use super::multigrid::{LatticePart, LevelParams, MultigridField, within};
 use super::predict::{PredictionRow, SCALE, octaves};
+use super::regression::sampled_rows;
 
 /// Octaves of a correction that are told apart.
 pub(super) const OCTAVES: usize = 16;
@@ -75,9 +76,6 @@ impl TemporalRow {
     }
 }
 
-/// Approximate points of a sample.
-const TARGET_SAMPLE: usize = 30_000;
-
 /// The weight, in 1 / [`SCALE`], by which the volume before corrects the predictions of `class`. `wanted` gives the value of a point, or `None` where
 /// it is invisible.
 pub(super) fn fit(
@@ -86,12 +84,9 @@ pub(super) fn fit(
     class: PointClass,
     wanted: impl Fn([usize; 3]) -> Option<f32>,
 ) -> i8 {
-    let grid = field.lattice.part(class.odd);
-    // An odd stride, so that the sampled rows are not all of one plane.
-    let every = (grid.count() / TARGET_SAMPLE) | 1;
     let (mut row, mut past) = (PredictionRow::default(), TemporalRow::default());
     let (mut squares, mut products) = (0.0, 0.0);
-    for (y, z) in grid.rows().step_by(every) {
+    for (y, z) in sampled_rows(field.lattice.part(class.odd)) {
         row.compute_means::<false>(field, class, y, z);
         row.predict::<false>(field.range, level, class);
         past.compute(before, level, class, [y, z]);

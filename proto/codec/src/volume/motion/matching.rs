@@ -15,8 +15,6 @@ const STRIDE: usize = 3;
 const VECTOR_BITS: f32 = 12.0;
 /// Differences below this share of a quantizer step count as none.
 const NOISE: f32 = 0.25;
-/// Share of the bits that differences would take by themselves, and do take beside what neighboring points say.
-const SHARE: f32 = 1.0;
 
 /// A volume, and halves of it, whose points are means of eight.
 struct Pyramid(Vec<(Vec<f32>, Lattice)>);
@@ -127,7 +125,7 @@ impl<'a> Window<'a> {
 
     /// About the bits that the differences of all points take, which are quantized by `step`.
     fn bits(&self, by: [f32; 3], step: f32) -> f32 {
-        let weight = SHARE * (self.stride * self.stride * self.stride) as f32;
+        let weight = (self.stride * self.stride * self.stride) as f32;
         weight * self.sum(by, |difference| (1.0 + difference / step).log2())
     }
 
