@@ -1,8 +1,10 @@
-//! Encoding and decoding of either representation of a time step, a VDI or a reduced volume, told apart by the magic bytes.
+//! Encoding and decoding of either representation of a time step, a VDI or a reduced volume, told apart by the magic bytes; the
+//! latter alone or with those it was coded after.
 
 use crate::error::CodecError;
 use crate::vdi::{self, EncodeOptions};
-use crate::{DecodeLimits, volume};
+use crate::volume::{self, ReferenceVolume};
+use crate::{DecodeLimits, sequence};
 use lamina_model::{Cost, Intermediate};
 use std::time::{Duration, Instant};
 
@@ -37,8 +39,19 @@ pub fn encode_any(intermediate: &Intermediate, options: &EncodeOptions) -> Resul
     }
 }
 
-/// Encodes as [`encode_any`] and also returns the cost. `made` is the time that generation took; the encoding time of a reduced
-/// volume counts as generation, because its codec does the lossy part.
+/// An encoded time step.
+#[derive(Debug)]
+pub struct EncodedStep {
+    /// As sent.
+    pub bytes: Vec<u8>,
+    /// What it took.
+    pub cost: Cost,
+    /// Of a reduced volume: what the next one may be coded after.
+    pub reference: Option<ReferenceVolume>,
+}
+
+/// Encodes as [`encode_any`], a reduced volume after `before` if that saves bytes. `made` is the time that generation took; the
+/// encoding time of a reduced volume counts as generation, because its codec does the lossy part.
 ///
 /// # Errors
 /// As [`encode_any`].
@@ -46,12 +59,19 @@ pub fn encode_timed(
     intermediate: &Intermediate,
     made: Duration,
     options: &EncodeOptions,
-) -> Result<(Vec<u8>, Cost), CodecError> {
+    before: Option<&ReferenceVolume>,
+) -> Result<EncodedStep, CodecError> {
     let start = Instant::now();
-    let bytes = encode_any(intermediate, options)?;
+    let (bytes, reference) = match intermediate {
+        Intermediate::Vdi(vdi) => (vdi::encode(vdi, options)?, None),
+        Intermediate::Volume(reduced) => {
+            let (bytes, reference) = volume::encode_after(reduced, options.error, before);
+            (bytes, Some(reference))
+        }
+    };
     let (generation, encode) = intermediate.representation().times(made, start.elapsed());
     let cost = Cost { size_bytes: bytes.len() as u64, generation, encode, elements: intermediate.elements() };
-    Ok((bytes, cost))
+    Ok(EncodedStep { bytes, cost, reference })
 }
 
 /// Verifies checksum, version, header and decoded size without decoding the content.
@@ -59,6 +79,9 @@ pub fn encode_timed(
 /// # Errors
 /// As [`decode_any`], except for those that only decoding can find.
 pub fn check_any(bytes: &[u8], limits: &DecodeLimits) -> Result<(), CodecError> {
+    if sequence::is_sequence(bytes) {
+        return sequence::files(bytes)?.into_iter().try_for_each(|file| check_any(file, limits));
+    }
     if bytes.starts_with(&volume::container::MAGIC) {
         volume::container::read_head(bytes, limits).map(drop)
     } else {
@@ -66,13 +89,30 @@ pub fn check_any(bytes: &[u8], limits: &DecodeLimits) -> Result<(), CodecError> 
     }
 }
 
-/// Decodes either representation. `bytes` must be exactly one encoded VDI or reduced volume.
+/// Decodes either representation. `bytes` must be exactly one encoded VDI, one reduced volume, or one [sequence](sequence()).
 ///
 /// # Errors
-/// If the bytes are neither, of a newer version, damaged, larger than `limits`, or contradict themselves.
+/// If the bytes are none of these, of a newer version, coded after a volume that is not there, damaged, larger than `limits`, or
+/// contradict themselves.
 pub fn decode_any(bytes: &[u8], limits: &DecodeLimits) -> Result<Intermediate, CodecError> {
+    decode_any_after(bytes, limits, |_| None)
+}
+
+/// Decodes as [`decode_any`] does, a volume that was coded after another one with what `find` has for that one's checksum.
+///
+/// # Errors
+/// As [`decode_any`].
+pub fn decode_any_after(
+    bytes: &[u8],
+    limits: &DecodeLimits,
+    find: impl FnOnce(u32) -> Option<ReferenceVolume>,
+) -> Result<Intermediate, CodecError> {
+    if sequence::is_sequence(bytes) {
+        return sequence::decode(bytes, limits);
+    }
     if bytes.starts_with(&volume::container::MAGIC) {
-        Ok(Intermediate::Volume(Box::new(volume::decode(bytes, limits)?)))
+        let reference = volume::coded_after(bytes).and_then(find);
+        Ok(Intermediate::Volume(Box::new(volume::decode_after(bytes, limits, reference.as_ref())?)))
     } else {
         Ok(Intermediate::Vdi(Box::new(vdi::decode(bytes, limits)?)))
     }

@@ -8,11 +8,13 @@ mod envelope;
 mod error;
 mod intermediate;
 mod limits;
+mod sequence;
 mod vdi;
 pub mod volume;
 
 pub use error::CodecError;
-pub use intermediate::{check_any, decode_any, encode_any, encode_timed};
+pub use intermediate::{EncodedStep, check_any, decode_any, decode_any_after, encode_any, encode_timed};
 pub use limits::DecodeLimits;
+pub use sequence::sequence;
 pub use vdi::{Codec, EncodeOptions, EncodedHeader, Layout, decode, encode, peek, quantize};
 pub use volume::ErrorMeasure;

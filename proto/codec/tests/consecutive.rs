@@ -3,9 +3,10 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use glam::DVec3;
-use lamina_codec::{CodecError, DecodeLimits, ErrorMeasure, volume};
+use lamina_codec::{CodecError, DecodeLimits, ErrorMeasure, check_any, decode_any, sequence, volume};
 use lamina_model::{
-    Camera, ControlPoint, Effects, Grid, ReducedVolume, ScalarRange, Scale, Scene, TransferFunction, VolumeParams,
+    Camera, ControlPoint, Effects, Grid, Intermediate, ReducedVolume, ScalarRange, Scale, Scene, TransferFunction,
+    VolumeParams,
 };
 use volume::ReferenceVolume;
 
@@ -50,9 +51,7 @@ fn limits() -> DecodeLimits {
 }
 
 fn alone(volume: &ReducedVolume) -> (Vec<u8>, ReferenceVolume) {
-    let bytes = volume::encode(volume, ErrorMeasure::Maximum);
-    let reference = ReferenceVolume::new(&bytes, &volume::decode(&bytes, &limits()).unwrap());
-    (bytes, reference)
+    volume::encode_after(volume, ErrorMeasure::Maximum, None)
 }
 
 fn worst(a: &ReducedVolume, b: &ReducedVolume) -> f32 {
@@ -65,17 +64,86 @@ fn a_field_that_moves_takes_far_fewer_bytes_and_keeps_its_bound() {
     let dims = [41; 3];
     let (_, before) = alone(&reduced(dims, moving(0.0)));
     let now = reduced(dims, moving(1.0));
-    let bytes = volume::encode_after(&now, ErrorMeasure::Maximum, Some(&before));
+    let (bytes, _) = volume::encode_after(&now, ErrorMeasure::Maximum, Some(&before));
     let (whole, _) = alone(&now);
     assert!(10 * bytes.len() < 6 * whole.len(), "{} of {} bytes", bytes.len(), whole.len());
     let back = volume::decode_after(&bytes, &limits(), Some(&before)).unwrap();
     assert!(worst(&back, &now) <= 1.001 * BOUND as f32);
-    // A third step after the second: what a decoder has of it is what the encoder takes.
-    let second = ReferenceVolume::new(&bytes, &back);
-    let third = reduced(dims, moving(2.0));
-    let bytes = volume::encode_after(&third, ErrorMeasure::MeanSquare, Some(&second));
-    let back = volume::decode_after(&bytes, &limits(), Some(&second)).unwrap();
-    assert_eq!(back.grid(), third.grid());
+}
+
+/// Steps of `moving` fields coded one after the other, and what each decodes to from those before.
+fn chain(volumes: &[ReducedVolume], measure: ErrorMeasure) -> Vec<(Vec<u8>, ReducedVolume)> {
+    let (mut encoder, mut decoder): (Option<ReferenceVolume>, Option<ReferenceVolume>) = (None, None);
+    let step = |volume: &ReducedVolume| {
+        let (bytes, next) = volume::encode_after(volume, measure, encoder.as_ref());
+        let back = volume::decode_after(&bytes, &limits(), decoder.as_ref()).unwrap();
+        decoder = Some(ReferenceVolume::new(&bytes, &back));
+        // Else errors would add up.
+        assert!(decoder.as_ref() == Some(&next), "what a decoder has is what the encoder goes on from");
+        encoder = Some(next);
+        (bytes, back)
+    };
+    volumes.iter().map(step).collect()
+}
+
+/// Waves and what noise adds to them: wavelets code it best.
+fn noisy(dims: [usize; 3], time: f64) -> ReducedVolume {
+    let mut random = fastrand::Rng::with_seed(time.to_bits());
+    let noise: Vec<f32> = (0..dims.iter().product::<usize>()).map(|_| 0.02 * (random.f32() - 0.5)).collect();
+    let whole = reduced(dims, move |p| (0.5 + 0.3 * (0.2 * (p.x - time)).sin() * (0.3 * p.y).cos()) as f32);
+    let units = whole.units().iter().zip(noise).map(|(unit, noise)| unit + noise).collect();
+    ReducedVolume::new(*whole.grid(), whole.scene().clone(), *whole.params(), units).unwrap()
+}
+
+#[test]
+fn encoder_and_decoder_go_on_from_the_same_volume_and_a_sequence_stands_for_its_last() {
+    let dims = [40, 36, 33];
+    let holed = |time: f64| {
+        let field = moving(time);
+        reduced(dims, move |p| if (p - DVec3::splat(20.0)).length() < 8.0 { f32::NAN } else { field(p) })
+    };
+    let times = [0.0, 0.4, 0.9, 1.3];
+    for (volumes, measure, version) in [
+        (times.map(|t| reduced(dims, moving(t))), ErrorMeasure::Maximum, 4),
+        (times.map(|t| reduced(dims, moving(t))), ErrorMeasure::MeanSquare, 4),
+        (times.map(holed), ErrorMeasure::MeanSquare, 4),
+        (times.map(|t| noisy(dims, t)), ErrorMeasure::MeanSquare, 3),
+    ] {
+        let steps = chain(&volumes, measure);
+        assert_eq!(steps[3].0[4], version);
+        let files: Vec<&[u8]> = steps.iter().map(|(bytes, _)| &bytes[..]).collect();
+        for last in 0..files.len() {
+            let whole = sequence(&files[..=last]);
+            let Intermediate::Volume(decoded) = decode_any(&whole, &limits()).unwrap() else { unreachable!() };
+            let bits = |volume: &ReducedVolume| volume.units().iter().map(|u| u.to_bits()).collect::<Vec<_>>();
+            assert!(bits(&decoded) == bits(&steps[last].1), "step {last}");
+            check_any(&whole, &limits()).unwrap();
+        }
+        assert_eq!(volume::coded_after(files[0]), None);
+        assert_eq!(volume::coded_after(files[3]).is_some(), version == 4);
+    }
+}
+
+#[test]
+fn sequences_that_are_none_are_refused() {
+    let steps = chain(&[0.0, 0.4].map(|t| reduced([20; 3], moving(t))), ErrorMeasure::Maximum);
+    let [first, second] = [&steps[0].0[..], &steps[1].0[..]];
+    let whole = sequence(&[first, second]);
+    for n in [0, 3, 5, 9, 17, whole.len() - 1] {
+        assert!(decode_any(&whole[..n], &limits()).is_err(), "{n} bytes");
+        assert!(check_any(&whole[..n], &limits()).is_err(), "{n} bytes");
+    }
+    for bad in [
+        sequence(&[second]),
+        sequence(&[second, first, second, second]),
+        sequence(&[""; 0]),
+        sequence(&[&whole[..]]),
+        [&whole[..], &[0]].concat(),
+        [&whole[..6], &u32::MAX.to_le_bytes(), &whole[10..]].concat(),
+        [&whole[..10], &u64::MAX.to_le_bytes(), &whole[18..]].concat(),
+    ] {
+        assert!(decode_any(&bad, &limits()).is_err());
+    }
 }
 
 #[test]
@@ -83,7 +151,7 @@ fn only_the_volume_before_decodes_it() {
     let dims = [40, 40, 40];
     let (other, first) = alone(&reduced(dims, moving(0.0)));
     let (_, second) = alone(&reduced(dims, moving(0.5)));
-    let bytes = volume::encode_after(&reduced(dims, moving(1.0)), ErrorMeasure::Maximum, Some(&second));
+    let (bytes, _) = volume::encode_after(&reduced(dims, moving(1.0)), ErrorMeasure::Maximum, Some(&second));
     for reference in [None, Some(&first)] {
         let refused = volume::decode_after(&bytes, &limits(), reference).unwrap_err();
         assert!(
@@ -118,7 +186,7 @@ fn what_resembles_nothing_takes_no_more_bytes_than_alone() {
     };
     let (_, before) = alone(&volume(0));
     let now = volume(27_720);
-    let bytes = volume::encode_after(&now, ErrorMeasure::Maximum, Some(&before));
+    let (bytes, _) = volume::encode_after(&now, ErrorMeasure::Maximum, Some(&before));
     assert!(bytes.len() <= alone(&now).0.len());
 }
 
@@ -127,7 +195,7 @@ fn the_volume_before_may_have_other_points_or_miss_some() {
     let (_, coarse) = alone(&reduced([31, 26, 21], moving(0.0)));
     let dims = [60, 50, 41];
     let now = reduced(dims, moving(0.1));
-    let bytes = volume::encode_after(&now, ErrorMeasure::Maximum, Some(&coarse));
+    let (bytes, _) = volume::encode_after(&now, ErrorMeasure::Maximum, Some(&coarse));
     assert!(bytes.len() < alone(&now).0.len());
     let back = volume::decode_after(&bytes, &limits(), Some(&coarse)).unwrap();
     assert!(worst(&back, &now) <= 1.001 * BOUND as f32);
@@ -138,7 +206,7 @@ fn the_volume_before_may_have_other_points_or_miss_some() {
     };
     let (_, before) = alone(&holed(0.0));
     let now = holed(0.3);
-    let bytes = volume::encode_after(&now, ErrorMeasure::Maximum, Some(&before));
+    let (bytes, _) = volume::encode_after(&now, ErrorMeasure::Maximum, Some(&before));
     assert!(bytes.len() < alone(&now).0.len());
     let back = volume::decode_after(&bytes, &limits(), Some(&before)).unwrap();
     let pairs = || back.units().iter().zip(now.units());

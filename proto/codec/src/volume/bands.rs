@@ -48,24 +48,29 @@ pub(super) fn encode(
         let before = before.map(|before| &before[first..first + values.len()]);
         let (kind, mut predicted) = predicted(before, |before| encode_band(values, dims, bound, free, before));
         let bytes = std::mem::take(&mut predicted.bytes);
+        let decoded = predicted.decoded();
         let other = match measure {
             ErrorMeasure::Maximum => None,
-            ErrorMeasure::MeanSquare => wavelet::encode(values, dims, free, &predicted.decoded(), bytes.len()),
+            ErrorMeasure::MeanSquare => wavelet::encode(values, dims, free, &decoded, bytes.len()),
         };
-        other.map_or((kind, bytes), |other| (WAVELET, other))
+        other.map_or((kind, bytes, decoded), |(bytes, decoded)| (WAVELET, bytes, decoded))
     };
-    let coded: Vec<(u8, Vec<u8>)> = bands(dims).into_par_iter().map(band).collect();
-    let is_marked = coded.iter().any(|(kind, _)| *kind != PREDICTED);
+    let coded: Vec<(u8, Vec<u8>, Vec<f32>)> = bands(dims).into_par_iter().map(band).collect();
+    let is_marked = coded.iter().any(|(kind, ..)| *kind != PREDICTED);
     let mark = |kind: u8| is_marked.then_some(kind);
-    let lengths = coded.iter().flat_map(|(_, c)| ((c.len() + usize::from(is_marked)) as u64).to_le_bytes());
-    let bytes = coded.iter().flat_map(|(kind, c)| mark(*kind).into_iter().chain(c.iter().copied()));
-    let is_temporal = coded.iter().any(|(kind, _)| *kind == TEMPORAL);
-    CodedBands { bytes: lengths.chain(bytes).collect(), is_marked, is_temporal }
+    let lengths = coded.iter().flat_map(|(_, c, _)| ((c.len() + usize::from(is_marked)) as u64).to_le_bytes());
+    let bytes = coded.iter().flat_map(|(kind, c, _)| mark(*kind).into_iter().chain(c.iter().copied()));
+    let bytes = lengths.chain(bytes).collect();
+    let is_temporal = coded.iter().any(|(kind, ..)| *kind == TEMPORAL);
+    let decoded = joined(coded.into_iter().map(|(.., decoded)| decoded), values.len());
+    CodedBands { bytes, decoded, is_marked, is_temporal }
 }
 
 /// All bands of a volume.
 pub(super) struct CodedBands {
     pub bytes: Vec<u8>,
+    /// The values as they decode.
+    pub decoded: Vec<f32>,
     /// Each band begins with a byte that says how it is coded.
     pub is_marked: bool,
     /// A decoder has to have the volume before.
@@ -121,11 +126,15 @@ pub(super) fn decode(
         }
     };
     let decoded: Vec<Vec<f32>> = bands.into_par_iter().zip(coded).map(band).collect::<Result<_, EntropyError>>()?;
-    let mut bands = decoded.into_iter();
+    Ok(joined(decoded.into_iter(), voxels))
+}
+
+/// All `bands` in one piece of `voxels`.
+fn joined(mut bands: impl Iterator<Item = Vec<f32>>, voxels: usize) -> Vec<f32> {
     let mut values = bands.next().unwrap_or_default();
     values.reserve_exact(voxels.saturating_sub(values.len()));
     bands.for_each(|b| values.extend(b));
-    Ok(values)
+    values
 }
 
 #[cfg(test)]

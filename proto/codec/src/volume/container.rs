@@ -35,12 +35,16 @@ const MAX_HEADER_BYTES: usize = 1 << 18;
 /// of it, or, by [`ErrorMeasure::MeanSquare`], with a mean square error no greater than with that bound; a missing point
 /// decodes as missing.
 pub fn encode(volume: &ReducedVolume, measure: ErrorMeasure) -> Vec<u8> {
-    encode_after(volume, measure, None)
+    encode_after(volume, measure, None).0
 }
 
 /// Encodes a reduced volume as [`encode`] does, by its difference from `reference` where that saves bytes: a decoder then has to have the
-/// reference. Its grid may be another, its box should be the same.
-pub fn encode_after(volume: &ReducedVolume, measure: ErrorMeasure, reference: Option<&ReferenceVolume>) -> Vec<u8> {
+/// reference. Its grid may be another, its box should be the same. Also returns what the next volume may be coded after.
+pub fn encode_after(
+    volume: &ReducedVolume,
+    measure: ErrorMeasure,
+    reference: Option<&ReferenceVolume>,
+) -> (Vec<u8>, ReferenceVolume) {
     let header = v1::VolumeHeader {
         grid: Some(volume.grid().into()),
         scene: Some(volume.scene().into()),
@@ -87,8 +91,13 @@ pub fn encode_after(volume: &ReducedVolume, measure: ErrorMeasure, reference: Op
         bytes.extend(motion);
     }
     bytes.extend(coded.bytes);
-    bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
-    bytes
+    let checksum = crc32fast::hash(&bytes);
+    bytes.extend(checksum.to_le_bytes());
+    let mut decoded = coded.decoded;
+    if is_masked {
+        decoded.iter_mut().zip(units).filter(|(_, unit)| unit.is_nan()).for_each(|(value, _)| *value = f32::NAN);
+    }
+    (bytes, ReferenceVolume::of(checksum, dims, &decoded))
 }
 
 /// Decodes a reduced volume. `bytes` must be exactly one encoded volume.
@@ -125,6 +134,12 @@ pub fn decode_after(
         units.iter_mut().zip(missing).filter(|(_, missing)| *missing).for_each(|(unit, _)| *unit = f32::NAN);
     }
     Ok(ReducedVolume::new(grid, scene, params, units)?)
+}
+
+/// The checksum of the volume that one is coded after, if these bytes are a volume that is.
+pub fn coded_after(bytes: &[u8]) -> Option<u32> {
+    let head = read_head(bytes, &DecodeLimits { max_decoded_bytes: u64::MAX }).ok()?;
+    head.past.map(|(checksum, _)| checksum)
 }
 
 /// A checked header, and the bytes of the values.

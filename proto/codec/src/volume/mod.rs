@@ -31,8 +31,8 @@ mod wavelet;
 #[cfg(test)]
 mod tests;
 
-pub use container::{decode, decode_after, encode, encode_after};
-pub use reference::ReferenceVolume;
+pub use container::{coded_after, decode, decode_after, encode, encode_after};
+pub use reference::{ReferenceVolume, checksum};
 
 /// What a reduced volume's error bound limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use std::borrow::Cow;
 
 /// A decoded reduced volume that others are coded after.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ReferenceVolume {
     checksum: u32,
     dims: [usize; 3],
@@ -14,13 +14,21 @@ pub struct ReferenceVolume {
     values: Vec<f32>,
 }
 
+/// The CRC-32 that an encoded volume ends with.
+pub fn checksum(bytes: &[u8]) -> u32 {
+    bytes.last_chunk().map_or(0, |crc| u32::from_le_bytes(*crc))
+}
+
 impl ReferenceVolume {
     /// The volume that `bytes` decode to.
     pub fn new(bytes: &[u8], decoded: &ReducedVolume) -> Self {
+        Self::of(checksum(bytes), decoded.grid().dims(), decoded.units())
+    }
+
+    /// The volume of `units`, as its bytes with that checksum decode.
+    pub(super) fn of(checksum: u32, dims: [usize; 3], units: &[f32]) -> Self {
         let finite = |u: &f32| if u.is_finite() { *u } else { 0.0 };
-        let values = decoded.units().par_iter().map(finite).collect();
-        let stated = bytes.last_chunk().map_or(0, |crc| u32::from_le_bytes(*crc));
-        Self { checksum: stated, dims: decoded.grid().dims(), values }
+        Self { checksum, dims, values: units.par_iter().map(finite).collect() }
     }
 
     /// The CRC-32 that its bytes end with, by which those coded after it name it.

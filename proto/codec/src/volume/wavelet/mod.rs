@@ -36,14 +36,14 @@ const MOST: f32 = (1 << 28) as f32;
 const USUAL_BITS: f64 = 5.0;
 
 /// Encodes `values` of `dims` (x fastest), all finite, no worse than `rival` stands for them, by the mean square error of
-/// [means](mean_square); a value in its `free` interval has no error. `None` if that takes not much less than `rival_bytes`.
+/// [means](mean_square); a value in its `free` interval has no error. Also gives the values as they decode. `None` if that takes not much less than `rival_bytes`.
 pub(super) fn encode(
     values: &[f32],
     dims: [usize; 3],
     free: impl Fn(usize) -> Option<(f32, f32)>,
     rival: &[f32],
     rival_bytes: usize,
-) -> Option<Vec<u8>> {
+) -> Option<(Vec<u8>, Vec<f32>)> {
     let levels = extents(dims);
     let range = range(values, *values.first()?);
     let intervals: Vec<Option<(f32, f32)>> = (0..values.len()).map(free).collect();
@@ -61,7 +61,7 @@ pub(super) fn encode(
     let most_error = errors(rival);
     let most_bytes = WORTHWHILE * rival_bytes as f64;
     let mut step = (FIRST_STEP * most_error.sqrt()) as f32;
-    let (mut wanted, mut found) = (values.to_vec(), None);
+    let (mut wanted, mut found) = (values.to_vec(), None::<(f32, _, Vec<f32>)>);
     for _ in 0..TRIALS {
         if !(step.is_finite() && step > 0.0) {
             break;
@@ -79,8 +79,8 @@ pub(super) fn encode(
             }
         }
         let share = errors(&decoded) / most_error;
-        if share <= 1.0 && found.as_ref().is_none_or(|(best, _)| step > *best) {
-            found = Some((step, quantized));
+        if share <= 1.0 && found.as_ref().is_none_or(|(best, ..)| step > *best) {
+            found = Some((step, quantized, decoded));
         }
         if (share > 0.7 && bytes > most_bytes) || (ENOUGH..=1.0).contains(&share) {
             break;
@@ -88,14 +88,14 @@ pub(super) fn encode(
         // Errors grow with the step, less than with its square.
         step *= (AIM / share.max(1e-9)).powf(0.6).clamp(0.4, 2.5) as f32;
     }
-    let (step, mut quantized) = found?;
+    let (step, mut quantized, decoded) = found?;
     // Least and largest value, and the quantizer step.
     let mut bytes: Vec<u8> = [range[0], range[1], step].iter().flat_map(|v| v.to_le_bytes()).collect();
     debug_assert_eq!(bytes.len(), HEADER);
     let mut encoder = Encoder::default();
     code(&mut encoder, &mut quantized, dims, &levels);
     bytes.extend(encoder.finish());
-    ((bytes.len() as f64) < most_bytes).then_some(bytes)
+    ((bytes.len() as f64) < most_bytes).then_some((bytes, decoded))
 }
 
 /// Decodes a band of `dims`. Corrupt bytes give other finite values or an error, in the time and memory that `dims` take.
@@ -173,8 +173,9 @@ mod tests {
         for dims in [[40, 33, 17], [1, 1, 1], [5, 1, 300], [64, 64, 1]] {
             let values = waves(dims);
             for error in [1e-2, 1e-3] {
-                let bytes = encode(&values, dims, |_| None, &off(&values, error), 1 << 30).unwrap();
+                let (bytes, decoded) = encode(&values, dims, |_| None, &off(&values, error), 1 << 30).unwrap();
                 let back = decode(&bytes, dims).unwrap();
+                assert_eq!(back, decoded);
                 let found = mean_square(back.iter().zip(&values).map(|(a, b)| a - b), dims).sqrt();
                 let most = f64::from(error) * mean_square((0..values.len()).map(|_| 1.0), dims).sqrt();
                 assert!(
@@ -192,7 +193,7 @@ mod tests {
     fn changed_bytes_decode_to_numbers_within_the_range_or_are_refused() {
         let dims = [21, 14, 10];
         let values = waves(dims);
-        let bytes = encode(&values, dims, |_| None, &off(&values, 1e-3), 1 << 30).unwrap();
+        let (bytes, _) = encode(&values, dims, |_| None, &off(&values, 1e-3), 1 << 30).unwrap();
         for at in 0..bytes.len() {
             for change in [1, 0x80, 0xff] {
                 let mut other = bytes.clone();
@@ -222,8 +223,8 @@ mod tests {
         values[..half].iter_mut().for_each(|v| *v = 0.2 * dice.f32());
         let hidden = |n: usize| (n < half).then_some((f32::NEG_INFINITY, 0.2));
         let rival = off(&values, 0.01);
-        let free = encode(&values, dims, hidden, &rival, 1 << 20).unwrap();
-        let whole = encode(&values, dims, |_| None, &rival, 1 << 20).unwrap();
+        let (free, _) = encode(&values, dims, hidden, &rival, 1 << 20).unwrap();
+        let (whole, _) = encode(&values, dims, |_| None, &rival, 1 << 20).unwrap();
         assert!(3 * free.len() < 2 * whole.len(), "{} and {}", free.len(), whole.len());
         let back = decode(&free, dims).unwrap();
         let error = |n: usize| if n < half { (back[n] - 0.2).max(0.0) } else { back[n] - values[n] };
