@@ -28,7 +28,7 @@ impl control_server::Control for ControlService {
         let from_step = request.from_step;
         let setting = Setting::try_from(request).map_err(|e| invalid(&e))?;
         let applies_from_step = match setting.params {
-            None => self.0.limit(setting.limits, setting.only_vdis),
+            None => self.0.limit(&setting),
             Some(_) => self.0.set(from_step, Setting { only_vdis: false, ..setting }),
         };
         tracing::info!(applies_from_step, "parameters set");

@@ -8,6 +8,7 @@ mod control;
 mod delivery;
 mod group;
 pub mod ingest;
+mod key_frames;
 mod node_state;
 mod overhead;
 mod pipeline;

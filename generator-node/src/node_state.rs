@@ -6,7 +6,7 @@ use crate::schedule::Schedule;
 use crate::step::Step;
 use lamina_codec::EncodeOptions;
 use lamina_compute::CpuShare;
-use lamina_model::{GenerationParams, Limits, SamplePlan, Segmentation, Setting, StepReport};
+use lamina_model::{GenerationParams, SamplePlan, Segmentation, Setting, StepReport};
 use lamina_raycast::Backend;
 use parking_lot::{Mutex, MutexGuard};
 use std::sync::Arc;
@@ -108,10 +108,10 @@ impl NodeState {
         self.overhead.coupling()
     }
 
-    /// Gives what is scheduled other limits; says from which step on they hold.
-    pub(crate) fn limit(&self, limits: Limits, only_vdis: bool) -> u64 {
-        self.overhead.limit(limits.overhead);
-        self.state().schedule.limit(limits, only_vdis)
+    /// Gives what is scheduled the limits of `contract`; says from which step on they hold.
+    pub(crate) fn limit(&self, contract: &Setting) -> u64 {
+        self.overhead.limit(contract.limits.overhead);
+        self.state().schedule.limit(contract)
     }
 
     /// Schedules parameters; says from which step on they hold.

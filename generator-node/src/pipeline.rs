@@ -2,12 +2,14 @@
 
 use crate::group::{Door, GroupArrived, GroupField, Root};
 use crate::ingest::{CompleteStep, Ingest, RunSpec};
+use crate::key_frames::{KeyFrames, SentStep};
 use crate::node_state::NodeState;
 use crate::overhead::Coupling;
-use crate::rate_control::{Rung, generate_within, start_params};
+use crate::rate_control::{GeneratedStep, Rungs, generate_within, start_params};
 use crate::steering::{Changes, SteeringRelay};
 use crate::step::{FieldSource, Purpose, Step};
 use crate::triggers::{Action, Fired, Statistics, Triggers, write_raw};
+use lamina_codec::EncodedStep;
 use lamina_compute::{Activity, Laps, Priority};
 use lamina_model::suggest::{suggest, suggest_camera};
 use lamina_model::{
@@ -41,7 +43,8 @@ struct Pipeline {
     run: Option<ShownRun>,
     /// What steps are generated with until the tuner sends parameters.
     start: Option<GenerationParams>,
-    rung: Rung,
+    rungs: Rungs,
+    key_frames: KeyFrames,
 }
 
 /// The run that is shown.
@@ -116,7 +119,8 @@ impl Arrived {
 
 /// Turns steps into frames, until `stop` is true and none is left.
 pub(crate) async fn run(steps: Steps, node: Arc<NodeState>, settings: Settings, mut stop: watch::Receiver<bool>) {
-    let pipeline = Pipeline { node: node.clone(), settings, run: None, start: None, rung: Rung::default() };
+    let (rungs, key_frames) = (Rungs::default(), KeyFrames::default());
+    let pipeline = Pipeline { node: node.clone(), settings, run: None, start: None, rungs, key_frames };
     let pipeline = Arc::new(Mutex::new(pipeline));
     loop {
         tokio::select! {
@@ -146,12 +150,20 @@ impl Pipeline {
         let coupling = self.node.coupling();
         let cheaper =
             coupling.cheaper.checked_sub(1).and_then(|n| setting.fallbacks.get(n).or(setting.fallbacks.last()));
-        let first = cheaper
+        let wanted = cheaper
             .copied()
             .or(setting.params)
             .or(self.start)
             .unwrap_or_else(|| start_params(&step, setting.only_vdis));
-        let (params, bytes, cost) = generate_within(&step, first, &setting, &self.node.options, laps, &mut self.rung)?;
+        let (run_id, key_wanted) = (&step.run.id, self.node.publisher.take_key_wanted());
+        let before = self.key_frames.predecessor((run_id, dropped_steps), wanted, &setting, key_wanted);
+        let searched = (&mut *laps, &mut self.rungs);
+        let made = generate_within(&step, wanted, &setting, before.as_ref(), &self.node.options, searched)?;
+        let GeneratedStep { params, encoded: EncodedStep { bytes, cost, reference }, fell_back } = made;
+        let before = before.map(|before| before.step);
+        let sent = SentStep { run_id, step: number, dropped_steps, wanted, params, bytes: &bytes, reference };
+        let is_after = self.key_frames.sent(sent);
+        let after_step = before.filter(|_| is_after);
         if setting.params.is_none() {
             // The next step begins with what fitted.
             self.start = Some(params);
@@ -170,7 +182,7 @@ impl Pipeline {
         }
         laps.lap(Activity::Generate);
         let Coupling { overhead, throttle, .. } = coupling;
-        let purpose = Purpose::Live { dropped_steps, setting: &setting, overhead, throttle, triggers };
+        let purpose = Purpose::Live { after_step, dropped_steps, setting: &setting, overhead, throttle, triggers };
         items.push(step.frame(&params, cost, bytes, purpose));
         self.node.publisher.publish(items);
         let report = StepReport {
@@ -179,8 +191,9 @@ impl Pipeline {
             time: step.time,
             params,
             cost,
-            fell_back: setting.params.is_some_and(|set| set != params),
+            fell_back: fell_back || setting.params.is_some_and(|set| set != wanted),
             has_reference,
+            is_after_another: after_step.is_some(),
         };
         tracing::info!(
             step = number,

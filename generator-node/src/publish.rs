@@ -1,6 +1,7 @@
 //! Frames out: a bounded history that every subscriber reads at its own pace, and trials to the one they are meant for.
 //!
-//! Nothing here waits for a subscriber: one that falls behind what is held skips to the oldest held.
+//! Nothing here waits for a subscriber: one that falls behind what is held skips to the oldest held, or from there to the next key frame, which is
+//! asked for.
 
 use crate::delivery::Delivery;
 use crate::ingest::Ingest;
@@ -16,6 +17,7 @@ use parking_lot::{Mutex, MutexGuard};
 use std::collections::VecDeque;
 use std::pin::Pin;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::sync::watch;
 use tokio_stream::wrappers::WatchStream;
 use tonic::{Request, Response, Status};
@@ -44,6 +46,8 @@ pub(crate) struct Publisher {
     history_bytes: u64,
     history: Mutex<History>,
     newest: watch::Sender<u64>,
+    /// A subscriber lacks what steps are coded after.
+    key_wanted: AtomicBool,
     /// Counts trials sent.
     trials: watch::Sender<u64>,
 }
@@ -65,7 +69,7 @@ impl Publisher {
     /// Holds up to `history_bytes` of live frames.
     pub(crate) fn new(history_bytes: u64) -> Self {
         let (newest, trials) = (watch::Sender::new(0), watch::Sender::new(0));
-        Self { history_bytes, history: Mutex::default(), newest, trials }
+        Self { history_bytes, history: Mutex::default(), newest, key_wanted: AtomicBool::new(false), trials }
     }
 
     fn history(&self) -> MutexGuard<'_, History> {
@@ -106,6 +110,11 @@ impl Publisher {
         true
     }
 
+    /// True if the next step is to be a key frame, for a subscriber that joined or skipped some; until the next one does.
+    pub(crate) fn take_key_wanted(&self) -> bool {
+        self.key_wanted.swap(false, Ordering::Relaxed)
+    }
+
     fn join(self: &Arc<Self>, address: String) -> SubscriptionGuard {
         let viewer = self.history().subscribers.join(address);
         SubscriptionGuard { publisher: self.clone(), viewer }
@@ -114,6 +123,8 @@ impl Publisher {
     /// All live deliveries from `request` on, for ever.
     fn follow(self: Arc<Self>, request: v1::SubscribeRequest) -> impl Stream<Item = Delivery> + Send {
         let first = self.history().first_of(&request.run_id);
+        let mut chain =
+            Chain { publisher: self.clone(), recorded: request.after_step.map(|step| (request.run_id.clone(), step)) };
         let follower = (self.newest.subscribe(), first, self);
         let all = stream::unfold(follower, |(mut newest, cursor, publisher)| async move {
             loop {
@@ -126,7 +137,7 @@ impl Publisher {
         });
         all.filter_map(move |delivery| {
             let recorded = request.after_step.is_some_and(|step| delivery.is_recorded(&request.run_id, step));
-            std::future::ready((!recorded).then_some(delivery))
+            std::future::ready((!recorded && chain.takes(&delivery)).then_some(delivery))
         })
     }
 
@@ -142,6 +153,28 @@ impl Publisher {
                 trials.changed().await.ok()?;
             }
         })
+    }
+}
+
+/// What a subscriber has of the steps that others are coded after.
+struct Chain {
+    publisher: Arc<Publisher>,
+    /// The newest step of its run.
+    recorded: Option<(String, u64)>,
+}
+
+impl Chain {
+    /// True if the subscriber can decode what is delivered; else it waits for a key frame.
+    fn takes(&mut self, delivery: &Delivery) -> bool {
+        let Part::Frame(frame) = &delivery.announcement else { return true };
+        let has =
+            |before: u64| self.recorded.as_ref().is_some_and(|(run, step)| *run == delivery.run.id && *step == before);
+        if !frame.after_step.is_none_or(has) {
+            self.publisher.key_wanted.store(true, Ordering::Relaxed);
+            return false;
+        }
+        self.recorded = Some((delivery.run.id.clone(), frame.step));
+        true
     }
 }
 
@@ -262,6 +295,28 @@ mod tests {
         let after = |run_id: &str, step| v1::SubscribeRequest { run_id: run_id.into(), after_step: Some(step) };
         assert_eq!(steps(after("a", 2), 1).await, [(3, 0)]);
         assert_eq!(steps(after("b", 9), 2).await, [(2, 0), (3, 0)]);
+    }
+
+    #[tokio::test]
+    async fn who_lacks_what_steps_are_coded_after_waits_for_a_key_frame() {
+        let publisher = Arc::new(Publisher::new(55));
+        let after = |step: u64, after_step: Option<u64>| {
+            let delivery = delivery("a", step, 10, 0);
+            let Part::Frame(frame) = delivery.announcement else { unreachable!() };
+            Delivery { announcement: Part::Frame(v1::Frame { after_step, ..frame }), ..delivery }
+        };
+        // Step 0, the key frame of the first three, is no longer held.
+        for (step, before) in [(0, None), (1, Some(0)), (2, Some(1)), (3, None), (4, Some(3)), (5, Some(4))] {
+            publisher.publish(vec![after(step, before)]);
+        }
+        let steps = |request, n| numbers(publisher.clone().follow(request), n);
+        assert!(!publisher.take_key_wanted());
+        assert_eq!(steps(v1::SubscribeRequest::default(), 3).await, [(3, 0), (4, 0), (5, 0)]);
+        assert!(publisher.take_key_wanted() && !publisher.take_key_wanted());
+        let recorded = |step| v1::SubscribeRequest { run_id: "a".into(), after_step: Some(step) };
+        assert_eq!(steps(recorded(0), 5).await, [(1, 0), (2, 0), (3, 0), (4, 0), (5, 0)]);
+        assert_eq!(steps(recorded(4), 1).await, [(5, 0)]);
+        assert!(!publisher.take_key_wanted());
     }
 
     #[tokio::test]

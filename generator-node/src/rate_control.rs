@@ -1,13 +1,22 @@
 //! Rate control: the first of several parameters whose bytes keep the size limit, and what a run starts with.
 
+use crate::key_frames::Predecessor;
 use crate::step::Step;
-use lamina_codec::EncodeOptions;
+use lamina_codec::volume::ReferenceVolume;
+use lamina_codec::{EncodeOptions, EncodedStep};
 use lamina_compute::Laps;
 use lamina_model::{Cost, GenerationParams, Invalid, Representation, Setting};
 use std::time::Duration;
 
-/// A step generated: its parameters, its bytes, what they cost.
-pub(crate) type Generated = (GenerationParams, Vec<u8>, Cost);
+/// A step generated.
+pub(crate) struct GeneratedStep {
+    /// What it was made with.
+    pub params: GenerationParams,
+    /// Its bytes, and the cost of everything made for it.
+    pub encoded: EncodedStep,
+    /// With what was wanted it was too large, or could not be made.
+    pub fell_back: bool,
+}
 
 /// Points a side and error bound of the reduced volume that an untuned run starts with.
 const START_POINTS: u32 = 96;
@@ -24,21 +33,32 @@ pub(crate) fn start_params(step: &Step, only_vdis: bool) -> GenerationParams {
     }
 }
 
-/// Where on a setting's ladder of fallbacks the last step was: the next one begins there, since series change little from step to
-/// step.
+/// Where on a setting's ladder the last step was: the next one begins there, since series change little from step to step.
 #[derive(Debug, Default)]
-pub(crate) struct Rung {
+struct Rung {
     first: Option<GenerationParams>,
     at: usize,
+}
+
+/// Those of key frames and of steps coded after others.
+#[derive(Debug, Default)]
+pub(crate) struct Rungs {
+    key: Rung,
+    after: Rung,
 }
 
 /// A step this far below the limit lets the next one begin a rung higher.
 const ROOM: f64 = 0.88;
 
+/// What coding a step after another one saves is spent in such parts: bounds this much narrower from rung to rung, which takes a tenth more bytes
+/// or so.
+const FINER: f64 = 0.85;
+const FINER_RUNGS: i32 = 5;
+
 impl Rung {
-    /// Where a step whose ladder begins with `first` begins.
-    fn start(&self, first: &GenerationParams) -> usize {
-        if self.first == Some(*first) { self.at } else { 0 }
+    /// Where a step whose ladder begins with `first` begins; at `wanted` if no other one was on it.
+    fn start(&self, first: &GenerationParams, wanted: usize) -> usize {
+        if self.first == Some(*first) { self.at } else { wanted }
     }
 
     /// It came to rest `at` a rung, with so large a share of the limit.
@@ -48,33 +68,43 @@ impl Rung {
     }
 }
 
-/// The step with parameters `first`, or with the first of the setting's fallbacks that keeps the size limit; after them ever coarser
-/// ones of the same representation, then VDIs, which can stand for any step. The smallest, where none keeps the limit.
+/// The step with parameters `wanted`, or with the first of the setting's fallbacks that keeps the size limit; after them ever coarser
+/// ones of the same representation, then VDIs, which can stand for any step. The smallest, where none keeps the limit. A volume is coded after
+/// `before` if that saves bytes, and with narrower bounds where these fill the limit.
 pub(crate) fn generate_within(
     step: &Step,
-    first: GenerationParams,
+    wanted: GenerationParams,
     setting: &Setting,
+    before: Option<&Predecessor<'_>>,
     options: &EncodeOptions,
-    laps: &mut Laps,
-    rung: &mut Rung,
-) -> Result<Generated, Invalid> {
+    (laps, rungs): (&mut Laps, &mut Rungs),
+) -> Result<GeneratedStep, Invalid> {
     let limit = setting.limits.size_bytes;
-    let mut search = Search { step, options, limit, spent: [Duration::ZERO; 2], best: Err(None), laps };
-    let stated = std::iter::once(first).chain(setting.fallbacks.iter().copied());
-    let last = setting.fallbacks.last().unwrap_or(&first);
+    let rung = if before.is_some() { &mut rungs.after } else { &mut rungs.key };
+    let volume = before.map(|before| before.volume);
+    let mut search = Search { step, options, limit, before: volume, spent: [Duration::ZERO; 2], best: Err(None), laps };
+    let mut ladder = if before.is_some_and(|before| before.fills_limit) { finer(&wanted) } else { Vec::new() };
+    let first_wanted = ladder.len();
+    ladder.push(wanted);
+    ladder.extend(&setting.fallbacks);
     // Data may grow far beyond what a study has seen.
-    let ladder: Vec<GenerationParams> = stated.chain(coarser(last).skip(1)).collect();
-    let start = rung.start(&first).min(ladder.len() - 1);
+    ladder.extend(coarser(setting.fallbacks.last().unwrap_or(&wanted)).skip(1));
+    let first = ladder[0];
+    let start = rung.start(&first, first_wanted).min(ladder.len() - 1);
     search.until_one_fits(ladder[start..].iter().copied());
-    if let Ok((params, _, cost)) = &search.best {
-        let at = ladder.iter().position(|p| p == params).unwrap_or(0);
-        rung.rest(first, at, limit.map_or(0.0, |limit| cost.size_bytes as f64 / limit as f64));
-    }
-    // The step's cost is that of everything generated for it.
     let [generation, encode] = search.spent;
     let none = || Invalid::new("params", "none to generate with");
-    let (params, bytes, cost) = search.best.map_err(|why| why.unwrap_or_else(none))?;
-    Ok((params, bytes, Cost { generation, encode, ..cost }))
+    let (params, encoded) = search.best.map_err(|why| why.unwrap_or_else(none))?;
+    let at = ladder.iter().position(|p| *p == params).unwrap_or(0);
+    rung.rest(first, at, limit.map_or(0.0, |limit| encoded.cost.size_bytes as f64 / limit as f64));
+    let encoded = EncodedStep { cost: Cost { generation, encode, ..encoded.cost }, ..encoded };
+    Ok(GeneratedStep { params, encoded, fell_back: at > first_wanted })
+}
+
+/// `wanted` with ever wider bounds, the narrowest first.
+fn finer(wanted: &GenerationParams) -> Vec<GenerationParams> {
+    let with = |k: i32| wanted.with_gamma(wanted.gamma() * FINER.powi(k)).ok();
+    (1..=FINER_RUNGS).rev().filter_map(with).collect()
 }
 
 /// Ever coarser parameters from `start` on; after volumes VDIs, which can stand for any step.
@@ -96,10 +126,11 @@ struct Search<'a> {
     step: &'a Step,
     options: &'a EncodeOptions,
     limit: Option<u64>,
+    before: Option<&'a ReferenceVolume>,
     /// Generating and encoding.
     spent: [Duration; 2],
     /// The smallest so far; why there is none.
-    best: Result<Generated, Option<Invalid>>,
+    best: Result<(GenerationParams, EncodedStep), Option<Invalid>>,
     laps: &'a mut Laps,
 }
 
@@ -107,7 +138,7 @@ impl Search<'_> {
     fn until_one_fits(&mut self, all: impl Iterator<Item = GenerationParams>) {
         let step = self.step.step;
         for params in all {
-            let (bytes, cost) = match self.step.measure(&params, self.options, self.laps) {
+            let encoded = match self.step.measure(&params, self.options, self.before, self.laps) {
                 Ok(measured) => measured,
                 Err(error) => {
                     if let Err(why) = &mut self.best {
@@ -120,10 +151,11 @@ impl Search<'_> {
                     continue;
                 }
             };
+            let cost = encoded.cost;
             self.spent[0] += cost.generation;
             self.spent[1] += cost.encode;
-            if !matches!(&self.best, Ok((_, smallest, _)) if smallest.len() <= bytes.len()) {
-                self.best = Ok((params, bytes, cost));
+            if !matches!(&self.best, Ok((_, smallest)) if smallest.bytes.len() <= encoded.bytes.len()) {
+                self.best = Ok((params, encoded));
             }
             if self.limit.is_none_or(|limit| cost.size_bytes <= limit) {
                 return;
@@ -141,13 +173,26 @@ mod tests {
     fn a_step_begins_where_the_last_one_ended_and_goes_up_again_where_there_is_room() {
         let params = |resolution| GenerationParams::vdi(resolution, 0.02).unwrap();
         let mut rung = Rung::default();
-        assert_eq!(rung.start(&params(64)), 0);
+        assert_eq!((rung.start(&params(64), 0), rung.start(&params(64), 5)), (0, 5));
         rung.rest(params(64), 3, 0.97);
-        assert_eq!((rung.start(&params(64)), rung.start(&params(65))), (3, 0), "another setting begins at its own");
+        assert_eq!(
+            (rung.start(&params(64), 0), rung.start(&params(65), 0)),
+            (3, 0),
+            "another setting begins at its own"
+        );
         rung.rest(params(64), 3, 0.8);
-        assert_eq!(rung.start(&params(64)), 2);
+        assert_eq!(rung.start(&params(64), 0), 2);
         rung.rest(params(64), 0, 0.1);
-        assert_eq!(rung.start(&params(64)), 0);
+        assert_eq!(rung.start(&params(64), 5), 0);
+    }
+
+    #[test]
+    fn finer_parameters_narrow_the_bound_alone() {
+        let volume = GenerationParams::volume(96, 0.01).unwrap();
+        let all = finer(&volume);
+        assert_eq!(all.len(), FINER_RUNGS as usize);
+        assert!(all.iter().all(|p| p.resolution() == 96));
+        assert!(all.windows(2).all(|w| w[0].gamma() < w[1].gamma()) && all[4].gamma() < 0.01);
     }
 
     #[test]

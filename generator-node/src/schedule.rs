@@ -1,6 +1,6 @@
 //! Which parameters hold for which step.
 
-use lamina_model::{GenerationParams, Limits, Setting};
+use lamina_model::{GenerationParams, Setting};
 
 /// Settings by the first step they hold for.
 pub(crate) struct Schedule {
@@ -14,10 +14,12 @@ impl Schedule {
         Self { settings: vec![(0, Setting { params, ..Setting::default() })], next_step: 0 }
     }
 
-    /// Gives all settings other limits, and says whether the node is to start with VDIs; returns the step from which on they hold.
-    pub(crate) fn limit(&mut self, limits: Limits, only_vdis: bool) -> u64 {
+    /// Gives all settings the limits and the objective of `contract`, and says whether the node is to start with VDIs; returns the step from which
+    /// on they hold.
+    pub(crate) fn limit(&mut self, contract: &Setting) -> u64 {
         for (_, setting) in &mut self.settings {
-            (setting.limits, setting.only_vdis) = (limits, only_vdis);
+            let Setting { limits, objective, only_vdis, .. } = *contract;
+            *setting = Setting { limits, objective, only_vdis, ..std::mem::take(setting) };
         }
         self.next_step
     }
@@ -49,12 +51,13 @@ impl Schedule {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lamina_model::TuningState;
+    use lamina_model::{Limits, Objective, TuningState};
 
     fn setting(resolution: u32) -> Setting {
         Setting {
             params: Some(GenerationParams::vdi(resolution, 0.1).unwrap()),
             limits: Limits::default(),
+            objective: Objective::Quality,
             only_vdis: false,
             fallbacks: vec![],
             tuning: TuningState::None,
@@ -73,9 +76,10 @@ mod tests {
         // New limits leave parameters and their steps as they are.
         let limits = Limits { size_bytes: Some(7), ..Default::default() };
         s.set(30, setting(4));
-        assert_eq!(s.limit(limits, false), 21);
-        assert_eq!(s.begin(21), Setting { limits, ..setting(3) });
-        assert_eq!(s.begin(30), Setting { limits, ..setting(4) });
+        let objective = Objective::Size;
+        assert_eq!(s.limit(&Setting { limits, objective, ..Setting::default() }), 21);
+        assert_eq!(s.begin(21), Setting { limits, objective, ..setting(3) });
+        assert_eq!(s.begin(30), Setting { limits, objective, ..setting(4) });
         s.set(31, setting(3));
         s.begin(31);
         s.restart();

@@ -2,7 +2,8 @@
 
 use crate::delivery::Delivery;
 use crate::group::GroupField;
-use lamina_codec::{EncodeOptions, encode_timed};
+use lamina_codec::volume::ReferenceVolume;
+use lamina_codec::{EncodeOptions, EncodedStep, encode_timed};
 use lamina_compute::{Activity, Laps};
 use lamina_model::{
     Cost, Frame, GenerationParams, Intermediate, Invalid, ReferenceSamples, RunInfo, SamplePlan, Segmentation, Setting,
@@ -124,16 +125,17 @@ impl Step {
         self.source.represent(params, self.segmentation)
     }
 
-    /// The step generated and encoded, and what that cost.
+    /// The step generated and encoded, a volume after `before` if that saves bytes, and what that cost.
     pub(crate) fn measure(
         &self,
         params: &GenerationParams,
         options: &EncodeOptions,
+        before: Option<&ReferenceVolume>,
         laps: &mut Laps,
-    ) -> Result<(Vec<u8>, Cost), Invalid> {
+    ) -> Result<EncodedStep, Invalid> {
         let (intermediate, generation_time) = self.represent(params)?;
         laps.lap(Activity::Generate);
-        let encoded = encode_timed(&intermediate, generation_time, options);
+        let encoded = encode_timed(&intermediate, generation_time, options, before);
         laps.lap(Activity::Encode);
         Ok(encoded?)
     }
@@ -146,13 +148,13 @@ impl Step {
         options: &EncodeOptions,
         known: Option<Duration>,
         laps: &mut Laps,
-    ) -> Result<(Vec<u8>, Cost), Invalid> {
+    ) -> Result<EncodedStep, Invalid> {
         let (intermediate, generation_time) = match known {
             Some(time) => (self.represent(params)?.0, time),
             None => self.timed(params)?,
         };
         laps.lap(Activity::Generate);
-        let encoded = encode_timed(&intermediate, generation_time, options);
+        let encoded = encode_timed(&intermediate, generation_time, options, None);
         laps.lap(Activity::Encode);
         Ok(encoded?)
     }
@@ -215,7 +217,8 @@ impl Step {
         let bytes = bytes.into();
         let purpose = match purpose {
             Purpose::Trial(trial_id) => Frame { trial_id: Some(trial_id), ..Frame::default() },
-            Purpose::Live { dropped_steps, setting, overhead, throttle, triggers } => Frame {
+            Purpose::Live { after_step, dropped_steps, setting, overhead, throttle, triggers } => Frame {
+                after_step,
                 dropped_steps,
                 limits: setting.limits,
                 tuning: setting.tuning,
@@ -261,6 +264,8 @@ pub(crate) enum Purpose<'a> {
     Trial(u64),
     /// A live step.
     Live {
+        /// The step that it was coded after.
+        after_step: Option<u64>,
         /// Steps of the run dropped so far.
         dropped_steps: u64,
         /// The setting in force.

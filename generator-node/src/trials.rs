@@ -141,8 +141,8 @@ impl TrialSession {
         }
         let (held, options) = (self.held.clone(), self.node.options);
         let known = self.timed.iter().find(|(timed, _)| *timed == params).map(|(_, cost)| cost.generation);
-        let (bytes, cost) = self.run(priority, move |laps| held.measure_trial(&params, &options, known, laps)).await?;
-        let bytes = Bytes::from(bytes);
+        let trial = self.run(priority, move |laps| held.measure_trial(&params, &options, known, laps)).await?;
+        let (bytes, cost) = (Bytes::from(trial.bytes), trial.cost);
         self.encoded.truncate(ENCODED - 1);
         self.encoded.push_front((params, bytes.clone(), cost));
         Ok((bytes, cost))
@@ -166,7 +166,7 @@ impl TrialSession {
                 let (mut some, begun) = (Vec::new(), Instant::now());
                 while begun.elapsed() < TURN {
                     let Some(intermediate) = all.next() else { break };
-                    some.push(encode_timed(&intermediate, march_time, &options)?.1);
+                    some.push(encode_timed(&intermediate, march_time, &options, None)?.cost);
                 }
                 laps.lap(Activity::Encode);
                 Ok((some, all))

@@ -2,6 +2,7 @@
 
 use crate::characteristic_steps::choose;
 use crate::evaluator::{Evaluator as _, TrialError};
+use crate::key_frame::KeyFrame;
 use crate::live::LiveQuality;
 use crate::provisional::{ProvisionalChoice, follow};
 use crate::push::{limits_alone, push, setting};
@@ -41,6 +42,7 @@ struct Daemon {
     setting: Option<Setting>,
     /// First step the setting holds for: earlier ones do not speak against it.
     holds_from: u64,
+    key_frame: KeyFrame,
     /// The contract that was asked for last.
     wanted: watch::Sender<Contract>,
 }
@@ -60,7 +62,8 @@ pub(crate) async fn run(config: Config, credentials: Option<Credentials>, base: 
     let run = RunState::new(String::new());
     status.contract(&config.contract);
     let wanted = watch::Sender::new(config.contract.clone());
-    let mut daemon = Daemon { config, credentials, base, status, run, setting: None, holds_from: 0, wanted };
+    let key_frame = KeyFrame::default();
+    let mut daemon = Daemon { config, credentials, base, status, run, setting: None, holds_from: 0, key_frame, wanted };
     let mut reported = String::new();
     loop {
         if let Err(error) = daemon.follow().await {
@@ -112,15 +115,15 @@ impl Daemon {
                 }
                 some = reports.next() => some,
             };
-            let Some(mut some) = some else { return Ok(()) };
-            let Some(report) = some.pop().transpose().map_err(failed)? else { continue };
-            let report = match StepReport::try_from(report) {
-                Ok(report) => report,
-                Err(error) => {
-                    tracing::warn!("a report cannot be read: {error}");
-                    continue;
+            let Some(some) = some else { return Ok(()) };
+            let mut newest = None;
+            for report in some {
+                match StepReport::try_from(report.map_err(failed)?) {
+                    Ok(report) => newest = Some(self.key_frame.compared(report)),
+                    Err(error) => tracing::warn!("a report cannot be read: {error}"),
                 }
-            };
+            }
+            let Some(report) = newest else { continue };
             self.status.working(true);
             let call = match (self.call_of(&report), &mut quality) {
                 (Call::Nothing, Some(quality)) if self.may_ask_quality(&report) => {

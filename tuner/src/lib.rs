@@ -8,6 +8,7 @@ pub mod contract;
 mod control_loop;
 pub mod evaluator;
 pub mod interval;
+mod key_frame;
 mod live;
 pub mod pareto;
 mod provisional;

@@ -15,6 +15,7 @@ pub fn setting(study: &Study, chosen: usize, contract: &Contract, state: TuningS
     Setting {
         params: Some(study.rows[chosen].params),
         limits: contract.limits,
+        objective: contract.utility().objective(),
         fallbacks: ladder,
         tuning: state,
         only_vdis: false,
@@ -24,7 +25,8 @@ pub fn setting(study: &Study, chosen: usize, contract: &Contract, state: TuningS
 /// The contract's limits alone, for steps before the first study, which may become one of `representations`.
 pub fn limits_alone(contract: &Contract, representations: &[Representation]) -> Setting {
     let only_vdis = !representations.contains(&Representation::Volume);
-    Setting { limits: contract.limits, only_vdis, ..Setting::default() }
+    let objective = contract.utility().objective();
+    Setting { limits: contract.limits, objective, only_vdis, ..Setting::default() }
 }
 
 /// Sends a setting for the next step; says from which step on they hold.

@@ -1,6 +1,7 @@
 //! nu: what is best among what keeps the limits.
 
 use exmex::{Express, FlatEx};
+use lamina_model::Objective;
 use std::fmt;
 
 /// What is wanted.
@@ -49,6 +50,15 @@ impl Utility {
             Self::Quality | Self::Time => false,
             Self::Size => true,
             Self::Expression(expression) => expression.var_names().iter().any(|v| v == "sigma"),
+        }
+    }
+
+    /// What a generator-node has to know of it.
+    pub fn objective(&self) -> Objective {
+        match self {
+            Self::Quality => Objective::Quality,
+            Self::Size => Objective::Size,
+            Self::Time | Self::Expression(_) => Objective::Time,
         }
     }
 

@@ -4,13 +4,12 @@
 //! last column names a file for each combination of the others).
 
 use crate::cli;
-use crate::offline::read_recorded;
 use crate::picture_file;
 use anyhow::{Context, bail, ensure};
 use lamina_model::{Image, Intermediate, ReducedVolume, ScalarRange, Scale, Volume, Voxels};
 use lamina_vdi_render::{Backend, Detail, Drawable};
 use lamina_viz_node::store::Run;
-use lamina_volume_io::{write_pvd, write_vti};
+use lamina_volume_io::{read_recorded, write_pvd, write_vti};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -170,7 +170,9 @@ impl InProcessEvaluator {
 
     /// The encoded bytes, and their cost.
     fn encode(&self, intermediate: &Intermediate, generation_time: Duration) -> Result<(Vec<u8>, Cost), Invalid> {
-        Ok(lamina_codec::encode_timed(intermediate, generation_time, &encode_options(self.segmentation))?)
+        let encoded =
+            lamina_codec::encode_timed(intermediate, generation_time, &encode_options(self.segmentation), None)?;
+        Ok((encoded.bytes, encoded.cost))
     }
 
     fn represent(&self, params: &GenerationParams) -> Result<(Intermediate, Duration), Invalid> {

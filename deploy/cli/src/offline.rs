@@ -6,17 +6,12 @@ use crate::picture_file;
 use crate::scene_file::{scene_for, with_step};
 use crate::source::{read_options, with_colors};
 use anyhow::{Context, ensure};
-use lamina_codec::{Codec, CodecError, DecodeLimits, EncodeOptions, ErrorMeasure, Layout};
-use lamina_model::{
-    GenerationParams, Intermediate, Invalid, Representation, Scene, Segmentation, VdiParams, Volume, psnr, ssim,
-};
+use lamina_codec::{Codec, EncodeOptions, EncodedStep, ErrorMeasure, Layout};
+use lamina_model::{GenerationParams, Invalid, Representation, Scene, Segmentation, VdiParams, Volume, psnr, ssim};
 use lamina_raycast::{Backend, Field};
 use lamina_tuner::units::Bytes;
 use lamina_vdi_render::{Detail, Drawable};
-use lamina_volume_io::Series;
-use std::fs::File;
-use std::io::Read;
-use std::path::Path;
+use lamina_volume_io::{Series, read_recorded};
 use std::time::Instant;
 
 /// The volume and scene that an input names.
@@ -96,7 +91,7 @@ pub fn generate(arguments: &cli::Generate) -> anyhow::Result<()> {
         let params = stated(&scene)?;
         (params, backend.represent(&prepare(volume, &scene), &params, arguments.segmentation)?)
     };
-    let (bytes, cost) = lamina_codec::encode_timed(&intermediate, generation_time, &options)?;
+    let EncodedStep { bytes, cost, .. } = lamina_codec::encode_timed(&intermediate, generation_time, &options, None)?;
     let [generation_ms, encode_ms] = [cost.generation, cost.encode].map(|t| t.as_secs_f64() * 1e3);
     let elements = match params.representation() {
         Representation::Vdi => "supersegments",
@@ -124,20 +119,6 @@ pub(crate) fn params(
         }
         Representation::Volume => GenerationParams::volume(resolution, gamma),
     }
-}
-
-/// The recorded step in a file.
-pub(crate) fn read_recorded(path: &Path) -> anyhow::Result<Intermediate> {
-    let name = path.display();
-    let (unreadable, limits) = (|| format!("{name}: cannot be read"), DecodeLimits::default());
-    let (mut file, mut bytes) = (File::open(path).with_context(unreadable)?, Vec::new());
-    // Something else may be large.
-    file.by_ref().take(4).read_to_end(&mut bytes).with_context(unreadable)?;
-    if let Err(error @ CodecError::NotAVdi) = lamina_codec::decode_any(&bytes, &limits) {
-        return Err(error).with_context(|| name.to_string());
-    }
-    file.read_to_end(&mut bytes).with_context(unreadable)?;
-    lamina_codec::decode_any(&bytes, &limits).with_context(|| name.to_string())
 }
 
 /// `lamina render`.

@@ -1,5 +1,6 @@
 //! Why a recorded volume cannot be read or written: the file, what is wrong, and what to do about it.
 
+use lamina_codec::CodecError;
 use lamina_model::{Invalid, VoxelType};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -79,6 +80,26 @@ pub enum ReadError {
         what: String,
         /// What would be read.
         remedy: &'static str,
+    },
+    /// A recorded step cannot be decoded.
+    #[error("{}: {source}", path.display())]
+    Recorded {
+        /// The file.
+        path: PathBuf,
+        /// What the codec says.
+        source: CodecError,
+    },
+    /// A recorded step was coded after another one, which is not in its folder.
+    #[error(
+        "{}: coded after another step, the .vdi file with the checksum {checksum:08x}, which is not beside it; \
+         keep the files of a run in one folder",
+        path.display()
+    )]
+    Predecessor {
+        /// The file.
+        path: PathBuf,
+        /// The CRC-32 that the other one ends with.
+        checksum: u32,
     },
     /// The scalar asked for is not there.
     #[error("{}: {reason}; choose one of the scalar arrays there are: {present}", path.display())]

@@ -1,4 +1,4 @@
-//! Readers of recorded volumes and time series, and the writers with which the project records its own.
+//! Readers of recorded volumes and time series, and the writers with which the project records its own; the reader of recorded steps.
 //!
 //! Understood are ParaView collections (`.pvd`) of VTK image data (`.vti`), NRRD (`.nrrd`, `.nhdr`) and raw arrays
 //! (`.raw`, `.raw.gz`). A file is untrusted input: whatever a header claims is held against the size of the file before
@@ -14,6 +14,7 @@ mod nrrd_header;
 mod planes;
 mod pvd;
 mod raw;
+mod recorded;
 mod scalars;
 mod series;
 mod vti;
@@ -24,5 +25,6 @@ mod xml;
 
 pub use error::ReadError;
 pub use raw::RawSpec;
+pub use recorded::read_recorded;
 pub use series::{Options, Series};
 pub use write::{write_pvd, write_vti};

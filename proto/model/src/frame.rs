@@ -22,6 +22,9 @@ pub struct Frame {
     pub dropped_steps: u64,
     /// Bytes as encoded.
     pub bytes: u64,
+    /// The step that this one was coded after, the last one sent before it: without it the bytes cannot be decoded. `None` for a key
+    /// frame.
+    pub after_step: Option<u64>,
     /// Voxels that are NaN or infinite, drawn as empty.
     pub empty_voxels: u64,
     /// Ranks that fell silent and whose bricks the step lacks: a hole, among the empty voxels.

@@ -54,7 +54,7 @@ pub use run::RunInfo;
 pub use samples::{ReferenceSamples, SamplePlan};
 pub use scene::Scene;
 pub use scene_change::SceneChange;
-pub use setting::Setting;
+pub use setting::{Objective, Setting};
 pub use steering::{Steerable, SteerableNumber, Steering, SteeringRequest};
 pub use step_report::StepReport;
 pub use transfer::{ControlPoint, TransferFunction};

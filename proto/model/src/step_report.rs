@@ -19,4 +19,6 @@ pub struct StepReport {
     pub fell_back: bool,
     /// True if viewers can measure its quality.
     pub has_reference: bool,
+    /// True if it was coded after the step before it: its size says little of the parameters.
+    pub is_after_another: bool,
 }

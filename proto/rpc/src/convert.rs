@@ -3,8 +3,8 @@
 use crate::v1::generation_params::Kind;
 use crate::{required, v1};
 use lamina_model::{
-    Cost, Frame, FullPolicy, GenerationParams, Invalid, Limits, Quality, RunInfo, Setting, StepReport, TuningState,
-    VdiParams, ViewError, VoxelType,
+    Cost, Frame, FullPolicy, GenerationParams, Invalid, Limits, Objective, Quality, RunInfo, Setting, StepReport,
+    TuningState, VdiParams, ViewError, VoxelType,
 };
 use std::time::Duration;
 
@@ -96,6 +96,26 @@ impl From<v1::TuningState> for TuningState {
     }
 }
 
+impl From<Objective> for v1::Objective {
+    fn from(objective: Objective) -> Self {
+        match objective {
+            Objective::Quality => Self::Quality,
+            Objective::Size => Self::Size,
+            Objective::Time => Self::Time,
+        }
+    }
+}
+
+impl From<v1::Objective> for Objective {
+    fn from(objective: v1::Objective) -> Self {
+        match objective {
+            v1::Objective::Quality => Self::Quality,
+            v1::Objective::Size => Self::Size,
+            v1::Objective::Time => Self::Time,
+        }
+    }
+}
+
 impl v1::QualityReply {
     /// The answer about a trial.
     pub fn new(trial_id: u64, q: &Quality) -> Self {
@@ -142,8 +162,9 @@ impl From<v1::FullPolicy> for FullPolicy {
 
 impl From<StepReport> for v1::StepReport {
     fn from(report: StepReport) -> Self {
-        let StepReport { run_id, step, time, params, cost, fell_back, has_reference } = report;
-        Self { run_id, step, time, params: Some((&params).into()), cost: Some(cost.into()), has_reference, fell_back }
+        let StepReport { run_id, step, time, params, cost, fell_back, has_reference, is_after_another } = report;
+        let (params, cost) = (Some((&params).into()), Some(cost.into()));
+        Self { run_id, step, time, params, cost, has_reference, fell_back, is_after_another }
     }
 }
 
@@ -158,6 +179,7 @@ impl TryFrom<v1::StepReport> for StepReport {
             cost: required(report.cost, "cost")?.into(),
             fell_back: report.fell_back,
             has_reference: report.has_reference,
+            is_after_another: report.is_after_another,
         })
     }
 }
@@ -172,6 +194,7 @@ impl v1::SetParametersRequest {
             fallbacks: setting.fallbacks.iter().map(Into::into).collect(),
             tuning_state: v1::TuningState::from(setting.tuning).into(),
             only_vdis: setting.only_vdis,
+            objective: v1::Objective::from(setting.objective).into(),
         }
     }
 }
@@ -185,6 +208,7 @@ impl TryFrom<v1::SetParametersRequest> for Setting {
         }
         Ok(Self {
             tuning: request.tuning_state().into(),
+            objective: request.objective().into(),
             params: request.params.map(GenerationParams::try_from).transpose()?,
             limits: request.limits.unwrap_or_default().into(),
             only_vdis: request.only_vdis,
@@ -204,6 +228,7 @@ impl From<Frame> for v1::Frame {
             trial_id: frame.trial_id.unwrap_or(0),
             dropped_steps: frame.dropped_steps,
             bytes: frame.bytes,
+            after_step: frame.after_step,
             empty_voxels: frame.empty_voxels,
             lost_ranks: frame.lost_ranks,
             triggers: frame.triggers,
@@ -229,6 +254,7 @@ impl TryFrom<v1::Frame> for Frame {
             trial_id: Some(frame.trial_id).filter(|id| *id > 0),
             dropped_steps: frame.dropped_steps,
             bytes: frame.bytes,
+            after_step: frame.after_step,
             empty_voxels: frame.empty_voxels,
             lost_ranks: frame.lost_ranks,
             triggers: trigger_names(frame.triggers)?,

@@ -103,6 +103,10 @@ pub struct Frame {
     /// What computing the shown field from the run's took; 0 where one is shown as it is.
     #[prost(uint64, tag = "16")]
     pub derivation_ns: u64,
+    /// The step, the last one sent before this one, that the bytes were coded after: they cannot be decoded without it. Absent: a key
+    /// frame.
+    #[prost(uint64, optional, tag = "17")]
+    pub after_step: ::core::option::Option<u64>,
 }
 /// What a step is to keep.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
@@ -288,6 +292,9 @@ pub struct SetParametersRequest {
     /// What the node chooses by itself, before a study, is to be a VDI. Read where `params` is absent.
     #[prost(bool, tag = "6")]
     pub only_vdis: bool,
+    /// What is best among what keeps the limits.
+    #[prost(enumeration = "Objective", tag = "7")]
+    pub objective: i32,
 }
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct SetParametersReply {
@@ -315,6 +322,9 @@ pub struct StepReport {
     /// These are not the parameters that were set: with those it exceeded the size limit, or could not be generated.
     #[prost(bool, tag = "7")]
     pub fell_back: bool,
+    /// It was coded after the step before it: its size says little of the parameters.
+    #[prost(bool, tag = "8")]
+    pub is_after_another: bool,
 }
 /// Measures some batches of the sampled pixels.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
@@ -459,6 +469,39 @@ pub struct ContractRequest {
     /// Who asks, for the log.
     #[prost(string, tag = "3")]
     pub asked_by: ::prost::alloc::string::String,
+}
+/// What a contract wants most.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
+#[repr(i32)]
+pub enum Objective {
+    /// The highest PSNR.
+    Quality = 0,
+    /// The fewest bytes.
+    Size = 1,
+    /// Something that time counts in.
+    Time = 2,
+}
+impl Objective {
+    /// String value of the enum field names used in the ProtoBuf definition.
+    ///
+    /// The values are not transformed in any way and thus are considered stable
+    /// (if the ProtoBuf definition does not change) and safe for programmatic use.
+    pub fn as_str_name(&self) -> &'static str {
+        match self {
+            Self::Quality => "OBJECTIVE_QUALITY",
+            Self::Size => "OBJECTIVE_SIZE",
+            Self::Time => "OBJECTIVE_TIME",
+        }
+    }
+    /// Creates an enum from field names used in the ProtoBuf definition.
+    pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
+        match value {
+            "OBJECTIVE_QUALITY" => Some(Self::Quality),
+            "OBJECTIVE_SIZE" => Some(Self::Size),
+            "OBJECTIVE_TIME" => Some(Self::Time),
+            _ => None,
+        }
+    }
 }
 /// A number that may be changed while the simulation runs.
 #[derive(Clone, PartialEq, ::prost::Message)]

@@ -43,6 +43,14 @@ impl Drawable {
         Ok(Self::Volume(Box::new(field.with_scene(appearance.applied_to(field.scene())?)?)))
     }
 
+    /// Points a side and values of a reduced volume, positions in the range; `None` for a VDI.
+    pub fn units(&self) -> Option<([usize; 3], &[f32])> {
+        match self {
+            Self::Volume(field) => field.units().map(|units| (field.grid().dims(), units)),
+            Self::Vdi(_) => None,
+        }
+    }
+
     /// The transfer function of a volume; `None` for a VDI.
     pub fn transfer(&self) -> Option<&TransferFunction> {
         match self {

@@ -32,7 +32,7 @@ fn crates_point_only_where_the_layout_says() {
         ("proto/raycast", &["model", "compute"]),
         ("proto/vdi-render", &["model", "compute", "raycast"]),
         ("deploy/blast", &[]),
-        ("deploy/volume-io", &["model", "field-expression"]),
+        ("deploy/volume-io", &["model", "field-expression", "codec"]),
         ("deploy/report", &[]),
         ("proto/shared-memory", &[]),
         ("proto/mpi", &[]),

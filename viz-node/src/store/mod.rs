@@ -2,6 +2,7 @@
 //!
 //! A recorded step is never lost: its bytes are whole in their file before its row is written, and rows are appended.
 
+mod decoding;
 mod error;
 mod folder;
 mod request_log;
@@ -13,11 +14,12 @@ pub use error::StoreError;
 pub use row::{Number, QualityStatus, StepRow, ViewPsnr};
 pub use run::Run;
 
+use decoding::DecodedSteps;
 use folder::Folder;
 use lamina_codec::DecodeLimits;
-use lamina_vdi_render::{Drawable, QualityEstimate};
+use lamina_vdi_render::QualityEstimate;
 use parking_lot::{Mutex, MutexGuard};
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Bound;
 use std::path::Path;
 use std::sync::Arc;
@@ -40,9 +42,6 @@ pub enum Event {
     Steerable,
 }
 
-/// Steps kept decoded and prepared for drawing.
-const DECODED: usize = 4;
-
 #[derive(Debug, Default)]
 struct StoreState {
     run: Option<Run>,
@@ -51,7 +50,7 @@ struct StoreState {
     pending: BTreeSet<u64>,
     in_memory: BTreeMap<u64, Arc<Vec<u8>>>,
     folder: Option<Folder>,
-    decoded: VecDeque<(String, u64, Arc<Drawable>)>,
+    decoded: DecodedSteps,
 }
 
 /// All steps of the current run.
@@ -236,31 +235,5 @@ impl Store {
             Some(folder) => folder.read(step).map(Arc::new),
             None => state.in_memory.get(&step).cloned().ok_or(StoreError::NoStep(step)),
         }
-    }
-
-    /// What stands for `step`, decoded and prepared for drawing.
-    ///
-    /// # Errors
-    /// If it is not held or damaged.
-    pub fn prepared(&self, step: u64) -> Result<Arc<Drawable>, StoreError> {
-        let run_id = self.run().map(|r| r.id).unwrap_or_default();
-        let is_it = |(run, number, _): &&(String, u64, Arc<Drawable>)| *run == run_id && *number == step;
-        if let Some((_, _, shown)) = self.state().decoded.iter().find(is_it) {
-            return Ok(shown.clone());
-        }
-        let bytes = self.encoded(step)?;
-        let decoded =
-            lamina_codec::decode_any(&bytes, &self.limits).map_err(|reason| StoreError::Damaged { step, reason })?;
-        let shown = Arc::new(Drawable::new(decoded));
-        let mut state = self.state();
-        if state.run.as_ref().is_none_or(|r| r.id != run_id) {
-            // Another run began meanwhile; these bytes may be of either.
-            return Err(StoreError::NoStep(step));
-        }
-        state.decoded.push_back((run_id, step, shown.clone()));
-        if state.decoded.len() > DECODED {
-            state.decoded.pop_front();
-        }
-        Ok(shown)
     }
 }

@@ -93,6 +93,8 @@ pub struct StepRow {
     pub triggers: Vec<String>,
     /// Milliseconds that computing the shown field from the run's took.
     pub derivation_ms: f64,
+    /// The step that this one was coded after; `None` for a key frame.
+    pub after_step: Option<u64>,
     /// Mean structural similarity of all views, where all of their pixels were compared.
     pub ssim: Option<f64>,
     /// The size limit in force.
@@ -163,6 +165,7 @@ impl StepRow {
             supersegments: cost.elements,
             dropped_steps: frame.dropped_steps,
             empty_voxels: frame.empty_voxels,
+            after_step: frame.after_step,
             lost_ranks: frame.lost_ranks.clone(),
             triggers: frame.triggers.clone(),
             derivation_ms: 1e3 * frame.derivation.as_secs_f64(),
@@ -252,7 +255,8 @@ mod tests {
             StepRow::csv_header(),
             "step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,encode_ms,supersegments,dropped_steps,\
              empty_voxels,size_limit_bytes,time_limit_ms,limit_kept,psnr_db_by_angle,representation,\
-             psnr_half_width_db,measured,tuning,overhead,throttle,lost_ranks,triggers,derivation_ms,ssim\n"
+             psnr_half_width_db,measured,tuning,overhead,throttle,lost_ranks,triggers,derivation_ms,ssim,\
+             after_step\n"
         );
     }
 }

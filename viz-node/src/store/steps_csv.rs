@@ -47,6 +47,8 @@ struct Line {
     derivation_ms: f64,
     #[serde(default)]
     ssim: Option<f64>,
+    #[serde(default)]
+    after_step: Option<u64>,
 }
 
 static HEADER: LazyLock<String> = LazyLock::new(|| {
@@ -56,8 +58,8 @@ static HEADER: LazyLock<String> = LazyLock::new(|| {
 });
 
 /// Columns of lines from before there were volumes, before measuring had a share of the processor, before steps had holes, before
-/// fields were computed, and before structural similarity was measured.
-const EARLIER: [usize; 5] = [15, 16, 21, 23, 24];
+/// fields were computed, before structural similarity was measured, and before steps were coded after others.
+const EARLIER: [usize; 6] = [15, 16, 21, 23, 24, 25];
 
 /// The line with its end, after the names of the columns if they are wanted.
 fn written(line: &Line, with_names: bool) -> String {
@@ -108,6 +110,7 @@ impl StepRow {
             triggers: self.triggers.join(";"),
             derivation_ms: rounded(self.derivation_ms, 3),
             ssim: self.ssim.map(|s| rounded(s, 5)),
+            after_step: self.after_step,
         };
         written(&line, false)
     }
@@ -145,6 +148,7 @@ impl StepRow {
             triggers: line.triggers.split(';').filter(|name| !name.is_empty()).map(str::to_owned).collect(),
             derivation_ms: line.derivation_ms,
             ssim: line.ssim,
+            after_step: line.after_step,
             size_limit_bytes: line.size_limit_bytes,
             time_limit_ms: line.time_limit_ms,
             psnr_limit_db: None,

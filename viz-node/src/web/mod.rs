@@ -177,12 +177,13 @@ async fn events(State(web): State<Web>) -> Sse<impl Stream<Item = Result<sse::Ev
     Sse::new(events.map(to_sse)).keep_alive(sse::KeepAlive::default())
 }
 
-/// The encoded bytes of a step: pages decode and draw it themselves.
+/// The encoded bytes of a step, with those it was coded after: pages decode and draw it themselves.
 async fn step(State(web): State<Web>, Path(step): Path<u64>, Query(query): Query<StepQuery>) -> Response {
     if query.run.is_some_and(|run| web.store.run().is_none_or(|current| current.id != run)) {
         return (StatusCode::NOT_FOUND, "another run has begun").into_response();
     }
-    match web.store.encoded(step) {
+    let bytes = if query.alone { web.store.encoded(step) } else { web.store.self_contained(step) };
+    match bytes {
         Ok(bytes) => {
             let headers = [(header::CONTENT_TYPE, "application/octet-stream"), (header::CACHE_CONTROL, "no-store")];
             (headers, bytes.to_vec()).into_response()
@@ -195,6 +196,9 @@ async fn step(State(web): State<Web>, Path(step): Path<u64>, Query(query): Query
 struct StepQuery {
     /// Refused unless it is the current run's.
     run: Option<String>,
+    /// Without those it was coded after, which the page holds.
+    #[serde(default)]
+    alone: bool,
 }
 
 #[derive(Deserialize)]

@@ -35,6 +35,8 @@ export interface StepRow {
   half_width_db: number | null;
   /** Structural similarity, where all pixels of the views were compared. */
   ssim: number | null;
+  /** The step that this one was coded after; null for a key frame. */
+  after_step: number | null;
   measured: "no" | "pending" | "skipped" | "yes";
   tuning: "none" | "provisional" | "done";
   overhead: number | null;

@@ -7,7 +7,7 @@ import { BrowserPainter, type Picture, Refused } from "./engine/painter";
 import type { Description } from "./engine/wasm";
 import { refresh, refreshStatus } from "./frame";
 import { serverPicture } from "./server_picture";
-import { LARGEST_SIZE, RETRY_MS, type Shown, type Wanted, byId, clamp, link, motion, picture, shownRow, store, view } from "./state";
+import { LARGEST_SIZE, RETRY_MS, type Shown, type Wanted, byId, clamp, link, motion, picture, rowOf, shownRow, store, view } from "./state";
 
 const draftSize = new DraftSize();
 
@@ -21,7 +21,8 @@ function browserPainter(): BrowserPainter | null {
   if (asked.has("server")) return null;
   if (typeof WebAssembly !== "object" || typeof OffscreenCanvas !== "function") return null;
   const worker = new Worker(new URL("./engine/worker.ts", import.meta.url), { type: "module", name: ["cpu", "webgpu", "webgl"].find((name) => asked.has(name)) ?? "" });
-  return new BrowserPainter(worker, refreshStatus, () => {
+  const before = (run: string, step: number) => (run === store.run?.id ? (rowOf(step)?.after_step ?? null) : null);
+  return new BrowserPainter(worker, before, refreshStatus, () => {
     serverDraws = true;
     refresh();
   });

@@ -140,6 +140,12 @@ export function shownIndex(): number {
   return view.step === null ? store.steps.length - 1 : lowerBound(view.step);
 }
 
+/** The row of step number `step`, if it is recorded. */
+export function rowOf(step: number): StepRow | null {
+  const row = store.steps[lowerBound(step)];
+  return row?.step === step ? row : null;
+}
+
 export const shownRow = (): StepRow | null => store.steps[shownIndex()] ?? null;
 
 /** The index of the step nearest to step number `step`. */

@@ -1,13 +1,12 @@
 //! A file that was opened: a recorded step, or one step of a volume file.
 
 use glam::DVec3;
-use lamina_codec::{DecodeLimits, decode_any};
 use lamina_model::{
     Aabb, Camera, GenerationParams, Grid, Image, Intermediate, ReducedVolume, Scene, Vdi, Volume, VoxelType, suggest,
 };
 use lamina_raycast::Field;
 use lamina_vdi_render::{Backend, Detail, Drawable};
-use lamina_volume_io::{Options, RawSpec, Series};
+use lamina_volume_io::{Options, RawSpec, Series, read_recorded};
 use serde::{Deserialize, Serialize};
 use std::error::Error;
 use std::ffi::CString;
@@ -82,9 +81,7 @@ impl OpenedFile {
 
     /// A recorded step.
     fn step(path: &Path) -> Result<Self, Box<dyn Error>> {
-        let named = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
-        let bytes = std::fs::read(path).map_err(|e| named(&e))?;
-        let decoded = decode_any(&bytes, &DecodeLimits::default()).map_err(|e| named(&e))?;
+        let decoded = read_recorded(path)?;
         let params = Some(decoded.params());
         let (content, description) = match decoded {
             Intermediate::Vdi(vdi) => {

@@ -25,8 +25,8 @@ impl ReferenceVolume {
         Self::of(checksum(bytes), decoded.grid().dims(), decoded.units())
     }
 
-    /// The volume of `units`, as its bytes with that checksum decode.
-    pub(super) fn of(checksum: u32, dims: [usize; 3], units: &[f32]) -> Self {
+    /// The volume of `units`, as bytes with that checksum decode to: positions in the range, x fastest, NaN where a point is missing.
+    pub fn of(checksum: u32, dims: [usize; 3], units: &[f32]) -> Self {
         let finite = |u: &f32| if u.is_finite() { *u } else { 0.0 };
         Self { checksum, dims, values: units.par_iter().map(finite).collect() }
     }
@@ -34,6 +34,11 @@ impl ReferenceVolume {
     /// The CRC-32 that its bytes end with, by which those coded after it name it.
     pub fn checksum(&self) -> u32 {
         self.checksum
+    }
+
+    /// Its sample points.
+    pub fn points(&self) -> u64 {
+        self.values.len() as u64
     }
 
     /// Its values at the points of a volume of `dims` points that fills the same box.

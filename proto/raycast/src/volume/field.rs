@@ -134,6 +134,13 @@ impl Field {
     pub fn stored(&self) -> &StoredVoxels {
         &self.stored
     }
+    /// The positions in the range of all sample points, x fastest, where they are stored as such: in a reduced volume, or of `f32` data.
+    pub fn units(&self) -> Option<&[f32]> {
+        match &*self.stored {
+            StoredVoxels::F32(units) => Some(units),
+            _ => None,
+        }
+    }
     /// `(scale, offset)`: the position in the range is `scale` times the stored scalar plus `offset`.
     pub fn unit_from_stored(&self) -> (f64, f64) {
         (self.scale, self.offset)

@@ -3,7 +3,8 @@
 use crate::camera::Pose;
 use crate::message::Message;
 use glam::DVec3;
-use lamina_codec::{CodecError, DecodeLimits, decode_any};
+use lamina_codec::volume::{ReferenceVolume, checksum};
+use lamina_codec::{CodecError, DecodeLimits, decode_any_after};
 use lamina_compute::kernel::Binding;
 use lamina_model::{Appearance, Camera, Effects, Image, Intermediate, Invalid, TransferFunction};
 use lamina_raycast::kernel::VolumeKernel;
@@ -48,6 +49,8 @@ struct Shown {
     volume: Option<VolumeKernel>,
     elements: usize,
     histogram: Vec<u32>,
+    /// The CRC-32 that its bytes end with.
+    checksum: u32,
 }
 
 /// A picture that is drawn in parts.
@@ -87,14 +90,21 @@ pub struct Session {
 }
 
 impl Session {
-    /// Decodes a recorded step of at most `max_decoded_bytes` and keeps it; its handle, and its [`Description`].
+    /// Decodes a recorded step of at most `max_decoded_bytes` and keeps it; its handle, and its [`Description`]. It may be coded after one that
+    /// is kept.
     ///
     /// # Errors
-    /// If the bytes are no step, damaged or too large.
+    /// If the bytes are no step, coded after one that is not kept, damaged or too large.
     pub fn open(&mut self, bytes: &[u8], max_decoded_bytes: u64) -> Result<(usize, Message), CodecError> {
-        let decoded = decode_any(bytes, &DecodeLimits { max_decoded_bytes })?;
+        let decoded = decode_any_after(bytes, &DecodeLimits { max_decoded_bytes }, |before| self.reference(before))?;
         let (elements, histogram) = (decoded.elements() as usize, histogram(&decoded));
-        Ok(self.keep(Shown { drawable: Drawable::new(decoded), volume: None, elements, histogram }))
+        let (drawable, checksum) = (Drawable::new(decoded), checksum(bytes));
+        Ok(self.keep(Shown { drawable, volume: None, elements, histogram, checksum }))
+    }
+
+    fn reference(&self, wanted: u32) -> Option<ReferenceVolume> {
+        let shown = self.shown.iter().flatten().find(|shown| shown.checksum == wanted)?;
+        shown.drawable.units().map(|(dims, units)| ReferenceVolume::of(wanted, dims, units))
     }
 
     /// Keeps the volume `handle` with another appearance; the new handle, and its [`Description`].
@@ -102,9 +112,10 @@ impl Session {
     /// # Errors
     /// If there is no such volume, or it cannot look so.
     pub fn with_appearance(&mut self, handle: usize, asked: &Appearance) -> Result<(usize, Message), Invalid> {
-        let Shown { drawable, elements, histogram, .. } = self.get(handle)?;
-        let (elements, histogram) = (*elements, histogram.clone());
-        Ok(self.keep(Shown { drawable: drawable.with_appearance(asked)?, volume: None, elements, histogram }))
+        let Shown { drawable, elements, histogram, checksum, .. } = self.get(handle)?;
+        let (elements, histogram, checksum) = (*elements, histogram.clone(), *checksum);
+        let drawable = drawable.with_appearance(asked)?;
+        Ok(self.keep(Shown { drawable, volume: None, elements, histogram, checksum }))
     }
 
     fn keep(&mut self, shown: Shown) -> (usize, Message) {

@@ -5,6 +5,8 @@ import type { Description, Pose, Slice } from "./wasm";
 
 /** Encoded bytes of steps that are kept decoded: decoded they take 20 to 40 times as much. */
 const KEPT_BYTES = 8 << 20;
+/** What a sample point or supersegment counts as, where a step coded after another one takes fewer. */
+const BYTES_OF_ELEMENT = 1 / 6;
 /** The most of them. */
 const KEPT_STEPS = 6;
 
@@ -28,6 +30,11 @@ interface Kept {
   description: Description | null;
 }
 
+interface Opened {
+  bytes: number;
+  description: Description;
+}
+
 export class BrowserPainter {
   device: Device | null = null;
   /** Milliseconds that the last step took to decode. */
@@ -41,9 +48,13 @@ export class BrowserPainter {
   private readonly slices = new Map<number, { resolve(slice: Slice): void; reject(reason: Error): void }>();
   private nextId = 1;
 
-  /** `changed` is called when it is known what draws, and when that changes; `absent` if nothing here can. */
+  /**
+   * `changed` is called when it is known what draws, and when that changes; `absent` if nothing here can. `before` gives the step that a step of
+   * the run was coded after.
+   */
   constructor(
     private readonly worker: Worker,
+    private readonly before: (run: string, step: number) => number | null,
     private readonly changed: () => void,
     absent: () => void,
   ) {
@@ -143,11 +154,14 @@ export class BrowserPainter {
       this.kept.push(kept!);
       return kept!.opened;
     }
-    const opened = this.open(key, run, step, (bytes) => (kept.bytes = bytes));
-    const kept: Kept = { key, bytes: 0, opened, description: null };
+    const opened = this.open(run, step);
+    const kept: Kept = { key, bytes: 0, opened: opened.then(({ description }) => description), description: null };
     this.kept.push(kept);
     opened.then(
-      (description) => (kept.description = description),
+      ({ bytes, description }) => {
+        Object.assign(kept, { bytes: Math.max(bytes, BYTES_OF_ELEMENT * description.elements), description });
+        this.makeRoom();
+      },
       () => {
         const at = this.kept.indexOf(kept);
         if (at >= 0) this.kept.splice(at, 1);
@@ -156,20 +170,30 @@ export class BrowserPainter {
     return kept.opened;
   }
 
-  private async open(key: string, run: string, step: number, sized: (bytes: number) => void): Promise<Description> {
-    const answer = await fetch(`api/step/${step}?run=${encodeURIComponent(run)}`, { cache: "no-store" });
+  /** Fetches a step: alone, if the one that it was coded after is held, else with that one and those before. */
+  private async open(run: string, step: number): Promise<Opened> {
+    const before = this.before(run, step);
+    const held = this.kept.find((kept) => kept.key === `${run}/${before}`);
+    const isHeld = held !== undefined && (await held.opened.catch(() => null)) !== null;
+    if (!isHeld) return this.fetched(run, step, "");
+    // The one before may have made room meanwhile.
+    return this.fetched(run, step, "&alone=true").catch(() => this.fetched(run, step, ""));
+  }
+
+  private async fetched(run: string, step: number, alone: string): Promise<Opened> {
+    const key = `${run}/${step}`;
+    const answer = await fetch(`api/step/${step}?run=${encodeURIComponent(run)}${alone}`, { cache: "no-store" });
     if (!answer.ok) {
       const reason = (await answer.text()).trim() || `the server answered ${answer.status}`;
       throw answer.status < 500 ? new Refused(reason) : new Error(reason);
     }
     const bytes = await answer.arrayBuffer();
     this.fetchedBytes += bytes.byteLength;
-    sized(bytes.byteLength);
     const opened = new Promise<Description>((resolve, reject) => this.openings.set(key, { resolve, reject }));
+    const size = bytes.byteLength;
     this.send({ kind: "open", key, bytes }, [bytes]);
     const description = await opened.finally(() => this.openings.delete(key));
-    this.makeRoom();
-    return description;
+    return { bytes: size, description };
   }
 
   private makeRoom(): void {

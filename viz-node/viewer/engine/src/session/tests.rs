@@ -1,8 +1,9 @@
 //! The session against the renderers and against what is not a step.
 
 use super::*;
-use lamina_codec::{EncodeOptions, encode_any};
-use lamina_model::{GenerationParams, Grid, Segmentation, Volume, Voxels, suggest::suggest};
+use lamina_codec::volume::encode_after;
+use lamina_codec::{EncodeOptions, ErrorMeasure, decode_any, encode_any, sequence};
+use lamina_model::{GenerationParams, Grid, Intermediate, Segmentation, Volume, Voxels, suggest::suggest};
 use lamina_raycast::Field;
 use lamina_vdi_render::Backend;
 
@@ -141,4 +142,28 @@ fn a_slice_has_the_values_of_the_plane() {
     assert!(session.slice(handle_of_vdi, 0, 0.5).is_err() && session.slice(handle, 3, 0.5).is_err());
     assert!(session.slice(handle, 0, 1.5).is_err() && session.slice(handle, 0, f64::NAN).is_err());
     assert!(session.slice(99, 0, 0.5).is_err());
+}
+
+#[test]
+fn a_step_coded_after_one_that_is_kept_is_decoded_and_after_none_refused() {
+    let first = encoded(&GenerationParams::volume(12, 0.01).expect("parameters"));
+    let limits = DecodeLimits::default();
+    let decoded = |bytes: &[u8]| match decode_any(bytes, &limits).expect("a step") {
+        Intermediate::Volume(volume) => *volume,
+        Intermediate::Vdi(_) => unreachable!("volumes alone"),
+    };
+    let before = decoded(&first);
+    // The same once more: nothing resembles it more.
+    let reference = ReferenceVolume::new(&first, &before);
+    let (second, _) = encode_after(&before, ErrorMeasure::Maximum, Some(&reference));
+    let expected = decoded(&sequence(&[&first, &second]));
+    let mut session = Session::default();
+    let refused = session.open(&second, 1 << 30).expect_err("the one before is not kept");
+    assert!(matches!(refused, CodecError::NeedsReference { .. }), "{refused}");
+    let (kept, _) = session.open(&first, 1 << 30).expect("a key frame");
+    let (handle, _) = session.open(&second, 1 << 30).expect("coded after it");
+    session.close(kept);
+    assert!(session.open(&second, 1 << 30).is_err(), "it is no longer kept");
+    let units = session.get(handle).expect("kept").drawable.units().expect("a volume").1;
+    assert!(units == expected.units());
 }
