@@ -4,14 +4,14 @@
 //! key frame; who wants one step alone decodes all since the last one.
 
 use lamina_codec::volume::{ReferenceVolume, coded_after};
-use lamina_model::{GenerationParams, Objective, Setting, TuningState};
+use lamina_model::{GenerationParams, Objective, Setting};
 
 /// Steps from one key frame to the next.
 const INTERVAL: u32 = 8;
-/// Where a step takes more than this share of its key frame's bytes, coding it after another one is not worth its time ..
+/// Where the step after a key frame takes more than this share of its bytes, coding it after another one is not worth its time ..
 const WORTHWHILE: f64 = 0.92;
 /// .. and so many are coded alone.
-const ALONE: u32 = 24;
+const ALONE: u32 = 16;
 /// Points of larger volumes, whose motion would be searched in copies that nobody has reckoned with.
 const MOST_POINTS: u64 = 1 << 24;
 /// A key frame that takes this share of the size limit fills it.
@@ -75,8 +75,8 @@ impl Sent {
 }
 
 impl KeyFrames {
-    /// What the next step of `run_id` may be coded after; `None` if it is to be a key frame. That it is where time counts, where parameters are
-    /// still looked for or others are `wanted`, where a step was dropped, as then there is no time to spare, and where a reader asked for one.
+    /// What the next step of `run_id` may be coded after; `None` if it is to be a key frame. That it is where time counts, where nobody has
+    /// chosen parameters yet or others are `wanted` than before, where a step was dropped, as then there is no time to spare, and where a reader asked for one.
     pub(crate) fn predecessor(
         &self,
         (run_id, dropped_steps): (&str, u64),
@@ -86,8 +86,7 @@ impl KeyFrames {
     ) -> Option<Predecessor<'_>> {
         let Setting { limits, objective, .. } = setting;
         let time_counts = *objective == Objective::Time || limits.time_ms.is_some() || limits.overhead.is_some();
-        let is_settled = setting.params.is_some() && setting.tuning != TuningState::Provisional;
-        if key_wanted || time_counts || !is_settled || self.alone > 0 {
+        if key_wanted || time_counts || setting.params.is_none() || self.alone > 0 {
             return None;
         }
         let last = self.last.as_ref().filter(|last| last.is_followed_by(run_id, dropped_steps, wanted))?;
@@ -106,7 +105,7 @@ impl KeyFrames {
         if let Some(before) = before.filter(|_| is_after) {
             (after_key, key_params, key_bytes) = (before.after_key + 1, before.key_params, before.key_bytes);
             let is_finer = params.gamma() < key_params.gamma();
-            if !is_finer && size_bytes as f64 > WORTHWHILE * key_bytes as f64 {
+            if after_key == 1 && !is_finer && size_bytes as f64 > WORTHWHILE * key_bytes as f64 {
                 self.alone = ALONE;
             }
         }
@@ -157,7 +156,7 @@ mod tests {
 
     impl Sender {
         fn new() -> Self {
-            let setting = Setting { params: Some(params(0.01)), tuning: TuningState::Done, ..Setting::default() };
+            let setting = Setting { params: Some(params(0.01)), ..Setting::default() };
             Self { keys: KeyFrames::default(), setting, step: 0 }
         }
 
@@ -212,7 +211,6 @@ mod tests {
         assert!(!with(&|setting| setting.objective = Objective::Time));
         assert!(!with(&|setting| setting.limits = Limits { time_ms: Some(9.0), ..Limits::default() }));
         assert!(!with(&|setting| setting.limits = Limits { overhead: Some(0.1), ..Limits::default() }));
-        assert!(!with(&|setting| setting.tuning = TuningState::Provisional));
         assert!(!with(&|setting| setting.params = None));
     }
 

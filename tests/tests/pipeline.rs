@@ -8,7 +8,7 @@ use lamina_rpc::v1::{TunerStatusRequest, tuning_client::TuningClient};
 use lamina_tests::processes::{Daemon, free_port, recorded_series, run, wait_for};
 use lamina_vdi_render::{self as viz, Detail, Drawable};
 use lamina_viz_node::store::{QualityStatus, StepRow};
-use lamina_volume_io::{Options, Series};
+use lamina_volume_io::{Options, Series, read_recorded};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tonic_health::pb::{HealthCheckRequest, health_check_response::ServingStatus, health_client::HealthClient};
@@ -126,10 +126,10 @@ fn every_figure_of_a_replayed_series_comes_from_where_it_says() {
     assert!(bytes > LIMIT_BYTES, "without a limit it would be broken: {bytes}");
     let plan = SamplePlan { image_size: 256, tile: 4, batches: 1, angles_deg: vec![10.0, 30.0, 60.0] };
     for (n, row) in rows.iter().enumerate() {
-        let bytes = std::fs::read(folder.join(format!("step_{n:06}.vdi"))).unwrap();
-        let shown = lamina_codec::decode_any(&bytes, &lamina_codec::DecodeLimits::default()).unwrap();
+        let file = folder.join(format!("step_{n:06}.vdi"));
+        let shown = read_recorded(&file).unwrap();
         assert_eq!((row.step, row.time), (n as u64, series.time(n)));
-        assert_eq!(row.size_bytes, bytes.len() as u64, "sigma is the file's size");
+        assert_eq!(row.size_bytes, file.metadata().unwrap().len(), "sigma is the file's size");
         assert_eq!(row.supersegments, shown.elements());
         let echoed = (row.representation, row.resolution, row.gamma);
         let params = shown.params();
@@ -251,9 +251,9 @@ fn killing_each_daemon_in_turn_stops_nobody_and_loses_nothing_recorded() {
     // Every recorded step is whole.
     let folder = cluster.run_folder().unwrap();
     for row in cluster.rows() {
-        let bytes = std::fs::read(folder.join(format!("step_{:06}.vdi", row.step))).unwrap();
-        assert_eq!(bytes.len() as u64, row.size_bytes);
-        lamina_codec::decode_any(&bytes, &lamina_codec::DecodeLimits::default()).unwrap();
+        let file = folder.join(format!("step_{:06}.vdi", row.step));
+        assert_eq!(file.metadata().unwrap().len(), row.size_bytes);
+        read_recorded(&file).unwrap();
     }
 }
 

@@ -121,7 +121,7 @@ fn an_independent_reader_sees_volumes_coded_after_others() {
         let mut files: Vec<Vec<u8>> = Vec::new();
         let mut reference: Option<ReferenceVolume> = None;
         for step in &steps {
-            let (bytes, next) = volume::encode_after(step, ErrorMeasure::Maximum, reference.as_ref());
+            let (bytes, _) = volume::encode_after(step, ErrorMeasure::Maximum, reference.as_ref());
             let back = volume::decode_after(&bytes, &limits, reference.as_ref()).unwrap();
             reference = Some(ReferenceVolume::new(&bytes, &back));
             files.insert(0, bytes);

@@ -36,7 +36,9 @@ impl BayesianSearch<'_> {
         if self.contract.weighs_size() && self.marched.is_empty() {
             self.march(trial).await?;
         }
-        if self.to_beat.is_some() && self.all_too_large() {
+        // What may be ten times too large is not worth a long trial where something else serves.
+        let unknown = self.contract.limits.size_bytes.is_some() && !self.surrogates().know_sizes();
+        if self.to_beat.is_some() && (unknown || self.all_too_large()) {
             return Ok(());
         }
         for _ in 0..ATTEMPTS {
@@ -152,15 +154,17 @@ impl BayesianSearch<'_> {
     fn best_by_prior(&self) -> Option<GenerationParams> {
         let models = self.surrogates();
         let measurable = |p: &&GenerationParams| self.is_new(p) && !self.screening.too_slow(p);
-        // While times are unknown the first one is no extreme; nor where nothing limits what a VDI costs.
+        // While times or sizes are unknown the first one is no extreme; nor where nothing limits what a VDI costs.
         let limits_time = self.contract.limits.time_ms.is_some() && !models.know_times();
+        let limits_size = self.contract.limits.size_bytes.is_some() && !models.know_sizes();
         let unlimited = self.utility == Utility::Quality
             && self.representation == Representation::Vdi
             && self.contract.limits.size_bytes.is_none()
             && self.contract.limits.time_ms.is_none();
         let highest = self.candidates.iter().map(GenerationParams::resolution).max().unwrap_or(1);
         let middle = (f64::from(self.lowest()) * f64::from(highest)).sqrt();
-        let moderate = |p: &&GenerationParams| !(limits_time || unlimited) || f64::from(p.resolution()) <= middle;
+        let moderate =
+            |p: &&GenerationParams| !(limits_time || limits_size || unlimited) || f64::from(p.resolution()) <= middle;
         let rank = |p: &GenerationParams| self.expected_cost(&models, p);
         let untried = self.candidates.iter().filter(measurable).filter(moderate).map(|p| (rank(p), *p));
         let best = untried.min_by(|(a, _), (b, _)| compare(*a, *b));

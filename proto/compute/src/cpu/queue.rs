@@ -76,6 +76,16 @@ impl Queue {
         !self.busy && self.first(now) == Some(ticket)
     }
 
+    /// True if no ticket is at work and `ticket` is the first of those of `priority`.
+    pub(super) fn is_next_of(&self, priority: Priority, ticket: u64) -> bool {
+        !self.busy && self.waiting.iter().filter(|w| w.priority == priority).map(|w| w.ticket).min() == Some(ticket)
+    }
+
+    /// True if a ticket of `priority` waits.
+    pub(super) fn has(&self, priority: Priority) -> bool {
+        self.waiting.iter().any(|w| w.priority == priority)
+    }
+
     /// True if no ticket is at work or waiting.
     pub(super) fn is_idle(&self) -> bool {
         !self.busy && self.waiting.is_empty()

@@ -2,7 +2,7 @@
 //!
 //! There are two lanes with one piece of work at a time each: pictures for users, and everything else by priority. Pictures have
 //! a token bucket of their own with more than half of the rate, so that neither the debt of a long trial delays pictures, nor
-//! continuous drawing stops the trials.
+//! continuous drawing stops the trials. Live steps have one, too: what a trial of a later study owes, later trials pay.
 
 use super::limit::CpuLimit;
 use super::queue::{Priority, Queue};
@@ -19,6 +19,8 @@ use tokio::time::{Instant, sleep};
 
 /// Share of the rate that pictures may use.
 const PICTURES: f64 = 0.6;
+/// Share of the rate that live steps may use while trials owe theirs.
+const LIVE_STEPS: f64 = 0.5;
 
 /// Processor time granted to one node, or to several in one process. Clones share it.
 #[derive(Clone)]
@@ -38,6 +40,7 @@ struct Inner {
 struct ShareState {
     total: TokenBucket,
     pictures: TokenBucket,
+    live_steps: TokenBucket,
     /// Queue of each lane.
     queues: [Queue; 2],
     usage: Usage,
@@ -60,8 +63,16 @@ impl ShareState {
     }
 
     /// How long `ticket` has to wait for tokens; `None` while it is not its turn.
-    fn wait(&mut self, lane: Lane, ticket: u64, now: Instant) -> Option<Duration> {
-        self.queue(lane).is_next(ticket, now).then(|| self.bucket(lane).wait(now).max(self.held(lane, now)))
+    fn wait(&mut self, priority: Priority, ticket: u64, now: Instant) -> Option<Duration> {
+        let lane = Lane::of(priority);
+        let (tokens, held) = (self.bucket(lane).wait(now), self.held(lane, now));
+        let queue = self.queue(lane);
+        let goes_ahead = priority == Priority::LiveStep && tokens > Duration::ZERO && !queue.has(Priority::FirstTrial);
+        if goes_ahead {
+            let is_next = queue.is_next_of(priority, ticket);
+            return is_next.then(|| tokens.min(self.live_steps.wait(now)).max(held));
+        }
+        queue.is_next(ticket, now).then(|| tokens.max(held))
     }
 
     fn held(&self, lane: Lane, now: Instant) -> Duration {
@@ -111,6 +122,7 @@ impl CpuShare {
         let state = ShareState {
             total: TokenBucket::new(cores, now),
             pictures: TokenBucket::new(PICTURES * cores, now),
+            live_steps: TokenBucket::new(LIVE_STEPS * cores, now),
             queues: Default::default(),
             usage: Usage::default(),
             throttle: 1.0,
@@ -155,7 +167,9 @@ impl CpuShare {
         let mut state = self.state();
         state.throttle = share;
         if self.inner.cores.is_finite() {
-            state.total.set_rate((self.inner.cores * share).max(1e-3), Instant::now());
+            let (rate, now) = ((self.inner.cores * share).max(1e-3), Instant::now());
+            state.total.set_rate(rate, now);
+            state.live_steps.set_rate(LIVE_STEPS * rate, now);
         }
         drop(state);
         self.inner.changed.notify_waiters();
@@ -178,12 +192,12 @@ impl CpuShare {
             changed.as_mut().enable();
             let wait = {
                 let mut state = self.state();
-                let wait = state.wait(lane, ticket, Instant::now());
+                let wait = state.wait(priority, ticket, Instant::now());
                 if wait == Some(Duration::ZERO) {
                     state.queue(lane).begin(ticket);
                     state.usage.admit(priority);
                     std::mem::forget(place);
-                    return Permit { share: self.clone(), lane };
+                    return Permit { share: self.clone(), priority };
                 }
                 wait
             };
@@ -213,7 +227,7 @@ impl CpuShare {
         let ticket = state.queue(lane).join(priority, now);
         state.queue(lane).begin(ticket);
         state.usage.admit(priority);
-        Some(Permit { share: self.clone(), lane })
+        Some(Permit { share: self.clone(), priority })
     }
 
     /// Counts work of `priority` that was left out.
@@ -221,13 +235,15 @@ impl CpuShare {
         self.state().usage.skip(priority);
     }
 
-    fn spend(&self, lane: Lane, spent: &[(Activity, Duration)]) {
+    fn spend(&self, priority: Priority, spent: &[(Activity, Duration)]) {
         let (mut state, now) = (self.state(), Instant::now());
         for (activity, time) in spent {
             state.usage.spend(*activity, *time);
             state.total.debit(*time, now);
-            if lane == Lane::Pictures {
-                state.pictures.debit(*time, now);
+            match priority {
+                Priority::Picture => state.pictures.debit(*time, now),
+                Priority::LiveStep => state.live_steps.debit(*time, now),
+                Priority::FirstTrial | Priority::Trial | Priority::Quality => {}
             }
         }
     }
@@ -251,7 +267,7 @@ impl Drop for Place<'_> {
 #[derive(Debug)]
 pub struct Permit {
     share: CpuShare,
-    lane: Lane,
+    priority: Priority,
 }
 
 impl std::fmt::Debug for Lane {
@@ -276,7 +292,7 @@ impl Permit {
 
     /// The same on a thread that may block.
     pub fn run_blocking<T: Send>(&self, activity: Activity, work: impl FnOnce(&mut Laps) -> T + Send) -> T {
-        let pool = match self.lane {
+        let pool = match Lane::of(self.priority) {
             Lane::Pictures => &self.share.inner.pictures,
             Lane::Background => &self.share.inner.background,
         };
@@ -286,14 +302,14 @@ impl Permit {
             laps.lap(activity);
             (done, laps.spent())
         });
-        self.share.spend(self.lane, &spent);
+        self.share.spend(self.priority, &spent);
         done
     }
 }
 
 impl Drop for Permit {
     fn drop(&mut self) {
-        self.share.state().queue(self.lane).end();
+        self.share.state().queue(Lane::of(self.priority)).end();
         self.share.inner.changed.notify_waiters();
     }
 }

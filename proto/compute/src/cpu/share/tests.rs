@@ -8,7 +8,7 @@ fn share(cores: f64) -> CpuShare {
 
 /// Work that is said to have taken so long.
 fn spend(permit: &Permit, secs: f64) {
-    permit.share.spend(permit.lane, &[(Activity::Generate, Duration::from_secs_f64(secs))]);
+    permit.share.spend(permit.priority, &[(Activity::Generate, Duration::from_secs_f64(secs))]);
 }
 
 #[tokio::test(start_paused = true)]
@@ -57,6 +57,42 @@ async fn a_picture_waits_for_no_trial_and_trials_go_on_beside_pictures_without_e
 }
 
 #[tokio::test(start_paused = true)]
+async fn live_steps_go_on_while_a_later_trial_is_paid_for_and_wait_for_the_first_study() {
+    let share = share(1.0);
+    spend(&share.acquire(Priority::Trial).await, 31.0);
+    // The next trial waits for the debt of 30 s, and live steps of half the rate before it for nothing.
+    let next = tokio::spawn({
+        let share = share.clone();
+        async move { drop(share.acquire(Priority::Trial).await) }
+    });
+    let begun = Instant::now();
+    for _ in 0..20 {
+        spend(&share.acquire(Priority::LiveStep).await, 0.25);
+        sleep(Duration::from_millis(250)).await;
+    }
+    let took = begun.elapsed().as_secs_f64();
+    assert!((5.0..11.0).contains(&took), "5 s of steps at half a core: {took} s");
+    let begun = Instant::now();
+    next.await.unwrap();
+    assert!(begun.elapsed().as_secs_f64() > 20.0, "what the steps took is owed, too");
+    // A first study is what everybody waits for.
+    spend(&share.acquire(Priority::FirstTrial).await, 11.0);
+    let next = tokio::spawn({
+        let share = share.clone();
+        async move { share.acquire(Priority::FirstTrial).await }
+    });
+    tokio::task::yield_now().await;
+    let begun = Instant::now();
+    let step = tokio::spawn({
+        let share = share.clone();
+        async move { share.acquire(Priority::LiveStep).await }
+    });
+    drop(next.await.unwrap());
+    assert!(begun.elapsed().as_secs_f64() > 5.0);
+    step.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
 async fn what_does_not_fit_is_skipped_and_counted_and_who_gives_up_leaves_no_gap() {
     let share = share(0.5);
     let first = share.try_acquire(Priority::Quality).unwrap();
@@ -65,7 +101,7 @@ async fn what_does_not_fit_is_skipped_and_counted_and_who_gives_up_leaves_no_gap
     drop(first);
     assert!(share.try_acquire(Priority::Quality).is_none(), "no tokens");
     assert_eq!(share.usage().skipped(Priority::Quality), 2);
-    let impatient = tokio::time::timeout(Duration::from_millis(10), share.acquire(Priority::LiveStep)).await;
+    let impatient = tokio::time::timeout(Duration::from_millis(10), share.acquire(Priority::Trial)).await;
     assert!(impatient.is_err() && share.waiting() == 0);
     share.hold(Duration::from_secs(70));
     let held = tokio::time::timeout(Duration::from_secs(60), share.acquire(Priority::LiveStep)).await;
