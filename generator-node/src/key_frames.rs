@@ -57,6 +57,8 @@ pub(crate) struct SentStep<'a> {
     pub step: u64,
     /// Steps of the run that were dropped before it.
     pub dropped_steps: u64,
+    /// Coding it after the one before was tried.
+    pub has_predecessor: bool,
     /// What it was to be made with.
     pub wanted: GenerationParams,
     /// What it was made with.
@@ -97,7 +99,7 @@ impl KeyFrames {
 
     /// Takes down a step; true if it was coded after the one before.
     pub(crate) fn sent(&mut self, sent: SentStep<'_>) -> bool {
-        let SentStep { run_id, step, dropped_steps, wanted, params, bytes, reference } = sent;
+        let SentStep { run_id, step, dropped_steps, has_predecessor, wanted, params, bytes, reference } = sent;
         let (before, size_bytes) = (self.last.take(), bytes.len() as u64);
         self.alone = self.alone.saturating_sub(1);
         let is_after = coded_after(bytes).is_some();
@@ -108,6 +110,8 @@ impl KeyFrames {
             if after_key == 1 && !is_finer && size_bytes as f64 > WORTHWHILE * key_bytes as f64 {
                 self.alone = ALONE;
             }
+        } else if has_predecessor {
+            self.alone = ALONE;
         }
         self.last = reference.filter(|volume| volume.points() <= MOST_POINTS).map(|reference| Sent {
             run_id: run_id.to_owned(),
@@ -167,10 +171,12 @@ mod tests {
             let wanted = self.setting.params.unwrap_or_default();
             let before = self.keys.predecessor(("r", dropped_steps), wanted, &self.setting, key_wanted);
             assert!(before.as_ref().is_none_or(|before| before.step == self.step - 1));
+            let has_predecessor = before.is_some();
             let (bytes, next) = encode_after(&volume, ErrorMeasure::Maximum, before.map(|before| before.volume));
             let (run_id, step, params) = ("r", self.step, params(0.01));
             let reference = Some(next);
-            self.keys.sent(SentStep { run_id, step, dropped_steps, wanted, params, bytes: &bytes, reference })
+            let bytes = &bytes;
+            self.keys.sent(SentStep { run_id, step, dropped_steps, has_predecessor, wanted, params, bytes, reference })
         }
     }
 

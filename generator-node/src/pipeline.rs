@@ -161,7 +161,9 @@ impl Pipeline {
         let made = generate_within(&step, wanted, &setting, before.as_ref(), &self.node.options, searched)?;
         let GeneratedStep { params, encoded: EncodedStep { bytes, cost, reference }, fell_back } = made;
         let before = before.map(|before| before.step);
-        let sent = SentStep { run_id, step: number, dropped_steps, wanted, params, bytes: &bytes, reference };
+        let has_predecessor = before.is_some();
+        let sent =
+            SentStep { run_id, step: number, dropped_steps, has_predecessor, wanted, params, bytes: &bytes, reference };
         let is_after = self.key_frames.sent(sent);
         let after_step = before.filter(|_| is_after);
         if setting.params.is_none() {

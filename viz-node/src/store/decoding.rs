@@ -1,5 +1,6 @@
 //! Steps decoded and prepared for drawing: those that were coded after others, after these.
 
+use super::decoded_steps::DecodedStep;
 use super::{Store, StoreError};
 use lamina_codec::volume::{ReferenceVolume, checksum};
 use lamina_codec::{decode_any_after, sequence};
@@ -7,41 +8,6 @@ use lamina_model::Intermediate;
 use lamina_vdi_render::Drawable;
 use std::collections::VecDeque;
 use std::sync::Arc;
-
-/// Steps kept.
-const DECODED: usize = 4;
-
-/// The steps decoded last.
-#[derive(Debug, Default)]
-pub(super) struct DecodedSteps(VecDeque<DecodedStep>);
-
-#[derive(Debug)]
-struct DecodedStep {
-    run_id: String,
-    step: u64,
-    /// The CRC-32 that its bytes end with.
-    checksum: u32,
-    shown: Arc<Drawable>,
-}
-
-impl DecodedSteps {
-    fn get(&self, run_id: &str, step: u64) -> Option<&DecodedStep> {
-        self.0.iter().find(|known| known.run_id == run_id && known.step == step)
-    }
-
-    fn keep(&mut self, step: DecodedStep) {
-        self.0.push_back(step);
-        if self.0.len() > DECODED {
-            self.0.pop_front();
-        }
-    }
-}
-
-impl DecodedStep {
-    fn reference(&self) -> Option<ReferenceVolume> {
-        self.shown.units().map(|(dims, units)| ReferenceVolume::of(self.checksum, dims, units))
-    }
-}
 
 impl Store {
     /// `step` in one piece that decodes without any other: its bytes, or a [sequence](sequence()) of those since the last key frame.
@@ -80,7 +46,7 @@ impl Store {
         if let Some(known) = self.state().decoded.get(&run_id, step) {
             return Ok(known.shown.clone());
         }
-        let known: Vec<u64> = self.state().decoded.0.iter().filter(|d| d.run_id == run_id).map(|d| d.step).collect();
+        let known: Vec<u64> = self.state().decoded.of_run(&run_id).collect();
         let chain = self.chain(step, |step| known.contains(&step))?;
         let before = self.row(chain[0]).and_then(|row| row.after_step);
         let mut reference =

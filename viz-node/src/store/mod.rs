@@ -2,6 +2,7 @@
 //!
 //! A recorded step is never lost: its bytes are whole in their file before its row is written, and rows are appended.
 
+mod decoded_steps;
 mod decoding;
 mod error;
 mod folder;
@@ -14,7 +15,7 @@ pub use error::StoreError;
 pub use row::{Number, QualityStatus, StepRow, ViewPsnr};
 pub use run::Run;
 
-use decoding::DecodedSteps;
+use decoded_steps::DecodedSteps;
 use folder::Folder;
 use lamina_codec::DecodeLimits;
 use lamina_vdi_render::QualityEstimate;

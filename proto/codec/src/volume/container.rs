@@ -62,7 +62,8 @@ pub fn encode_after(
     }
     let past = reference.map(|reference| {
         let aligned = reference.aligned(dims);
-        let motion = motion::estimate(&aligned, &filled, dims, bound);
+        let [before, now] = [&aligned[..], &filled].map(|values| free_intervals.seen(values));
+        let motion = motion::estimate(before, now, dims, bound);
         (reference.checksum(), motion.encode(), motion.moved(&aligned, dims))
     });
     let before = past.as_ref().map(|(.., moved)| &moved[..]);

@@ -51,6 +51,23 @@ impl<'a> FreeIntervals<'a> {
         Self { units: volume.units(), bound, parts, part }
     }
 
+    /// `values` without the transparent parts of the range, each of which becomes one value: those that look alike are alike.
+    pub(super) fn seen(&self, values: &[f32]) -> Vec<f32> {
+        let seen = |&value: &f32| {
+            let (mut at, mut left_out) = (value, 0.0);
+            for &[lo, hi] in &self.parts {
+                match (lo.is_finite(), hi.is_finite()) {
+                    (true, true) => left_out += (value - lo).clamp(0.0, hi - lo),
+                    (true, false) => at = at.min(lo),
+                    (false, true) => at = at.max(hi),
+                    (false, false) => at = 0.0,
+                }
+            }
+            at - left_out
+        };
+        values.par_iter().map(seen).collect()
+    }
+
     /// The interval of values that point `n` may take; `None` if only the bound applies.
     pub(super) fn at(&self, n: usize) -> Option<(f32, f32)> {
         let unit = self.units[n];

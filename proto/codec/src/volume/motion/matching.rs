@@ -20,8 +20,8 @@ const NOISE: f32 = 0.25;
 struct Pyramid(Vec<(Vec<f32>, Lattice)>);
 
 impl Pyramid {
-    fn new(values: &[f32], dims: [usize; 3]) -> Self {
-        let mut levels = vec![(values.to_vec(), Lattice { dims })];
+    fn new(values: Vec<f32>, dims: [usize; 3]) -> Self {
+        let mut levels = vec![(values, Lattice { dims })];
         for _ in 0..HALVINGS {
             let halved = halved(&levels[levels.len() - 1]);
             levels.push(halved);
@@ -166,7 +166,7 @@ impl<'a> Window<'a> {
 }
 
 /// The motion to `now` from `before`, both of `dims` points, whose differences are quantized by twice `bound`.
-pub(crate) fn estimate(before: &[f32], now: &[f32], dims: [usize; 3], bound: f32) -> MotionField {
+pub(crate) fn estimate(before: Vec<f32>, now: Vec<f32>, dims: [usize; 3], bound: f32) -> MotionField {
     let step = 2.0 * bound;
     let (before, now) = rayon::join(|| Pyramid::new(before, dims), || Pyramid::new(now, dims));
     let (fine_before, fine_now) = (before.level(0), now.level(0));
@@ -230,10 +230,10 @@ mod tests {
                 .collect()
         };
         let (before, now) = (volume([0.0; 3]), volume([5.5, -3.0, 2.25]));
-        let motion = estimate(&before, &now, dims, 1e-3);
+        let motion = estimate(before.clone(), now.clone(), dims, 1e-3);
         let inner = motion.control.row(1, 1) + 2;
         assert_eq!(motion.vectors[inner], [22, -12, 9]);
-        assert_eq!(estimate(&before, &before, dims, 1e-3), MotionField::still(dims));
+        assert_eq!(estimate(before.clone(), before.clone(), dims, 1e-3), MotionField::still(dims));
         let error = |a: &[f32]| a.iter().zip(&now).map(|(a, b)| (a - b).abs()).sum::<f32>() / now.len() as f32;
         let (moved, still) = (error(&motion.moved(&before, dims)), error(&before));
         assert!(moved < 0.2 * still, "{moved} of {still}");
