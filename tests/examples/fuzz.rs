@@ -5,7 +5,8 @@
 
 use fastrand::Rng;
 use glam::DVec3;
-use lamina_codec::{Codec, DecodeLimits, EncodeOptions, Layout, decode_any, encode_any};
+use lamina_codec::volume::encode_after;
+use lamina_codec::{Codec, DecodeLimits, EncodeOptions, ErrorMeasure, Layout, decode_any, encode_any, sequence};
 use lamina_model::{
     Aabb, Camera, ControlPoint, Effects, Grid, Intermediate, ReducedVolume, ScalarRange, Scale, Scene, Supersegment,
     TransferFunction, Vdi, VdiHeader, VdiParams, VolumeParams,
@@ -40,8 +41,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
+/// A file, and where in it those bytes begin whose checksum ends it.
+type Seed = (Vec<u8>, usize);
+
 /// Small files of every kind.
-fn seeds() -> Result<Vec<Vec<u8>>, Box<dyn std::error::Error>> {
+fn seeds() -> Result<Vec<Seed>, Box<dyn std::error::Error>> {
     let mut random = Rng::with_seed(99);
     let mut seeds = Vec::new();
     for resolution in [1, 3, 7] {
@@ -60,6 +64,14 @@ fn seeds() -> Result<Vec<Vec<u8>>, Box<dyn std::error::Error>> {
     }
     let masked = Intermediate::Volume(Box::new(masked(volume([9, 8, 11], &mut random)?, &mut random)?));
     seeds.push(encode_any(&masked, &EncodeOptions::default())?);
+    let mut seeds: Vec<Seed> = seeds.into_iter().map(|bytes| (bytes, 0)).collect();
+    // The same once more, which is coded after itself: everything behind the first file's checksum is met.
+    let volume = volume([9, 8, 11], &mut random)?;
+    let (first, reference) = encode_after(&volume, ErrorMeasure::Maximum, None);
+    let (second, _) = encode_after(&volume, ErrorMeasure::Maximum, Some(&reference));
+    let whole = sequence(&[&first, &second]);
+    let begins = whole.len() - second.len();
+    seeds.push((whole, begins));
     Ok(seeds)
 }
 
@@ -115,11 +127,12 @@ fn volume(dims: [usize; 3], random: &mut Rng) -> Result<ReducedVolume, lamina_mo
 }
 
 /// One of the files with bits flipped, bytes set, cut, doubled or made up, and its checksum made right again.
-fn case(random: &mut Rng, seeds: &[Vec<u8>]) -> Vec<u8> {
-    let mut bytes = seeds[random.usize(..seeds.len())].clone();
+fn case(random: &mut Rng, seeds: &[Seed]) -> Vec<u8> {
+    let (mut bytes, begins) = seeds[random.usize(..seeds.len())].clone();
     bytes.truncate(bytes.len() - 4);
     for _ in 0..1 + random.usize(..4) {
-        let at = random.usize(..bytes.len());
+        // Of several files the last.
+        let at = random.usize(begins.min(bytes.len() - 1)..bytes.len());
         match random.usize(..6) {
             0 => bytes[at] ^= 1 << random.usize(..8),
             1 => bytes[at] = random.u8(..),
@@ -130,7 +143,7 @@ fn case(random: &mut Rng, seeds: &[Vec<u8>]) -> Vec<u8> {
         }
     }
     if random.usize(..50) > 0 {
-        bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
+        bytes.extend(crc32fast::hash(&bytes[begins.min(bytes.len())..]).to_le_bytes());
     }
     bytes
 }
