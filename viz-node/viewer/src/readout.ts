@@ -30,7 +30,7 @@ function readoutFields(row: StepRow): [string, string, boolean?][] {
     isVolume ? ["Volume, longest side", `${row.resolution} points`] : ["Resolution r", `${row.resolution} × ${row.resolution}`],
     [isVolume ? "Error bound" : "Gamma γ", significant(row.gamma, 3)],
     [isVolume ? "Points" : "Supersegments", row.supersegments.toLocaleString("en")],
-    ["Size", `${fixed(kilobytes(row.size_bytes), 1)} kB`, overSize],
+    [row.after_step === null ? "Size" : `Size, after step ${row.after_step}`, `${fixed(kilobytes(row.size_bytes), 1)} kB`, overSize],
     // The coding of a volume is what makes it small, and counts as its generation.
     [isVolume ? "Generation, with coding" : "Generation", `${fixed(row.generation_ms, 1)} ms`, overTime],
     ...(isVolume ? [] : [["Encode", `${fixed(row.encode_ms, 1)} ms`] as [string, string]]),
