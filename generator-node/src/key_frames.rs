@@ -8,9 +8,9 @@ use lamina_model::{GenerationParams, Objective, Setting};
 
 /// Steps from one key frame to the next.
 const INTERVAL: u32 = 8;
-/// Where the step after a key frame takes more than this share of its bytes, coding it after another one is not worth its time ..
+/// Where the step after a key frame takes more than this share of its bytes, coding it after another one is not worth its time.
 const WORTHWHILE: f64 = 0.92;
-/// .. and so many are coded alone.
+/// So many steps are coded alone then, and where one was dropped: there is no time to spare.
 const ALONE: u32 = 16;
 /// Points of larger volumes, whose motion would be searched in copies that nobody has reckoned with.
 const MOST_POINTS: u64 = 1 << 24;
@@ -35,7 +35,7 @@ struct Sent {
 #[derive(Default)]
 pub(crate) struct KeyFrames {
     last: Option<Sent>,
-    /// Steps to be coded alone, since coding after others did not pay.
+    /// Steps to be coded alone.
     alone: u32,
 }
 
@@ -78,7 +78,7 @@ impl Sent {
 
 impl KeyFrames {
     /// What the next step of `run_id` may be coded after; `None` if it is to be a key frame. That it is where time counts, where nobody has
-    /// chosen parameters yet or others are `wanted` than before, where a step was dropped, as then there is no time to spare, and where a reader asked for one.
+    /// chosen parameters yet or others are `wanted` than before, where steps are dropped, and where a reader asked for one.
     pub(crate) fn predecessor(
         &self,
         (run_id, dropped_steps): (&str, u64),
@@ -102,6 +102,9 @@ impl KeyFrames {
         let SentStep { run_id, step, dropped_steps, has_predecessor, wanted, params, bytes, reference } = sent;
         let (before, size_bytes) = (self.last.take(), bytes.len() as u64);
         self.alone = self.alone.saturating_sub(1);
+        if before.as_ref().is_some_and(|before| before.run_id == run_id && before.dropped_steps < dropped_steps) {
+            self.alone = ALONE;
+        }
         let is_after = coded_after(bytes).is_some();
         let (mut after_key, mut key_params, mut key_bytes) = (0, params, size_bytes);
         if let Some(before) = before.filter(|_| is_after) {
@@ -181,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn every_eighth_step_is_a_key_frame_and_those_asked_for_and_those_after_a_loss() {
+    fn every_eighth_step_is_a_key_frame_and_those_asked_for_and_some_after_a_loss() {
         let mut sender = Sender::new();
         let sent: Vec<bool> = (0..17).map(|_| sender.send(0.0, 0, false)).collect();
         let keys: Vec<usize> = (0..17).filter(|&n| !sent[n]).collect();
@@ -189,10 +192,11 @@ mod tests {
         assert!(sender.send(0.0, 0, false));
         assert!(!sender.send(0.0, 0, true), "asked for");
         assert!(sender.send(0.0, 0, false));
-        assert!(!sender.send(0.0, 1, false), "a step was dropped");
-        assert!(sender.send(0.0, 1, false));
         sender.setting.params = Some(params(0.02));
-        assert!(!sender.send(0.0, 1, false), "other parameters");
+        assert!(!sender.send(0.0, 0, false), "other parameters");
+        assert!(sender.send(0.0, 0, false));
+        // A step was dropped: this one and some more are coded alone.
+        assert!((0..=ALONE).all(|_| !sender.send(0.0, 1, false)));
         assert!(sender.send(0.0, 1, false));
     }
 
