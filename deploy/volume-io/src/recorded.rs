@@ -2,7 +2,7 @@
 
 use crate::ReadError;
 use lamina_codec::volume::{ReferenceVolume, coded_after, decode_after};
-use lamina_codec::{CodecError, DecodeLimits, decode_any};
+use lamina_codec::{CodecError, DecodeLimits, decode_any, decode_any_after};
 use lamina_model::Intermediate;
 use std::ffi::OsStr;
 use std::fs::{self, File};
@@ -27,18 +27,12 @@ pub fn read_recorded(path: &Path) -> Result<Intermediate, ReadError> {
         chain.push((before, bytes));
     }
     let mut reference = None;
-    while chain.len() > 1
-        && let Some((file, bytes)) = chain.pop()
-    {
-        let volume = decode_after(&bytes, &limits, reference.as_ref()).map_err(failed(&file))?;
-        reference = Some(ReferenceVolume::new(&bytes, &volume));
+    for (file, bytes) in chain.iter().skip(1).rev() {
+        let volume = decode_after(bytes, &limits, reference.as_ref()).map_err(failed(file))?;
+        reference = Some(ReferenceVolume::new(bytes, &volume));
     }
     let (file, bytes) = &chain[0];
-    match reference {
-        None => decode_any(bytes, &limits),
-        reference => decode_after(bytes, &limits, reference.as_ref()).map(|v| Intermediate::Volume(Box::new(v))),
-    }
-    .map_err(failed(file))
+    decode_any_after(bytes, &limits, |_| reference).map_err(failed(file))
 }
 
 /// All of a file, unless its first bytes are of no recorded step: something else may be large.
@@ -61,7 +55,7 @@ fn beside(path: &Path, checksum: u32, chain: &[(PathBuf, Vec<u8>)]) -> Result<Pa
     let files = fs::read_dir(folder).map_err(unreadable)?.flatten().map(|entry| entry.path());
     let mut files: Vec<PathBuf> = files.filter(is_step).collect();
     // The one before comes first, by its name.
-    files.sort_by(|a, b| (a >= &path.to_owned(), b).cmp(&(b >= &path.to_owned(), a)));
+    files.sort_by(|a, b| (a.as_path() >= path, b).cmp(&(b.as_path() >= path, a)));
     let is_it = |file: &PathBuf| {
         chain.iter().all(|(known, _)| known.file_name() != file.file_name()) && last_four(file).ok() == Some(checksum)
     };
