@@ -5,6 +5,7 @@ use lamina_codec::{Codec, EncodeOptions, ErrorMeasure, Layout};
 use lamina_compute::CpuLimit;
 use lamina_compute::gpu::Choice;
 use lamina_model::{GenerationParams, Invalid, SamplePlan, Scene, Segmentation};
+use lamina_rpc::daemon::check_log;
 use serde::{Deserialize, Serialize};
 use std::{net::SocketAddr, path::PathBuf};
 
@@ -12,6 +13,8 @@ use std::{net::SocketAddr, path::PathBuf};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
+    /// What is logged, unless RUST_LOG says it: `error`, `warn`, `info`, `debug` or `trace`.
+    pub log: String,
     /// Where simulations, viz-nodes and the tuner connect.
     pub listen: SocketAddr,
     /// Folder of keys that `lamina keys` made, with which others than the own user on this host may connect.
@@ -79,6 +82,7 @@ pub enum LayoutName {
 impl Default for Config {
     fn default() -> Self {
         Self {
+            log: "info".to_owned(),
             listen: SocketAddr::from(([127, 0, 0, 1], 7101)),
             credentials: None,
             insecure: false,
@@ -104,11 +108,24 @@ impl Default for Config {
 }
 
 impl Config {
+    /// Keys that a running node takes up on SIGHUP.
+    pub const LIVE: &[&str] = &[
+        "log",
+        "memory_bytes",
+        "waiting_steps",
+        "history_bytes",
+        "idle_secs",
+        "reference_every",
+        "live_batches",
+        "cpu_share",
+    ];
+
     /// Passes a configuration that can be run.
     ///
     /// # Errors
     /// Names the first key whose value cannot be used.
     pub fn check(self) -> Result<Self, Invalid> {
+        check_log(&self.log)?;
         self.samples.clone().check()?;
         if let Some(scene) = self.scene.clone() {
             scene.check()?;

@@ -5,10 +5,12 @@
 
 pub mod config;
 mod control;
+mod counters;
 mod delivery;
 mod group;
 pub mod ingest;
 mod key_frames;
+mod metrics;
 mod node_state;
 mod overhead;
 mod pipeline;
@@ -29,7 +31,7 @@ use lamina_compute::CpuShare;
 use lamina_mpi::{Inbox, Outbox};
 use lamina_raycast::Backend;
 use lamina_rpc::credentials::Role;
-use lamina_rpc::daemon::{Access, AllowRoles, MOST_STREAMS, NodeError, Shutdown, serve};
+use lamina_rpc::daemon::{Access, AllowRoles, NodeError, Shutdown, serve_grpc};
 use lamina_rpc::v1::group_message::Kind;
 use lamina_rpc::{MAX_MESSAGE_BYTES, v1};
 use lamina_shared_memory::{Receiver, Rings};
@@ -38,27 +40,29 @@ use pipeline::Steps;
 use std::{sync::Arc, time::Duration};
 use tokio::net::TcpListener;
 use tokio::sync::watch;
+use tonic::service::Routes;
 use tonic::service::interceptor::InterceptedService;
-use tonic::transport::server::Router;
 use tonic_health::server::HealthReporter;
 use triggers::Triggers;
 
-/// Runs the node on `listener` until `shutdown` completes, its rays cast by `backend` within `share` of the processor.
+/// Runs the node on `listener` until `shutdown` completes, its rays cast by `backend` within `share` of the processor. Of `settings` it
+/// takes up while it runs what is in [`Config::LIVE`].
 ///
 /// # Errors
 /// If the transport fails.
 pub async fn run(
-    config: Config,
+    settings: watch::Receiver<Config>,
     backend: Backend,
     share: CpuShare,
     listener: TcpListener,
     shutdown: Shutdown,
 ) -> Result<(), NodeError> {
+    let config = settings.borrow().clone();
     let access = access(&config, &listener)?;
     let overhead = Overhead::new(share.clone());
     let ingest = Arc::new(ingest(&config, overhead.clone()));
     let steps = Steps::Own(ingest.clone());
-    run_pipeline(config, backend, (share, overhead), (ingest, steps), (listener, access), shutdown).await
+    run_pipeline(settings, backend, (share, overhead), (ingest, steps), (listener, access), shutdown).await
 }
 
 /// The same as a member of a group of nodes, which `mesh` connects: its root, member 0, does what [`run`] does, of the steps that all
@@ -67,13 +71,14 @@ pub async fn run(
 /// # Errors
 /// If the transport fails.
 pub async fn run_member(
-    config: Config,
+    settings: watch::Receiver<Config>,
     backend: Backend,
     share: CpuShare,
     listener: TcpListener,
     shutdown: Shutdown,
     (outbox, inbox): (Outbox, Inbox),
 ) -> Result<(), NodeError> {
+    let config = settings.borrow().clone();
     let access = access(&config, &listener)?;
     let (rank, members) = (outbox.rank(), outbox.size());
     let overhead = Overhead::new(share.clone());
@@ -89,18 +94,16 @@ pub async fn run_member(
     let served = if rank == 0 {
         let root = Arc::new(group::Root::new(outbox, channels.replies));
         let steps = Steps::Group(root, door);
-        run_pipeline(config, backend, (share, overhead), (ingest, steps), (listener, access), shutdown).await
+        run_pipeline(settings, backend, (share, overhead), (ingest, steps), (listener, access), shutdown).await
     } else {
-        let (router, _) = router(ingest).await;
-        serve(router, listener, access, shutdown).await
+        tokio::spawn(adopt(settings, share, ingest.clone(), None));
+        let (routes, _) = routes(ingest.clone()).await;
+        let metrics = Arc::new(move |text: &mut _| metrics::write_ingest(&ingest, text));
+        serve_grpc(routes, metrics, listener, access, shutdown).await
     };
     listens.abort();
     announces.abort();
     served
-}
-
-fn bad_config(error: &lamina_model::Invalid) -> NodeError {
-    NodeError::Config { path: "configuration".to_owned(), reason: error.to_string() }
 }
 
 fn access(config: &Config, listener: &TcpListener) -> Result<Access, NodeError> {
@@ -119,37 +122,51 @@ fn ingest(config: &Config, overhead: Arc<Overhead>) -> Ingest {
     )
 }
 
+/// Takes up what the configuration says while the node runs; the pipeline sees the rest of it itself.
+async fn adopt(
+    mut settings: watch::Receiver<Config>,
+    share: CpuShare,
+    ingest: Arc<Ingest>,
+    publisher: Option<Arc<publish::Publisher>>,
+) {
+    while settings.changed().await.is_ok() {
+        let Config { memory_bytes, waiting_steps, history_bytes, idle_secs, cpu_share, .. } =
+            *settings.borrow_and_update();
+        share.set_limit(cpu_share);
+        ingest.set_limits(memory_bytes, waiting_steps as usize, Duration::from_secs_f64(idle_secs));
+        if let Some(publisher) = &publisher {
+            publisher.set_history_bytes(history_bytes);
+        }
+    }
+}
+
 /// How long a node that is to stop works on steps that it has admitted.
 const DRAIN: Duration = Duration::from_secs(10);
 
-/// A server that takes bricks in, and its health.
-async fn router(ingest: Arc<Ingest>) -> (Router, HealthReporter) {
+/// The service that takes bricks in, and its health.
+async fn routes(ingest: Arc<Ingest>) -> (Routes, HealthReporter) {
     type Service = v1::ingest_server::IngestServer<IngestService>;
     let (health, health_service) = tonic_health::server::health_reporter();
     health.set_serving::<Service>().await;
-    let router = tonic::transport::Server::builder()
-        // A peer that vanished without a word gives its reservations back.
-        .http2_keepalive_interval(Some(Duration::from_secs(10)))
-        .http2_keepalive_timeout(Some(Duration::from_secs(10)))
-        .max_concurrent_streams(MOST_STREAMS)
-        .add_service(health_service)
-        .add_service(InterceptedService::new(
-            Service::new(IngestService(ingest)).max_decoding_message_size(MAX_MESSAGE_BYTES),
-            AllowRoles(&[Role::Simulation]),
-        ));
-    (router, health)
+    let routes = Routes::new(health_service).add_service(InterceptedService::new(
+        Service::new(IngestService(ingest)).max_decoding_message_size(MAX_MESSAGE_BYTES),
+        AllowRoles(&[Role::Simulation]),
+    ));
+    (routes, health)
 }
 
 /// Turns `steps` into frames, and answers who watches and who tunes.
 async fn run_pipeline(
-    config: Config,
+    settings: watch::Receiver<Config>,
     backend: Backend,
     (share, overhead): (CpuShare, Arc<Overhead>),
     (ingest, steps): (Arc<Ingest>, Steps),
     (listener, access): (TcpListener, Access),
     shutdown: Shutdown,
 ) -> Result<(), NodeError> {
+    let config = settings.borrow().clone();
     let publisher = Arc::new(publish::Publisher::new(config.history_bytes));
+    tokio::spawn(adopt(settings.clone(), share.clone(), ingest.clone(), Some(publisher.clone())));
     let node = Arc::new(node_state::NodeState::new(node_state::Parts {
         params: config.params,
         options: config.encode_options(),
@@ -162,9 +179,8 @@ async fn run_pipeline(
     }));
     let (stop, stopped) = watch::channel(false);
     let settings = pipeline::Settings {
-        reference_every: config.reference_every,
-        live_batches: config.live_batches,
-        triggers: Triggers::new(&config.trigger).map_err(|e| bad_config(&e))?,
+        config: settings,
+        triggers: Triggers::new(&config.trigger)?,
         trigger_folder: config.trigger_folder.clone(),
         steering: ingest.steering().clone(),
     };
@@ -187,17 +203,22 @@ async fn run_pipeline(
 
     type Frames = v1::frames_server::FramesServer<publish::FramesService>;
     type Control = v1::control_server::ControlServer<control::ControlService>;
-    let (router, health) = router(ingest.clone()).await;
+    let (routes, health) = routes(ingest.clone()).await;
     health.set_serving::<Frames>().await;
     health.set_serving::<Control>().await;
-    let router = router
+    let (of_ingest, of_node) = (ingest.clone(), node.clone());
+    let metrics = Arc::new(move |text: &mut _| {
+        metrics::write_ingest(&of_ingest, text);
+        metrics::write_pipeline(&of_node, text);
+    });
+    let routes = routes
         .add_service(Frames::with_interceptor(
             publish::FramesService { publisher, ingest },
             AllowRoles(&[Role::Viewer]),
         ))
         .add_service(Control::with_interceptor(control::ControlService(node), AllowRoles(&[Role::Tuner])));
     tracing::info!(address = %listener.local_addr().map_or_else(|_| config.listen.to_string(), |a| a.to_string()), "generator-node listens");
-    serve(router, listener, access, Box::pin(drained)).await
+    serve_grpc(routes, metrics, listener, access, Box::pin(drained)).await
 }
 
 /// Lets simulations on this host share memory with the node, if the configuration and the system allow it.

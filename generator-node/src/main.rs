@@ -5,7 +5,7 @@ use lamina_compute::CpuShare;
 use lamina_compute::gpu::Choice;
 use lamina_generator_node::{Config, run, run_member};
 use lamina_raycast::Backend;
-use lamina_rpc::daemon::{exit_code, listen, load_config, log_to_stderr, stop_signal};
+use lamina_rpc::daemon::{ConfigSource, exit_code, listen, load_config, log_to_stderr, stop_signal};
 use lamina_rpc::launcher::launched_rank;
 use std::{net::SocketAddr, path::PathBuf};
 
@@ -42,7 +42,8 @@ async fn main() -> std::process::ExitCode {
 async fn start() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
     log_to_stderr("info");
-    let config: Config = load_config(arguments.config.as_deref())?;
+    let in_file: Config = load_config(arguments.config.as_deref())?;
+    let config = in_file.clone();
     let config = Config {
         listen: arguments.listen.unwrap_or(config.listen),
         credentials: arguments.credentials.or(config.credentials),
@@ -62,9 +63,12 @@ async fn start() -> anyhow::Result<()> {
     let listener = listen(config.listen).await?;
     let share = CpuShare::new(config.cpu_share)?;
     let stop = Box::pin(stop_signal());
+    let (live, path) = (Config::LIVE, arguments.config);
+    let settings =
+        ConfigSource { path, in_file, in_force: config, live, check: Config::check, log: |config| &config.log };
     match mesh {
-        Some(mesh) => run_member(config, backend, share, listener, stop, mesh).await?,
-        None => run(config, backend, share, listener, stop).await?,
+        Some(mesh) => run_member(settings.follow(), backend, share, listener, stop, mesh).await?,
+        None => run(settings.follow(), backend, share, listener, stop).await?,
     }
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! What the pipeline and the control service share.
 
+use crate::counters::PipelineCounters;
 use crate::overhead::{Coupling, Overhead};
 use crate::publish::Publisher;
 use crate::schedule::Schedule;
@@ -30,6 +31,8 @@ pub(crate) struct NodeState {
     pub reports: broadcast::Sender<StepReport>,
     /// Where frames go.
     pub publisher: Arc<Publisher>,
+    /// What was done so far.
+    pub counters: PipelineCounters,
     state: Mutex<Current>,
 }
 
@@ -66,7 +69,18 @@ impl NodeState {
         let schedule = Schedule::new(params);
         let state = Mutex::new(Current { schedule, newest: None, last_report: None });
         let reports = broadcast::Sender::new(256);
-        Self { options, backend, segmentation, plan, share, overhead, reports, publisher, state }
+        Self {
+            options,
+            backend,
+            segmentation,
+            plan,
+            share,
+            overhead,
+            reports,
+            publisher,
+            counters: PipelineCounters::default(),
+            state,
+        }
     }
 
     fn state(&self) -> MutexGuard<'_, Current> {

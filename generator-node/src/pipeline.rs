@@ -1,5 +1,6 @@
 //! The pipeline: complete steps become reduced volumes or Volumetric Depth Images, in order, one at a time.
 
+use crate::config::Config;
 use crate::group::{Door, GroupArrived, GroupField, Root};
 use crate::ingest::{CompleteStep, Ingest, RunSpec};
 use crate::key_frames::{KeyFrames, SentStep};
@@ -19,15 +20,14 @@ use lamina_raycast::Field;
 use parking_lot::Mutex;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 use tokio::sync::watch;
 
 /// What the configuration says of the pipeline.
 pub(crate) struct Settings {
-    /// Reference samples with every n-th step; 0 never.
-    pub reference_every: u64,
-    /// Batches of sampled pixels that live steps are compared at; 0 for all.
-    pub live_batches: u32,
+    /// It, for what changes in it.
+    pub config: watch::Receiver<Config>,
     /// Conditions over each step.
     pub triggers: Triggers,
     /// Folder for the raw steps that they ask for.
@@ -133,11 +133,13 @@ pub(crate) async fn run(steps: Steps, node: Arc<NodeState>, settings: Settings, 
         let Some(step) = steps.take() else { continue };
         let ((_, number, ..), pipeline) = (step.numbers(), pipeline.clone());
         let work = move |laps: &mut Laps| pipeline.lock().process(step, laps);
-        match permit.run(Activity::Generate, work).await {
-            Ok(Ok(())) => {}
-            Ok(Err(error)) => tracing::error!(step = number, %error, "step not generated"),
-            Err(panic) => tracing::error!(step = number, %panic, "step not generated"),
-        }
+        let failure = match permit.run(Activity::Generate, work).await {
+            Ok(Ok(())) => continue,
+            Ok(Err(error)) => error.to_string(),
+            Err(panic) => panic.to_string(),
+        };
+        node.counters.failed_steps.fetch_add(1, Ordering::Relaxed);
+        tracing::error!(step = number, failure, "step not generated");
     }
 }
 
@@ -172,9 +174,9 @@ impl Pipeline {
         }
         let triggers = seen.map_or_else(Vec::new, |seen| self.pull_triggers(&step, seen, &cost));
         let (mut items, mut has_reference) = (Vec::new(), false);
-        let every = self.settings.reference_every;
+        let Config { reference_every: every, live_batches, .. } = *self.settings.config.borrow();
         if every > 0 && number.is_multiple_of(every) {
-            match step.live_reference(&self.node.plan, self.settings.live_batches) {
+            match step.live_reference(&self.node.plan, live_batches) {
                 Ok(reference) => {
                     items.push(reference);
                     has_reference = true;
@@ -187,6 +189,10 @@ impl Pipeline {
         let purpose = Purpose::Live { after_step, dropped_steps, setting: &setting, overhead, throttle, triggers };
         items.push(step.frame(&params, cost, bytes, purpose));
         self.node.publisher.publish(items);
+        let counters = &self.node.counters;
+        counters.size_bytes.observe(cost.size_bytes as f64);
+        counters.generation_secs.observe(cost.generation.as_secs_f64());
+        counters.encode_secs.observe(cost.encode.as_secs_f64());
         let report = StepReport {
             run_id: step.run.id.clone(),
             step: number,

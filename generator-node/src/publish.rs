@@ -24,6 +24,8 @@ use tonic::{Request, Response, Status};
 
 #[derive(Default)]
 struct History {
+    /// Live deliveries are held up to so many bytes.
+    most_bytes: u64,
     next: u64,
     live: VecDeque<(u64, Delivery)>,
     subscribers: Subscribers,
@@ -43,7 +45,6 @@ impl History {
 
 /// The history and its subscribers.
 pub(crate) struct Publisher {
-    history_bytes: u64,
     history: Mutex<History>,
     newest: watch::Sender<u64>,
     /// A subscriber lacks what steps are coded after.
@@ -69,7 +70,13 @@ impl Publisher {
     /// Holds up to `history_bytes` of live frames.
     pub(crate) fn new(history_bytes: u64) -> Self {
         let (newest, trials) = (watch::Sender::new(0), watch::Sender::new(0));
-        Self { history_bytes, history: Mutex::default(), newest, key_wanted: AtomicBool::new(false), trials }
+        let history = Mutex::new(History { most_bytes: history_bytes, ..History::default() });
+        Self { history, newest, key_wanted: AtomicBool::new(false), trials }
+    }
+
+    /// Holds up to `history_bytes` of live frames from the next step on.
+    pub(crate) fn set_history_bytes(&self, history_bytes: u64) {
+        self.history().most_bytes = history_bytes;
     }
 
     fn history(&self) -> MutexGuard<'_, History> {
@@ -81,6 +88,11 @@ impl Publisher {
         self.history().subscribers.list()
     }
 
+    /// How many there are.
+    pub(crate) fn viewer_count(&self) -> usize {
+        self.history().subscribers.count()
+    }
+
     /// Adds a step's deliveries to the history.
     pub(crate) fn publish(&self, deliveries: Vec<Delivery>) {
         let mut history = self.history();
@@ -90,7 +102,7 @@ impl Publisher {
             history.live.push_back((number, delivery));
         }
         let mut bytes: u64 = history.live.iter().map(|(_, d)| d.bytes()).sum();
-        while bytes > self.history_bytes && history.live.len() > 1 {
+        while bytes > history.most_bytes && history.live.len() > 1 {
             bytes -= history.live.pop_front().map_or(0, |(_, d)| d.bytes());
         }
         let next = history.next;

@@ -50,6 +50,11 @@ impl Subscribers {
         self.list.subscribe()
     }
 
+    /// How many are present.
+    pub(crate) fn count(&self) -> usize {
+        self.present.len()
+    }
+
     /// What waits for `viewer`, the oldest first; `None` if it is not there.
     pub(crate) fn waiting(&mut self, viewer: &str) -> Option<&mut VecDeque<Delivery>> {
         self.present.iter_mut().find(|m| m.viewer.viewer == viewer).map(|m| &mut m.waiting)

@@ -10,6 +10,7 @@ use lamina_rpc::daemon::with_heartbeat;
 use lamina_rpc::{required, v1};
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 use tonic::{Status, Streaming};
@@ -142,6 +143,7 @@ impl TrialSession {
         let (held, options) = (self.held.clone(), self.node.options);
         let known = self.timed.iter().find(|(timed, _)| *timed == params).map(|(_, cost)| cost.generation);
         let trial = self.run(priority, move |laps| held.measure_trial(&params, &options, known, laps)).await?;
+        self.node.counters.trials.fetch_add(1, Ordering::Relaxed);
         let (bytes, cost) = (Bytes::from(trial.bytes), trial.cost);
         self.encoded.truncate(ENCODED - 1);
         self.encoded.push_front((params, bytes.clone(), cost));

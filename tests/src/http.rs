@@ -26,3 +26,12 @@ pub fn curl(url: &str, arguments: &[&str]) -> (String, String) {
     let (body, status) = text.rsplit_once('\n').expect("a status");
     (status.to_owned(), body.to_owned())
 }
+
+/// The number that the node at `address` gives for `name` at `/metrics`.
+///
+/// # Panics
+/// If there is no curl.
+pub fn metric(address: &str, name: &str) -> Option<f64> {
+    let (_, text) = curl(&format!("{address}/metrics"), &[]);
+    text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' ')?.trim().parse().ok())
+}

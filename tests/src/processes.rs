@@ -106,12 +106,12 @@ impl Daemon {
         self.child.id()
     }
 
-    /// SIGSTOP: it stays, and answers nothing.
+    /// Sends it the signal `name`: after STOP it stays, and answers nothing.
     ///
     /// # Panics
     /// If there is no `kill`.
-    pub fn hang(&self) {
-        Command::new("kill").args(["-STOP", &self.child.id().to_string()]).status().expect("kill runs");
+    pub fn signal(&self, name: &str) {
+        Command::new("kill").args([&format!("-{name}"), &self.pid().to_string()]).status().expect("kill runs");
     }
 
     /// SIGKILL.
@@ -125,8 +125,7 @@ impl Daemon {
     /// # Panics
     /// If it does not end within 20 seconds.
     pub fn terminate(mut self) -> Option<i32> {
-        let pid = self.child.id().to_string();
-        Command::new("kill").args(["-TERM", &pid]).status().expect("kill runs");
+        self.signal("TERM");
         let mut status = None;
         let ended = wait_for(Duration::from_secs(20), || {
             status = self.child.try_wait().expect("a child");

@@ -2,12 +2,13 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use futures::StreamExt as _;
 use lamina_client::{Brick, Client, ClientError, RunOptions};
 use lamina_model::VoxelType;
 use lamina_rpc::connect::connect;
 use lamina_rpc::credentials::{Credentials, Role};
 use lamina_rpc::v1::{self, control_client::ControlClient, frames_client::FramesClient, tuning_client::TuningClient};
-use lamina_tests::http::curl;
+use lamina_tests::http::{curl, metric};
 use lamina_tests::processes::{Daemon, binary, free_port, run, wait_for};
 use lamina_tests::{clumps, sampled_cube};
 use std::io::{BufRead as _, BufReader, ErrorKind, Read as _, Write as _};
@@ -17,6 +18,8 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 use tokio::runtime::Runtime;
 use tonic::Code;
+use tonic_health::pb::HealthCheckRequest;
+use tonic_health::pb::health_client::HealthClient;
 
 /// A node with the credentials of its role.
 fn node(name: &str, keys: &Path, role: Role, arguments: &[&str]) -> (Daemon, String) {
@@ -138,7 +141,12 @@ fn a_browser_enters_with_the_token_that_was_printed() {
     let page = format!("https://127.0.0.1:{port}");
     assert!(entrance.starts_with(&page), "{entrance}");
     assert_eq!(curl(&page, &[]).0, "401");
-    assert_eq!(curl(&format!("{page}/metrics"), &[]).0, "401");
+    for path in ["", "api/state", "api/events", "api/step/0", "api/image?step=newest", "metrics"] {
+        let asked = format!("{page}/{path}");
+        assert_eq!(curl(&asked, &[]).0, "401", "{path}");
+        // What it says of itself opens nothing.
+        assert_eq!(curl(&asked, &["--header", "content-type: application/grpc"]).0, "401", "{path}");
+    }
     let (status, entered) = curl(&entrance, &[]);
     assert_eq!(status, "200");
     let cookie = entered.lines().find_map(|line| line.strip_prefix("set-cookie: ")).unwrap();
@@ -259,7 +267,7 @@ fn a_connection_that_asks_for_too_much_is_told_to_wait() {
     assert!(good >= 400 && refused > 0, "{good} answered, {refused} refused");
     // Another connection is served, and the metrics say what happened.
     let (code, text) = curl(&format!("{address}/metrics"), &[]);
-    let counted = text.lines().find_map(|line| line.strip_prefix("lamina_page_rate_limited_total "));
+    let counted = text.lines().find_map(|line| line.strip_prefix("lamina_rate_limited_total "));
     assert_eq!((code.as_str(), counted), ("200", Some(refused.to_string().as_str())));
     // A body that does not come is not waited for.
     let mut slow = TcpStream::connect(address.trim_start_matches("http://")).unwrap();
@@ -269,4 +277,73 @@ fn a_connection_that_asks_for_too_much_is_told_to_wait() {
     slow.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
     BufReader::new(slow).read_line(&mut first).unwrap();
     assert!(first.contains("408"), "{first}");
+}
+
+#[test]
+fn every_node_counts_what_it_does_and_bounds_the_calls_of_a_connection() {
+    let generator = Daemon::start("generator-node", free_port(), &[]);
+    let viz = Daemon::start("viz-node", free_port(), &["--generator", &generator.url()]);
+    let tuner = Daemon::start("tuner", free_port(), &["--generator", &generator.url()]);
+    push(&generator.url(), None, 3).unwrap();
+    let recorded = || metric(&viz.url(), "lamina_frames_total") == Some(3.0);
+    assert!(wait_for(Duration::from_secs(60), recorded), "{:?}", curl(&format!("{}/metrics", viz.url()), &[]));
+    let at_generator = |name| metric(&generator.url(), name);
+    // Three steps of 24^3 doubles.
+    assert_eq!(at_generator("lamina_generator_received_bytes_total"), Some(f64::from(3 * 24 * 24 * 24 * 8)));
+    assert_eq!(at_generator("lamina_generator_step_size_bytes_count"), Some(3.0));
+    let bytes = metric(&viz.url(), "lamina_frame_bytes_total");
+    assert_eq!(at_generator("lamina_generator_step_size_bytes_sum"), bytes, "what was sent is what came");
+    let seen = || metric(&tuner.url(), "lamina_tuner_step") == Some(2.0);
+    assert!(wait_for(Duration::from_secs(60), seen), "{:?}", curl(&format!("{}/metrics", tuner.url()), &[]));
+    for node in [&generator, &tuner] {
+        let metrics = format!("{}/metrics", node.url());
+        assert_eq!(curl(&metrics, &["--header", "Sec-Fetch-Site: same-origin"]).0, "403", "a page's script");
+        assert_eq!(curl(&metrics, &["--header", "Sec-Fetch-Site: none"]).0, "200", "what a user typed");
+        assert_eq!(curl(&node.url(), &[]).0, "404");
+        let refused = Runtime::new().unwrap().block_on(async {
+            let health = HealthClient::new(connect(&node.url(), Role::Generator, None).await.unwrap());
+            let question = |n: usize| {
+                let mut health = health.clone();
+                async move { (n, health.check(HealthCheckRequest::default()).await.err().map(|status| status.code())) }
+            };
+            let answers = futures::stream::iter(0..2000).map(question).buffer_unordered(64).collect::<Vec<_>>().await;
+            assert!(answers.iter().all(|(_, code)| code.is_none_or(|code| code == Code::ResourceExhausted)));
+            answers.iter().filter(|(_, code)| code.is_some()).count()
+        });
+        assert!((1..=1600).contains(&refused), "{refused} of 2000 refused");
+        assert_eq!(metric(&node.url(), "lamina_rate_limited_total"), Some(refused as f64));
+    }
+}
+
+#[test]
+fn a_cluster_is_examined_link_by_link() {
+    let folder = tempfile::tempdir().unwrap();
+    let keys = folder.path().join("keys");
+    make_keys(&keys);
+    let (_generator, at_generator) = node("generator-node", &keys, Role::Generator, &[]);
+    let plain = Daemon::start("tuner", free_port(), &["--generator", &at_generator.replace("https", "http")]);
+    let doctor = |cluster: &str| {
+        let admin = keys.join("admin").display().to_string();
+        let arguments = ["doctor", "--cluster", cluster, "--credentials", &admin];
+        let output = Command::new(binary("lamina")).args(arguments).output().unwrap();
+        (output.status.success(), String::from_utf8(output.stdout).unwrap())
+    };
+    let (good, said) = doctor(&format!("generator={at_generator},tuner={}", plain.url()));
+    assert!(good, "{said}");
+    let number = |line: &str, before: &str| -> f64 {
+        let end = line.find(before).unwrap_or_else(|| panic!("no {before} in {line}"));
+        line[..end].rsplit(' ').next().unwrap().parse().unwrap()
+    };
+    for (line, tls) in said.lines().zip(["TLS 1.3", "no TLS"]) {
+        assert!(line.contains(tls) && !line.contains("install"), "{line}");
+        assert!(number(line, " MB/s") > 1.0, "{line}");
+        // The same host's clock, known to half a round trip.
+        let clock = line.split("clock ").nth(1).unwrap().split(' ').next().unwrap().parse::<f64>().unwrap();
+        let round_trip = line.split("round trip ").nth(1).unwrap().split(' ').next().unwrap().parse::<f64>().unwrap();
+        assert!(clock.abs() <= round_trip / 2.0 + 0.1, "{line}");
+    }
+    let nobody = format!("viewer=http://127.0.0.1:{}", free_port());
+    let (good, said) = doctor(&format!("{nobody},generator={}", at_generator.replace("https", "http")));
+    assert!(!good && said.matches("UNUSABLE").count() == 2, "{said}");
+    assert!(said.contains("--listen") && said.contains("then it is https://"), "{said}");
 }

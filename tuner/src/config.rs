@@ -4,6 +4,7 @@ use crate::Contract;
 use crate::search::SearchGrid;
 use lamina_model::{GenerationParams, Invalid, Representation, VdiParams};
 use lamina_rpc::connect::NodeAddress;
+use lamina_rpc::daemon::check_log;
 use serde::{Deserialize, Serialize};
 use std::{net::SocketAddr, path::PathBuf};
 
@@ -11,6 +12,8 @@ use std::{net::SocketAddr, path::PathBuf};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
+    /// What is logged, unless RUST_LOG says it: `error`, `warn`, `info`, `debug` or `trace`.
+    pub log: String,
     /// Where the tuner's status can be asked for.
     pub listen: SocketAddr,
     /// Folder of keys that `lamina keys` made, with which others than the own user on this host may connect.
@@ -52,6 +55,7 @@ pub(crate) fn keepable_live(contract: &Contract) -> Result<(), Invalid> {
 impl Default for Config {
     fn default() -> Self {
         Self {
+            log: "info".to_owned(),
             listen: SocketAddr::from(([127, 0, 0, 1], 7103)),
             credentials: None,
             insecure: false,
@@ -68,11 +72,24 @@ impl Default for Config {
 }
 
 impl Config {
+    /// Keys that a running tuner takes up on SIGHUP.
+    pub const LIVE: &[&str] = &["log", "contract", "retune_every", "budget"];
+
+    /// Passes a configuration that can be run.
+    ///
+    /// # Errors
+    /// Names the first key whose value cannot be used.
+    pub fn check(self) -> Result<Self, Invalid> {
+        self.base()?;
+        Ok(self)
+    }
+
     /// Passes a configuration that can be run, with what all candidates have in common.
     ///
     /// # Errors
     /// Names the first key whose value cannot be used.
     pub fn base(&self) -> Result<GenerationParams, Invalid> {
+        check_log(&self.log)?;
         NodeAddress::read("generator", &self.generator)?;
         if !(0.0..=1.0).contains(&self.budget) {
             return Err(Invalid::new(

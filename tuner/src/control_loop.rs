@@ -33,7 +33,10 @@ const MEANWHILE: usize = 1024;
 
 /// What the loop remembers between steps.
 struct Daemon {
+    /// With the contract in force, whoever asked for it.
     config: Config,
+    /// What changes while it runs.
+    settings: watch::Receiver<Config>,
     credentials: Option<Credentials>,
     base: GenerationParams,
     status: Arc<Status>,
@@ -45,6 +48,7 @@ struct Daemon {
     key_frame: KeyFrame,
     /// The contract that was asked for last.
     wanted: watch::Sender<Contract>,
+    negotiator: Negotiator,
 }
 
 /// What a step calls for.
@@ -58,12 +62,22 @@ enum Call {
 }
 
 /// Tunes for ever.
-pub(crate) async fn run(config: Config, credentials: Option<Credentials>, base: GenerationParams, status: Arc<Status>) {
+pub(crate) async fn run(
+    settings: watch::Receiver<Config>,
+    credentials: Option<Credentials>,
+    base: GenerationParams,
+    status: Arc<Status>,
+) {
+    let config = settings.borrow().clone();
     let run = RunState::new(String::new());
     status.contract(&config.contract);
     let wanted = watch::Sender::new(config.contract.clone());
+    let negotiator = Negotiator { status: status.clone(), wanted: wanted.clone() };
+    tokio::spawn(negotiator.clone().follow_configuration(settings.clone()));
     let key_frame = KeyFrame::default();
-    let mut daemon = Daemon { config, credentials, base, status, run, setting: None, holds_from: 0, key_frame, wanted };
+    let (setting, holds_from) = (None, 0);
+    let mut daemon =
+        Daemon { config, settings, credentials, base, status, run, setting, holds_from, key_frame, wanted, negotiator };
     let mut reported = String::new();
     loop {
         if let Err(error) = daemon.follow().await {
@@ -89,9 +103,8 @@ impl Daemon {
         let reports = control.clone().watch(v1::WatchRequest {}).await.map_err(failed)?.into_inner();
         // What came in meanwhile comes at once: only the newest matters.
         let mut reports = reports.ready_chunks(MEANWHILE);
-        let negotiator = Negotiator { status: self.status.clone(), wanted: self.wanted.clone() };
         let mut negotiating = JoinSet::new();
-        negotiating.spawn(follow_all(control.clone(), self.credentials.clone(), negotiator));
+        negotiating.spawn(follow_all(control.clone(), self.credentials.clone(), self.negotiator.clone()));
         let mut wanted = self.wanted.subscribe();
         if *wanted.borrow() != self.config.contract {
             wanted.mark_changed();
@@ -188,7 +201,7 @@ impl Daemon {
 
     /// True if a step's quality may call for a study.
     fn may_ask_quality(&self, report: &StepReport) -> bool {
-        report.step >= self.holds_from && self.run.may_study(self.config.budget)
+        report.step >= self.holds_from && self.run.may_study(self.settings.borrow().budget)
     }
 
     /// True if a step that was made after the last study is worse than the contract allows; where nothing kept the contract on
@@ -219,8 +232,9 @@ impl Daemon {
         if report.step < self.holds_from {
             return Call::Nothing;
         }
-        let study = if self.run.may_study(self.config.budget) { Call::Study } else { Call::Nothing };
-        if self.config.retune_every > 0 && report.step >= studied + self.config.retune_every {
+        let Config { budget, retune_every, .. } = *self.settings.borrow();
+        let study = if self.run.may_study(budget) { Call::Study } else { Call::Nothing };
+        if retune_every > 0 && report.step >= studied + retune_every {
             return study;
         }
         self.run.timed(report, &self.config.contract);
@@ -276,7 +290,7 @@ impl Daemon {
     }
 
     async fn measure(&mut self, control: &ControlClient<Channel>, report: &StepReport) -> Result<StudyEnd, TrialError> {
-        let (limits, until) = (self.config.contract.clone(), self.run.until(self.config.budget));
+        let (limits, until) = (self.config.contract.clone(), self.run.until(self.settings.borrow().budget));
         let pace = self.run.pace.ratio();
         let contract = limits.paced(pace);
         let given = until.map_or(Duration::ZERO, |until| until - Instant::now());

@@ -28,36 +28,40 @@ pub use contract::Contract;
 pub use utility::Utility;
 
 use lamina_rpc::credentials::Role;
-use lamina_rpc::daemon::{Access, AllowRoles, MOST_STREAMS, NodeError, Shutdown, serve};
+use lamina_rpc::daemon::{Access, AllowRoles, NodeError, Shutdown, serve_grpc};
 use lamina_rpc::v1::tuning_server::TuningServer;
 use std::sync::Arc;
 use tokio::net::TcpListener;
+use tokio::sync::watch;
+use tonic::service::Routes;
 
-/// Runs the tuner, its status served on `listener`, until `shutdown` completes.
+/// Runs the tuner, its status served on `listener`, until `shutdown` completes. Of `settings` it takes up while it runs what is in
+/// [`Config::LIVE`].
 ///
 /// # Errors
 /// If the configuration cannot be used or the transport fails.
-pub async fn run(config: Config, listener: TcpListener, shutdown: Shutdown) -> Result<(), NodeError> {
-    let bad = |e: lamina_model::Invalid| NodeError::Config { path: "tuner".to_owned(), reason: e.to_string() };
-    let base = config.base().map_err(bad)?;
+pub async fn run(
+    settings: watch::Receiver<Config>,
+    listener: TcpListener,
+    shutdown: Shutdown,
+) -> Result<(), NodeError> {
+    let config = settings.borrow().clone();
+    let base = config.base()?;
     let address = listener.local_addr().unwrap_or(config.listen);
     let (access, credentials) = Access::of(address, config.credentials.as_deref(), config.insecure)?;
     let status = Arc::new(status::Status::default());
     let (health, health_service) = tonic_health::server::health_reporter();
     health.set_serving::<TuningServer<status::StatusService>>().await;
-    let router = tonic::transport::Server::builder()
-        .max_concurrent_streams(MOST_STREAMS)
-        .add_service(health_service)
-        .add_service(TuningServer::with_interceptor(
-            status::StatusService(status.clone()),
-            AllowRoles(&[Role::Viewer]),
-        ));
+    let service = TuningServer::with_interceptor(status::StatusService(status.clone()), AllowRoles(&[Role::Viewer]));
+    let routes = Routes::new(health_service).add_service(service);
+    let of_status = status.clone();
+    let metrics = Arc::new(move |text: &mut _| of_status.write_metrics(text));
     tracing::info!(%address, "tuner listens");
-    let tuning = tokio::spawn(control_loop::run(config, credentials, base, status));
+    let tuning = tokio::spawn(control_loop::run(settings, credentials, base, status));
     // At once: a study would take the other nodes' going for a fault.
     let stopping = async move {
         shutdown.await;
         tuning.abort();
     };
-    serve(router, listener, access, Box::pin(stopping)).await
+    serve_grpc(routes, metrics, listener, access, Box::pin(stopping)).await
 }

@@ -1,7 +1,7 @@
 //! The tuner as a daemon.
 
 use clap::Parser;
-use lamina_rpc::daemon::{exit_code, listen, load_config, log_to_stderr, stop_signal};
+use lamina_rpc::daemon::{ConfigSource, exit_code, listen, load_config, log_to_stderr, stop_signal};
 use lamina_tuner::{Config, run};
 use std::{net::SocketAddr, path::PathBuf};
 
@@ -34,15 +34,19 @@ async fn main() -> std::process::ExitCode {
 async fn start() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
     log_to_stderr("info");
-    let config: Config = load_config(arguments.config.as_deref())?;
+    let in_file: Config = load_config(arguments.config.as_deref())?;
+    let config = in_file.clone();
     let config = Config {
         listen: arguments.listen.unwrap_or(config.listen),
         credentials: arguments.credentials.or(config.credentials),
         insecure: arguments.insecure || config.insecure,
         generator: arguments.generator.unwrap_or(config.generator),
         ..config
-    };
-    config.base()?;
+    }
+    .check()?;
     let listener = listen(config.listen).await?;
-    Ok(run(config, listener, Box::pin(stop_signal())).await?)
+    let (live, path) = (Config::LIVE, arguments.config);
+    let settings =
+        ConfigSource { path, in_file, in_force: config, live, check: Config::check, log: |config| &config.log };
+    Ok(run(settings.follow(), listener, Box::pin(stop_signal())).await?)
 }

@@ -4,9 +4,11 @@ use crate::Contract;
 use crate::evaluator::TrialError;
 use crate::tune::Trial;
 use lamina_model::GenerationParams;
+use lamina_rpc::daemon::Exposition;
 use lamina_rpc::v1::{self, tuning_server};
 use parking_lot::Mutex;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use tokio::sync::watch;
 use tonic::{Request, Response};
 
@@ -18,6 +20,7 @@ const MOST_TRIALS: usize = 20_000;
 pub(crate) struct Status {
     state: Mutex<v1::TunerStatus>,
     changed: watch::Sender<()>,
+    trials: AtomicU64,
 }
 
 impl Status {
@@ -70,6 +73,7 @@ impl Status {
 
     /// A trial was measured; its step is filled in when the study ends.
     pub(crate) fn tried(&self, row: &Trial) {
+        self.trials.fetch_add(1, Ordering::Relaxed);
         tracing::debug!(resolution = row.params.resolution(), gamma = row.params.gamma(), alpha = row.cost, "trial");
     }
 
@@ -92,6 +96,30 @@ impl Status {
                 state.chosen_psnr_db = Some(row.measured.quality.psnr_db());
             }
         });
+    }
+}
+
+impl Status {
+    /// Writes what the tuner says at `/metrics`.
+    pub(crate) fn write_metrics(&self, text: &mut Exposition) {
+        let state = self.summary();
+        text.counter("tuner_studies_total", "Studies that measured something.", state.studies as f64);
+        text.counter(
+            "tuner_lost_studies_total",
+            "Studies that ended with nothing measured.",
+            state.lost_studies as f64,
+        );
+        let trials = self.trials.load(Ordering::Relaxed);
+        text.counter("tuner_trials_total", "Trials measured.", trials as f64);
+        if let Some(step) = state.steps_seen.checked_sub(1) {
+            text.gauge("tuner_step", "The newest step dealt with.", step as f64);
+        }
+        text.gauge("tuner_busy", "1 while a step is being dealt with.", f64::from(u8::from(state.busy)));
+        let failed = !state.last_error.is_empty();
+        text.gauge("tuner_failing", "1 if the last study ended with an error.", f64::from(u8::from(failed)));
+        if let Some(psnr_db) = state.chosen_psnr_db {
+            text.gauge("tuner_chosen_psnr_db", "Quality of the parameters in use, when they were tried.", psnr_db);
+        }
     }
 }
 

@@ -4,6 +4,7 @@ use lamina_compute::CpuLimit;
 use lamina_compute::gpu::Choice;
 use lamina_model::Invalid;
 use lamina_rpc::connect::NodeAddress;
+use lamina_rpc::daemon::check_log;
 use serde::{Deserialize, Serialize};
 use std::{net::SocketAddr, path::PathBuf};
 
@@ -11,6 +12,8 @@ use std::{net::SocketAddr, path::PathBuf};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
+    /// What is logged, unless RUST_LOG says it: `error`, `warn`, `info`, `debug` or `trace`.
+    pub log: String,
     /// Where the page, the metrics and the gRPC services are.
     pub listen: SocketAddr,
     /// Folder of keys that `lamina keys` made, with which others than the own user on this host may connect.
@@ -41,6 +44,7 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         Self {
+            log: "info".to_owned(),
             listen: SocketAddr::from(([127, 0, 0, 1], 7102)),
             credentials: None,
             insecure: false,
@@ -58,11 +62,15 @@ impl Default for Config {
 }
 
 impl Config {
+    /// Keys that a running node takes up on SIGHUP.
+    pub const LIVE: &[&str] = &["log", "hosts", "cpu_share"];
+
     /// Passes a configuration that can be run.
     ///
     /// # Errors
     /// Names the first key whose value cannot be used.
     pub fn check(self) -> Result<Self, Invalid> {
+        check_log(&self.log)?;
         NodeAddress::read("generator", &self.generator)?;
         if let Some(address) = self.quality_address.as_deref().filter(|a| !a.is_empty()) {
             NodeAddress::read("quality_address", address)?;

@@ -1,12 +1,12 @@
 //! Intake: live steps into the store as they arrive, the newest of them decoded and measured as processor time allows; trials to
 //! where they are measured when asked for.
 
-use crate::histogram::Histogram;
 use crate::store::{Run, StepRow, Store, StoreError};
 use crate::trials::{Arrived, ArrivedTrial, ShownTrials};
 use lamina_codec::DecodeLimits;
 use lamina_compute::{Activity, CpuShare, Priority};
 use lamina_model::{Frame, Invalid, ReferenceSamples, RunInfo};
+use lamina_rpc::daemon::Histogram;
 use lamina_rpc::reference;
 use lamina_rpc::v1::{self, delivery::Part};
 use lamina_vdi_render::{Backend, Detail};
@@ -44,9 +44,6 @@ pub(crate) struct Counters {
     pub psnr_db: Histogram,
 }
 
-/// A factor of two or so apart, from a millisecond to a minute.
-const SECONDS: [f64; 14] = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 15.0, 60.0];
-
 impl Default for Counters {
     fn default() -> Self {
         let zero = || AtomicU64::new(0);
@@ -57,9 +54,9 @@ impl Default for Counters {
             refused: zero(),
             connections: zero(),
             unmeasured: zero(),
-            size_bytes: Histogram::new(&[1e4, 2e4, 5e4, 1e5, 2e5, 5e5, 1e6, 2e6, 5e6, 1e7, 1e8]),
-            generation_secs: Histogram::new(&SECONDS),
-            encode_secs: Histogram::new(&SECONDS),
+            size_bytes: Histogram::new(Histogram::BYTES),
+            generation_secs: Histogram::new(Histogram::SECONDS),
+            encode_secs: Histogram::new(Histogram::SECONDS),
             psnr_db: Histogram::new(&[20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 60.0, 70.0, 80.0, 100.0]),
         }
     }

@@ -3,7 +3,7 @@
 use clap::Parser;
 use lamina_compute::CpuShare;
 use lamina_compute::gpu::Choice;
-use lamina_rpc::daemon::{exit_code, listen, load_config, log_to_stderr, stop_signal};
+use lamina_rpc::daemon::{ConfigSource, exit_code, listen, load_config, log_to_stderr, stop_signal};
 use lamina_vdi_render::Backend;
 use lamina_viz_node::{Config, open_store, run};
 use std::{net::SocketAddr, path::PathBuf};
@@ -43,7 +43,8 @@ async fn main() -> std::process::ExitCode {
 async fn start() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
     log_to_stderr("info");
-    let config: Config = load_config(arguments.config.as_deref())?;
+    let in_file: Config = load_config(arguments.config.as_deref())?;
+    let config = in_file.clone();
     let config = Config {
         listen: arguments.listen.unwrap_or(config.listen),
         credentials: arguments.credentials.or(config.credentials),
@@ -57,5 +58,8 @@ async fn start() -> anyhow::Result<()> {
     let listener = listen(config.listen).await?;
     let (store, backend) = (open_store(&config)?, Backend::open(config.backend)?);
     let share = CpuShare::new(config.cpu_share)?;
-    Ok(run(config, store, backend, share, listener, Box::pin(stop_signal())).await?)
+    let (live, path) = (Config::LIVE, arguments.config);
+    let settings =
+        ConfigSource { path, in_file, in_force: config, live, check: Config::check, log: |config| &config.log };
+    Ok(run(settings.follow(), store, backend, share, listener, Box::pin(stop_signal())).await?)
 }

@@ -117,7 +117,7 @@ impl Nodes {
         let generator = format!("http://{}", reached_at(listener.local_addr()?));
         let kernels = Kernels::open(setup.backend)?;
         runtime.spawn(lamina_generator_node::run(
-            config.check()?,
+            watch::Sender::new(config.check()?).subscribe(),
             kernels.cast,
             setup.share.clone(),
             listener,
@@ -133,7 +133,14 @@ impl Nodes {
         let listener = runtime.block_on(listen(setup.viewer))?;
         let viewer = listener.local_addr()?;
         let store = lamina_viz_node::open_store(&config)?;
-        runtime.spawn(lamina_viz_node::run(config, store.clone(), kernels.draw, setup.share, listener, stopped()));
+        runtime.spawn(lamina_viz_node::run(
+            watch::Sender::new(config).subscribe(),
+            store.clone(),
+            kernels.draw,
+            setup.share,
+            listener,
+            stopped(),
+        ));
 
         let mut tuner = None;
         if let Some(tuning) = setup.tuning {
@@ -152,7 +159,7 @@ impl Nodes {
             config.base()?;
             let listener = runtime.block_on(listen(any_port))?;
             let address = format!("http://{}", listener.local_addr()?);
-            runtime.spawn(lamina_tuner::run(config, listener, stopped()));
+            runtime.spawn(lamina_tuner::run(watch::Sender::new(config).subscribe(), listener, stopped()));
             let channel = runtime.block_on(Endpoint::from_shared(address)?.connect())?;
             tuner = Some(TuningClient::new(channel));
         }

@@ -154,6 +154,64 @@ class Npy:
             yield
 
 
+def xdmf_grid(step, first, planes, item):
+    """Planes of the grid from z index `first` on, whose numbers `item` describes; XDMF has z, y, x."""
+    zyx = lambda values: " ".join(str(v) for v in values[::-1])
+    dims, origin = (*DIMS[:2], planes), (*ORIGIN[:2], ORIGIN[2] + first * SPACING[2])
+    return (
+        f'<Grid Name="g{first}"><Time Value="{0.5 * step}"/><Topology TopologyType="3DCoRectMesh" Dimensions="{zyx(dims)}"/>'
+        f'<Geometry GeometryType="ORIGIN_DXDYDZ"><DataItem Dimensions="3" Format="XML">{zyx(origin)}</DataItem>'
+        f'<DataItem Dimensions="3" Format="XML">{zyx(SPACING)}</DataItem></Geometry>'
+        f'<Attribute Name="v" AttributeType="Vector"/><Attribute Name="rho" Center="Node">{item(zyx(dims))}</Attribute></Grid>'
+    )
+
+
+def write_whole(path, text):
+    """So that nobody reads half of it."""
+    path.with_suffix(".part").write_text(f'<?xml version="1.0"?><Xdmf Version="3.0"><Domain>{text}</Domain></Xdmf>')
+    path.with_suffix(".part").rename(path)
+
+
+class Xdmf:
+    """A file a step, of two blocks that share a plane: one of a raw file's end, big-endian, the other a part of an HDF5 array."""
+
+    source = "xdmf/*.xmf"
+
+    def write(self, folder):
+        import h5py
+
+        for step in range(STEPS):
+            values = as_zyx(step)
+            (folder / f"low{step}.bin").write_bytes(b"head" + values[:13].astype(">f4").tobytes())
+            with h5py.File(folder / f"high{step}.h5", "w") as file:
+                file["all/rho"] = values
+            low = lambda dims: f'<DataItem Dimensions="{dims}" Format="Binary" Endian="Big" Seek="4">low{step}.bin</DataItem>'
+            part = f'<DataItem Dimensions="3 3" Format="XML">12 0 0 1 1 1 {DIMS[2] - 12} {DIMS[1]} {DIMS[0]}</DataItem>'
+            whole = f'<DataItem Dimensions="{DIMS[2]} {DIMS[1]} {DIMS[0]}" Format="HDF">high{step}.h5:/all/rho</DataItem>'
+            high = lambda dims: f'<DataItem ItemType="HyperSlab" Dimensions="{dims}">{part}{whole}</DataItem>'
+            blocks = xdmf_grid(step, 0, 13, low) + xdmf_grid(step, 12, DIMS[2] - 12, high)
+            write_whole(folder / f"step{step}.xmf", f'<Grid GridType="Collection" CollectionType="Spatial">{blocks}</Grid>')
+            yield
+
+
+class XdmfSeries:
+    """A collection that gains steps, the XML ahead of the arrays."""
+
+    source, options = "xdmf-series/run.xdmf", ["--field", "rho"]
+
+    def write(self, folder):
+        import h5py
+
+        grids = ""
+        for step in range(STEPS):
+            item = lambda dims: f'<DataItem Dimensions="{dims}" Format="HDF">s{step}.h5:/rho</DataItem>'
+            grids += xdmf_grid(step, 0, DIMS[2], item)
+            write_whole(folder / "run.xdmf", f'<Grid GridType="Collection" CollectionType="Temporal">{grids}</Grid>')
+            with h5py.File(folder / f"s{step}.h5", "w") as file:
+                file["rho"] = as_zyx(step)
+            yield
+
+
 class Amrex:
     """Plotfiles of two levels, the finer over the whole; cells whose centers are the points."""
 
@@ -289,6 +347,8 @@ DOORS = {
     "zarr": Zarr,
     "tiff": Tiff,
     "npy": Npy,
+    "xdmf": Xdmf,
+    "xdmf-series": XdmfSeries,
     "amrex": Amrex,
     "openpmd-h5": OpenPmd,
     "openpmd-bp": OpenPmdBp,

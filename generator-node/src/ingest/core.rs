@@ -4,64 +4,11 @@
 
 use super::brick::{BrickBytes, BrickOffer};
 use super::run::{IngestRun, RunSpec};
-use super::{GridBox, IngestError, assembly::Assembly, brick};
+use super::{CompleteStep, IngestError, assembly::Assembly};
 use lamina_field_expression::ShownFields;
-use lamina_model::{FullPolicy, Invalid, Volume};
+use lamina_model::FullPolicy;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
-
-/// A step with all its bricks, to be made into a VDI.
-#[derive(Debug)]
-pub struct CompleteStep {
-    /// The run's id.
-    pub run_id: String,
-    /// The run's description.
-    pub spec: RunSpec,
-    /// The step.
-    pub step: u64,
-    /// Simulation time.
-    pub time: f64,
-    /// Steps of the run dropped so far.
-    pub dropped_steps: u64,
-    /// Ranks whose bricks it lacks, because they fell silent.
-    pub lost_ranks: Vec<u32>,
-    /// When its last brick came in.
-    completed: Instant,
-    bricks: Vec<(GridBox, BrickBytes)>,
-}
-
-impl CompleteStep {
-    /// Its bricks.
-    pub fn into_bricks(self) -> (RunSpec, Vec<(GridBox, BrickBytes)>) {
-        (self.spec, self.bricks)
-    }
-
-    /// Where its bricks lie.
-    pub fn boxes(&self) -> impl Iterator<Item = &GridBox> {
-        self.bricks.iter().map(|(place, _)| place)
-    }
-
-    /// What is `shown` of the step; NaN where bricks of lost ranks would be, integers then in single precision. Also the time that
-    /// computing took what is no field itself.
-    ///
-    /// # Errors
-    /// If the bricks do not make up the grid.
-    pub fn into_volume(self, shown: &ShownFields) -> Result<(Volume, Duration), Invalid> {
-        let (grid, sources, mut before) = (&self.spec.grid, shown.sources(), 0);
-        let mut fields = Vec::new();
-        for (n, (_, voxel_type)) in self.spec.fields().enumerate() {
-            let size = voxel_type.size_bytes();
-            let of = |brick: &GridBox| brick.voxels() * before..brick.voxels() * (before + size);
-            let bricks = self.bricks.iter().map(|(brick, bytes)| (*brick, &bytes[of(brick)]));
-            // What nothing reads stays as it came.
-            fields.push(sources.contains(&n).then(|| brick::join(grid, voxel_type, bricks)));
-            before += size;
-        }
-        let begun = Instant::now();
-        let volume = shown.volume(*grid, fields)?;
-        Ok((volume, if shown.is_derived() { begun.elapsed() } else { Duration::ZERO }))
-    }
-}
 
 /// The answer to a rank that wants to push.
 #[derive(Debug, PartialEq, Eq)]
@@ -88,12 +35,49 @@ pub struct Core {
     queue: VecDeque<CompleteStep>,
     /// Of a group's node: how many ranks of which run come here.
     told: Option<(String, u32)>,
+    received_bytes: u64,
+    /// Steps dropped of the runs before.
+    dropped_before: u64,
+}
+
+/// How much has come and waits, for metrics.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct IngestFigures {
+    /// Bytes of bricks received.
+    pub received_bytes: u64,
+    /// Steps dropped.
+    pub dropped_steps: u64,
+    /// Bytes of time steps held, and how many there may be.
+    pub memory_bytes: (u64, u64),
+    /// Whole steps that wait for their turn.
+    pub waiting_steps: usize,
+    /// Ranks that fell silent while the others went on.
+    pub lost_ranks: usize,
 }
 
 impl Core {
     /// No run yet; `memory_bytes` for steps, of which `waiting_steps` may wait whole; a run silent for `idle` may be replaced.
     pub fn new(memory_bytes: u64, waiting_steps: usize, idle: Duration) -> Self {
-        Self { memory_bytes, waiting_steps, idle, used_bytes: 0, run: None, queue: VecDeque::new(), told: None }
+        let (used_bytes, received_bytes, dropped_before) = (0, 0, 0);
+        let (run, queue, told) = (None, VecDeque::new(), None);
+        Self { memory_bytes, waiting_steps, idle, used_bytes, run, queue, told, received_bytes, dropped_before }
+    }
+
+    /// Other limits from now on, as of [`Core::new`].
+    pub fn set_limits(&mut self, memory_bytes: u64, waiting_steps: usize, idle: Duration) {
+        (self.memory_bytes, self.waiting_steps, self.idle) = (memory_bytes, waiting_steps, idle);
+    }
+
+    /// How much has come and waits.
+    pub fn figures(&self) -> IngestFigures {
+        let run = self.run.as_ref();
+        IngestFigures {
+            received_bytes: self.received_bytes,
+            dropped_steps: self.dropped_before + run.map_or(0, |run| run.dropped_steps),
+            memory_bytes: (self.used_bytes, self.memory_bytes),
+            waiting_steps: self.queue.len(),
+            lost_ranks: run.map_or(0, |run| run.lost.len()),
+        }
     }
 
     /// Attaches `rank` to the run it describes; `resume` is the id it had before this node was restarted, or empty, and
@@ -162,6 +146,7 @@ impl Core {
 
     fn abandon_run(&mut self) {
         if let Some(run) = self.run.take() {
+            self.dropped_before += run.dropped_steps;
             self.used_bytes -= run.steps.len() as u64 * run.spec.step_bytes();
         }
     }
@@ -277,8 +262,12 @@ impl Core {
         run.last_step[rank as usize] = Some(step);
         let ranks = run.ranks_here();
         let Some(assembly) = run.steps.get_mut(&step) else { return Ok(None) };
-        assembly.fill(rank, index, bytes.into());
-        if !assembly.is_complete(ranks, &run.lost) {
+        let bytes = bytes.into();
+        let count = bytes.len() as u64;
+        assembly.fill(rank, index, bytes);
+        let is_complete = assembly.is_complete(ranks, &run.lost);
+        self.received_bytes += count;
+        if !is_complete {
             return Ok(Some(false));
         }
         self.complete(run_id, step, now);

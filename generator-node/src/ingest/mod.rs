@@ -2,6 +2,7 @@
 
 mod assembly;
 mod brick;
+mod complete_step;
 mod core;
 mod error;
 mod run;
@@ -10,7 +11,8 @@ mod service;
 mod tests;
 
 pub use brick::{BrickBytes, BrickOffer, GridBox};
-pub use core::{Admit, CompleteStep, Core};
+pub use complete_step::CompleteStep;
+pub use core::{Admit, Core, IngestFigures};
 pub use error::IngestError;
 pub use run::RunSpec;
 pub use service::{AssignMember, Ingest, IngestService, SharedMemory};

@@ -1,7 +1,7 @@
 //! The ingest service: the state machine behind a lock, and waiting where the run's policy is to block.
 
 use super::brick::BrickBytes;
-use super::{Admit, BrickOffer, CompleteStep, Core, IngestError, RunSpec};
+use super::{Admit, BrickOffer, CompleteStep, Core, IngestError, IngestFigures, RunSpec};
 use crate::overhead::Overhead;
 use crate::steering::SteeringRelay;
 use futures::{Stream, StreamExt};
@@ -126,6 +126,17 @@ impl Ingest {
             }
             ready.await;
         }
+    }
+
+    /// Other limits from now on, as of [`Ingest::new`].
+    pub(crate) fn set_limits(&self, memory_bytes: u64, waiting_steps: usize, idle: Duration) {
+        self.core().set_limits(memory_bytes, waiting_steps, idle);
+        self.room.notify_waiters();
+    }
+
+    /// How much has come and waits.
+    pub(crate) fn figures(&self) -> IngestFigures {
+        self.core().figures()
     }
 
     /// True if the run's policy is to let the simulation wait.

@@ -14,4 +14,6 @@ pub mod kernel;
 pub mod simd;
 
 #[cfg(not(target_arch = "wasm32"))]
-pub use cpu::{Activity, CpuLimit, CpuShare, InvalidCpuLimit, Laps, Permit, Priority, Usage, thread_cpu_time};
+pub use cpu::{
+    Activity, CpuLimit, CpuShare, InvalidCpuLimit, Laps, Permit, Priority, Usage, UsageCounter, thread_cpu_time,
+};

@@ -55,7 +55,8 @@ impl Node {
     fn configured(address: SocketAddr, config: Config) -> Self {
         Self::serve(address, |listener| async {
             let share = CpuShare::new(config.cpu_share).unwrap();
-            lamina_generator_node::run(config, Backend::cpu(), share, listener, Box::pin(pending())).await.unwrap();
+            let settings = tokio::sync::watch::Sender::new(config).subscribe();
+            lamina_generator_node::run(settings, Backend::cpu(), share, listener, Box::pin(pending())).await.unwrap();
         })
     }
 

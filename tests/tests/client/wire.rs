@@ -2,12 +2,13 @@
 
 use crate::{LONG, Node, SIDE, STEP_BYTES, VOXELS, admitted, any_port, options, push_whole};
 use lamina_client::{Brick, Client, ClientError, Receipt, RunOptions, Summary};
-use lamina_rpc::daemon::Access;
+use lamina_rpc::daemon::{Access, serve_grpc};
 use lamina_rpc::v1::{self, push_part::Part};
 use std::future::pending;
-use std::sync::mpsc;
+use std::sync::{Arc, mpsc};
 use std::time::Duration;
 use tonic::codegen::tokio_stream::wrappers::ReceiverStream;
+use tonic::service::Routes;
 use tonic::{Request, Response, Status, Streaming};
 
 #[derive(Clone, Copy)]
@@ -27,9 +28,9 @@ impl Recorder {
     fn start(verdict: Verdict) -> (Node, mpsc::Receiver<(u64, usize)>) {
         let (seen, records) = mpsc::channel();
         let service = v1::ingest_server::IngestServer::new(Self { verdict, seen });
-        let router = tonic::transport::Server::builder().add_service(service);
+        let (routes, metrics) = (Routes::new(service), Arc::new(|_: &mut _| {}));
         let node = Node::serve(any_port(), |listener| async {
-            lamina_rpc::daemon::serve(router, listener, Access::SameUser, Box::pin(pending())).await.unwrap();
+            serve_grpc(routes, metrics, listener, Access::SameUser, Box::pin(pending())).await.unwrap();
         });
         (node, records)
     }

@@ -143,6 +143,7 @@ const MESSAGE_FILES: &[&str] = &[
     "tuner/src/control_loop.rs",
     "tuner/src/provisional.rs",
     "deploy/cli/src/doctor/cluster.rs",
+    "deploy/cli/src/doctor/link.rs",
     "deploy/cli/src/nodes.rs",
     "deploy/cli/src/run_folder.rs",
 ];

@@ -8,6 +8,7 @@ use lamina_rpc::connect::connect;
 use lamina_rpc::credentials::Role;
 use lamina_rpc::v1::generation_params::{Kind, Vdi};
 use lamina_rpc::v1::{self, control_client::ControlClient, frames_client::FramesClient, quality_server};
+use lamina_tests::http::metric;
 use lamina_tests::processes::{Daemon, free_port, recorded_series, wait_for};
 use lamina_tuner::evaluator::{Batches, Evaluator, Measurement, TrialError};
 use lamina_tuner::remote::Remote;
@@ -87,9 +88,7 @@ fn candidates(n: u32) -> Vec<GenerationParams> {
 
 /// Measurements a viz-node has answered with.
 fn measured_by(viz: &str) -> u32 {
-    let Ok(mut answer) = ureq::get(format!("{viz}/metrics")).call() else { return 0 };
-    let text = answer.body_mut().read_to_string().unwrap();
-    text.lines().find_map(|l| l.strip_prefix("lamina_trials_total ")).unwrap().parse().unwrap()
+    metric(viz, "lamina_trials_total").unwrap_or(0.0) as u32
 }
 
 /// What does not depend on the clock.
@@ -224,7 +223,7 @@ fn a_viewer_killed_in_a_study_is_named_and_its_trials_are_measured_by_the_other(
 #[test]
 fn a_viewer_that_hangs_in_a_study_is_named_and_its_trials_are_measured_by_the_other() {
     study_without_one(|viewer| {
-        viewer.hang();
+        viewer.signal("STOP");
         Some(viewer)
     });
 }

@@ -2,10 +2,10 @@
 
 use super::error::words;
 use super::viewer_streams::{ViewerStream, viewer_error};
-use crate::Contract;
 use crate::config::keepable_live;
 use crate::evaluator::TrialError;
 use crate::status::Status;
+use crate::{Config, Contract};
 use lamina_model::Invalid;
 use lamina_rpc::v1::{self, quality_client::QualityClient};
 use std::convert::Infallible;
@@ -33,10 +33,26 @@ impl Negotiator {
     fn take(&self, request: &v1::ContractRequest) -> Result<(), Invalid> {
         let contract: Contract = request.contract.parse()?;
         keepable_live(&contract)?;
-        tracing::info!(%contract, asked_by = request.asked_by, "another contract is asked for");
+        self.want(contract, &request.asked_by);
+        Ok(())
+    }
+
+    fn want(&self, contract: Contract, asked_by: &str) {
+        tracing::info!(%contract, asked_by, "another contract is asked for");
         self.status.contract(&contract);
         self.wanted.send_replace(contract);
-        Ok(())
+    }
+
+    /// Takes the contract of the configuration whenever that states another.
+    pub(crate) async fn follow_configuration(self, mut settings: watch::Receiver<Config>) {
+        let mut stated = settings.borrow_and_update().contract.clone();
+        while settings.changed().await.is_ok() {
+            let contract = settings.borrow_and_update().contract.clone();
+            if contract != stated {
+                self.want(contract.clone(), "configuration");
+                stated = contract;
+            }
+        }
     }
 }
 

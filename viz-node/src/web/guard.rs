@@ -9,7 +9,7 @@ use axum::response::{IntoResponse, Response};
 use lamina_model::Invalid;
 use lamina_rpc::credentials::Role;
 use lamina_rpc::daemon::{Identity, Peer, random};
-use parking_lot::Mutex;
+use parking_lot::{Mutex, RwLock};
 use std::collections::HashMap;
 use std::net::IpAddr;
 use std::sync::Arc;
@@ -38,11 +38,17 @@ struct Secrets {
     sessions: HashMap<String, Rights>,
 }
 
+/// `hosts` and the names that this host has anyway, lower case.
+fn with_own(hosts: &[String]) -> Vec<String> {
+    let own = ["localhost".to_owned(), lamina_rpc::connect::host_name()];
+    hosts.iter().cloned().chain(own).map(|host| host.to_ascii_lowercase()).collect()
+}
+
 /// Decides about requests to the page.
 pub(crate) struct Guard {
     /// Names of this host that browsers may use, lower case. Others are of a site that has its name resolved to this address (DNS
     /// rebinding).
-    hosts: Vec<String>,
+    hosts: RwLock<Vec<String>>,
     /// Address of the page without a path.
     origin: String,
     secrets: Mutex<Secrets>,
@@ -54,10 +60,14 @@ impl Guard {
     /// # Errors
     /// If the system gives no random numbers.
     pub(crate) fn new(origin: String, hosts: &[String]) -> Result<Self, Invalid> {
-        let own = ["localhost".to_owned(), lamina_rpc::connect::host_name()];
-        let hosts = hosts.iter().cloned().chain(own).map(|host| host.to_ascii_lowercase()).collect();
+        let hosts = RwLock::new(with_own(hosts));
         let tokens = [(random()?, Rights::Watch), (random()?, Rights::Steer)];
         Ok(Self { hosts, origin, secrets: Mutex::new(Secrets { tokens, sessions: HashMap::new() }) })
+    }
+
+    /// Other names than before.
+    pub(crate) fn set_hosts(&self, hosts: &[String]) {
+        *self.hosts.write() = with_own(hosts);
     }
 
     /// Where the next browser comes in to `rights`, once.
@@ -72,7 +82,7 @@ impl Guard {
         let Some(authority) = stated.or_else(|| uri.authority().map(|a| a.as_str())) else { return false };
         let Ok(authority) = authority.parse::<axum::http::uri::Authority>() else { return false };
         let host = authority.host().trim_start_matches('[').trim_end_matches(']').to_ascii_lowercase();
-        host.parse::<IpAddr>().is_ok() || self.hosts.contains(&host)
+        host.parse::<IpAddr>().is_ok() || self.hosts.read().contains(&host)
     }
 
     fn session(&self, headers: &HeaderMap) -> Option<Rights> {
@@ -137,26 +147,22 @@ impl Guard {
     }
 }
 
-/// Lets requests for the page through that [`Guard`] allows; calls of gRPC are checked by their services.
+/// Lets requests through that [`Guard`] allows.
 pub(crate) async fn guard(
     State(guard): State<Arc<Guard>>,
     Extension(peer): Extension<Peer>,
     mut request: Request,
     next: Next,
 ) -> Response {
-    let kind = request.headers().get(header::CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
-    let is_grpc = kind.is_some_and(|kind| kind.starts_with("application/grpc"));
-    if !is_grpc {
-        match guard.admit(peer, request.headers(), request.uri()) {
-            Ok(rights) => request.extensions_mut().insert(rights),
-            Err(refusal) => {
-                // A client that is still sending would take the end of the stream for a fault.
-                let drained = axum::body::to_bytes(request.into_body(), DRAINED);
-                let _ = tokio::time::timeout(Duration::from_secs(1), drained).await;
-                return refusal;
-            }
-        };
-    }
+    match guard.admit(peer, request.headers(), request.uri()) {
+        Ok(rights) => request.extensions_mut().insert(rights),
+        Err(refusal) => {
+            // A client that is still sending would take the end of the stream for a fault.
+            let drained = axum::body::to_bytes(request.into_body(), DRAINED);
+            let _ = tokio::time::timeout(Duration::from_secs(1), drained).await;
+            return refusal;
+        }
+    };
     next.run(request).await
 }
 

@@ -1,10 +1,9 @@
-//! The page and what it asks for: state, events, pictures; and metrics for Prometheus.
+//! The page and what it asks for: state, events, pictures; and what metrics say of them.
 
 pub(crate) mod assets;
 pub(crate) mod guard;
-mod metrics;
+pub(crate) mod metrics;
 mod requests;
-pub(crate) mod serve;
 
 use crate::intake::Intake;
 use crate::negotiation::{Negotiation, TunerSummary};
@@ -12,9 +11,8 @@ use crate::painter::{Orbit, PaintError, Painter};
 use crate::steering::SteeringDesk;
 use crate::store::{Event, Number, Run, StepRow, Store};
 use crate::trials::StudyStatus;
-use axum::body::Body;
 use axum::extract::{Path, Query, State};
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{StatusCode, header};
 use axum::response::sse::{self, Sse};
 use axum::response::{IntoResponse, Response};
 use axum::{
@@ -25,10 +23,8 @@ use futures::{Stream, StreamExt};
 use guard::Rights;
 use lamina_compute::{Activity, Priority};
 use lamina_model::{Appearance, Steerable, TransferFunction};
-use lamina_rpc::daemon::Access;
 use lamina_vdi_render::Detail;
 use serde::{Deserialize, Serialize};
-use serve::Refusals;
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -44,15 +40,11 @@ pub(crate) struct Web {
     pub steering: Arc<SteeringDesk>,
     /// The subscription to live steps stands.
     pub connected: Arc<AtomicBool>,
-    pub refusals: Arc<Refusals>,
-    /// Who may connect, by which certificate.
-    pub access: Access,
 }
 
 impl Web {
     /// All routes.
     pub(crate) fn router(self) -> Router {
-        let refusals = self.refusals.clone();
         Router::new()
             .merge(assets::router())
             .route("/api/state", get(state))
@@ -64,20 +56,9 @@ impl Web {
             .route("/api/step/{step}", get(step))
             .route("/api/image", get(image))
             .route("/api/transfer", get(transfer))
-            .route("/metrics", get(metrics::metrics))
             .with_state(self)
             .layer(axum::middleware::map_response(assets::guarded))
-            .layer(axum::middleware::from_fn_with_state(refusals, serve::limit))
     }
-}
-
-/// Answers what no route does, in the caller's way.
-pub(crate) async fn nowhere(headers: HeaderMap) -> Response {
-    let kind = headers.get(header::CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
-    if kind.is_some_and(|kind| kind.starts_with("application/grpc")) {
-        return tonic::Status::unimplemented("no such service").into_http::<Body>();
-    }
-    (StatusCode::NOT_FOUND, "nothing here; the page is at /\n").into_response()
 }
 
 #[derive(Serialize)]

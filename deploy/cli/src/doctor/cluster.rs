@@ -1,5 +1,6 @@
 //! `lamina doctor --cluster`: whether the nodes of a cluster can be reached from here, and how.
 
+use super::link::Link;
 use crate::cli::ClusterNode;
 use anyhow::bail;
 use lamina_rpc::connect::{NodeAddress, connect};
@@ -8,13 +9,9 @@ use std::net::{TcpStream, ToSocketAddrs};
 use std::path::Path;
 use std::time::{Duration, Instant};
 use tokio::runtime::Runtime;
-use tonic_health::pb::HealthCheckRequest;
-use tonic_health::pb::health_client::HealthClient;
 
 /// How long a host may take to answer.
 const PATIENCE: Duration = Duration::from_secs(3);
-/// Questions whose median is the round trip.
-const ROUNDS: usize = 9;
 
 /// Prints a line a node. Fails if one cannot be used.
 pub(super) fn check(nodes: &[ClusterNode], credentials: Option<&Path>) -> anyhow::Result<()> {
@@ -60,7 +57,7 @@ fn reach(role: Role, address: &str, credentials: Option<&Credentials>, runtime: 
         ));
     }
     let connected = begun.elapsed();
-    let (name, first, median) = runtime.block_on(async {
+    let link = runtime.block_on(async {
         let channel = connect(address, role, credentials).await.map_err(|reason| {
             let keys = if secure {
                 "are both sides' keys of one `lamina keys`, and this node's those of its role?"
@@ -69,30 +66,8 @@ fn reach(role: Role, address: &str, credentials: Option<&Credentials>, runtime: 
             };
             format!("{reason}; {keys}")
         })?;
-        let mut health = HealthClient::new(channel);
-        let mut times = Vec::new();
-        for _ in 0..ROUNDS {
-            let asked = Instant::now();
-            let question = HealthCheckRequest { service: String::new() };
-            let answer = tokio::time::timeout(PATIENCE, health.check(question)).await;
-            let answer = answer.map_err(|_| format!("no answer within {PATIENCE:?}; does the node hang?"))?;
-            answer.map_err(|status| match status.code() {
-                tonic::Code::Unimplemented | tonic::Code::Unknown | tonic::Code::Internal => {
-                    format!("something else than a node of Lamina answers there ({})", status.message())
-                }
-                _ => status.message().to_owned(),
-            })?;
-            times.push(asked.elapsed());
-        }
-        let first = times[0];
-        times.sort_unstable();
-        Ok::<_, String>((if secure { "TLS 1.3" } else { "no TLS" }, first, times[ROUNDS / 2]))
+        Link::probe(channel).await
     })?;
-    let ms = |time: Duration| time.as_secs_f64() * 1e3;
-    Ok(format!(
-        "serves; {name}, connected in {:.1} ms, first answer {:.1} ms, round trip {:.2} ms",
-        ms(connected),
-        ms(first),
-        ms(median)
-    ))
+    let tls = if secure { "TLS 1.3" } else { "no TLS" };
+    Ok(format!("serves; {tls}, connected in {:.1} ms, {link}", connected.as_secs_f64() * 1e3))
 }

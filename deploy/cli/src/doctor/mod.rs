@@ -1,6 +1,7 @@
 //! `lamina doctor`: what this machine offers, and what it reaches.
 
 mod cluster;
+mod link;
 
 use crate::cli;
 use std::net::{Ipv4Addr, TcpListener};

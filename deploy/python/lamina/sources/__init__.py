@@ -1,7 +1,7 @@
 """Where steps come from that others write: files as they are finished, and streams. Each source is an iterator of `Step`.
 
-`files` reads one step of a file, by its ending; `folder` finds files that are finished; `growing` follows an array that gains steps;
-`openpmd_series` and `adios_stream` follow those through their own libraries."""
+`files` reads one step of a file, by its ending; `folder` finds files that are finished; `growing` follows an array that gains steps,
+`xdmf` a collection; `openpmd_series` and `adios_stream` follow those through their own libraries."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def _together(source: str, options: Options, names: list[str]) -> Iterator[Step]
 
 def open_field(source: str, options: Options) -> Iterator[Step]:
     """The steps of `source` with the field that `options` name."""
-    from . import adios_stream, files, folder, growing, openpmd_series
+    from . import adios_stream, files, folder, growing, openpmd_series, xdmf
 
     if source.startswith("openpmd:"):
         return openpmd_series.steps(source.removeprefix("openpmd:"), options)
@@ -157,6 +157,8 @@ def open_field(source: str, options: Options) -> Iterator[Step]:
         return adios_stream.steps(source, options)
     if growing.has_time(path):
         return growing.steps(path, options)
+    if xdmf.has_time(path):
+        return xdmf.steps(path, options)
     if path.exists() or any(path.parent.glob(path.name)):
         return folder.steps(path, options)
     raise FileNotFoundError(f"{source}: neither a file or folder nor a pattern that some match; a series of openPMD has %T in its name")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy
 
 from ..reader import Volume, read
-from . import NotReady, Options, Step, Unfit, by_axes, check_size, choose, library, uniform
+from . import NotReady, Options, Step, Unfit, by_axes, check_size, choose, library, uniform, xdmf
 from .amrex import is_plotfile, plotfile
 
 
@@ -105,6 +105,7 @@ READERS: dict[str, Callable[[Path, Options], Step]] = {
     **dict.fromkeys((".h5", ".hdf5", ".hdf", ".vtkhdf"), hdf5),
     **dict.fromkeys((".nc", ".nc4", ".zarr"), xarray),
     **dict.fromkeys((".tif", ".tiff"), tiff),
+    **dict.fromkeys(xdmf.SUFFIXES, xdmf.read_step),
     ".npy": npy,
 }
 

@@ -11,4 +11,4 @@ pub use limit::{CpuLimit, InvalidCpuLimit};
 pub use queue::Priority;
 pub use share::{CpuShare, Permit};
 pub use threads::{Laps, thread_cpu_time};
-pub use usage::{Activity, Usage};
+pub use usage::{Activity, Usage, UsageCounter};

@@ -29,7 +29,8 @@ pub struct CpuShare {
 }
 
 struct Inner {
-    cores: f64,
+    /// Work in the background runs on so many threads.
+    threads: usize,
     background: ThreadPool,
     pictures: ThreadPool,
     state: Mutex<ShareState>,
@@ -38,6 +39,8 @@ struct Inner {
 }
 
 struct ShareState {
+    /// Granted; infinite without a limit.
+    cores: f64,
     total: TokenBucket,
     pictures: TokenBucket,
     live_steps: TokenBucket,
@@ -95,7 +98,7 @@ impl Lane {
 
 impl std::fmt::Debug for CpuShare {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("CpuShare").field("cores", &self.inner.cores).finish_non_exhaustive()
+        f.debug_struct("CpuShare").field("cores", &self.cores()).finish_non_exhaustive()
     }
 }
 
@@ -120,6 +123,7 @@ impl CpuShare {
     fn on(cores: f64, threads: usize, scheduling: Scheduling) -> Result<Self, ThreadPoolBuildError> {
         let now = Instant::now();
         let state = ShareState {
+            cores,
             total: TokenBucket::new(cores, now),
             pictures: TokenBucket::new(PICTURES * cores, now),
             live_steps: TokenBucket::new(LIVE_STEPS * cores, now),
@@ -129,7 +133,7 @@ impl CpuShare {
             held_until: None,
         };
         let inner = Inner {
-            cores,
+            threads,
             background: pool(threads, scheduling, "kernel")?,
             pictures: pool(threads, Scheduling::Normal, "picture")?,
             state: Mutex::new(state),
@@ -144,7 +148,22 @@ impl CpuShare {
 
     /// Number of cores granted; infinite without a limit.
     pub fn cores(&self) -> f64 {
-        self.inner.cores
+        self.state().cores
+    }
+
+    /// Grants `limit` from now on; at most as many cores as it has threads, which are those of the limit that it began with.
+    pub fn set_limit(&self, limit: CpuLimit) {
+        let throttle = {
+            let (mut state, now) = (self.state(), Instant::now());
+            if state.cores.is_infinite() {
+                return;
+            }
+            state.cores = limit.cores().min(self.inner.threads as f64);
+            let rate = PICTURES * state.cores;
+            state.pictures.set_rate(rate, now);
+            state.throttle
+        };
+        self.throttle(throttle);
     }
 
     /// Statistics of its use so far.
@@ -162,12 +181,21 @@ impl CpuShare {
         self.state().throttle
     }
 
+    /// Its state for metrics: name, what it is, value.
+    pub fn gauges(&self) -> [(&'static str, &'static str, f64); 3] {
+        [
+            ("cpu_share_cores", "Cores that this node may use.", self.cores()),
+            ("cpu_share_throttle", "Share of them in use to keep a limit on overhead.", self.throttled_to()),
+            ("cpu_share_waiting", "Pieces of heavy work that wait.", self.waiting() as f64),
+        ]
+    }
+
     /// Limits work other than pictures to the fraction `share` (0 to 1) of the granted rate from now on.
     pub fn throttle(&self, share: f64) {
         let mut state = self.state();
         state.throttle = share;
-        if self.inner.cores.is_finite() {
-            let (rate, now) = ((self.inner.cores * share).max(1e-3), Instant::now());
+        if state.cores.is_finite() {
+            let (rate, now) = ((state.cores * share).max(1e-3), Instant::now());
             state.total.set_rate(rate, now);
             state.live_steps.set_rate(LIVE_STEPS * rate, now);
         }

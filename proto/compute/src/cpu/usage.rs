@@ -42,7 +42,33 @@ pub struct Usage {
     skipped: [u64; Priority::ALL.len()],
 }
 
+/// A number for each activity or priority, for metrics.
+#[derive(Debug, Clone, PartialEq)]
+pub struct UsageCounter {
+    /// Its name.
+    pub name: &'static str,
+    /// What it is.
+    pub help: &'static str,
+    /// What the numbers are told apart by.
+    pub label: &'static str,
+    /// Values of the label, and their numbers.
+    pub values: Vec<(&'static str, f64)>,
+}
+
 impl Usage {
+    /// All of it, for metrics.
+    pub fn counters(&self) -> [UsageCounter; 3] {
+        let of =
+            |priorities: &[u64]| Priority::ALL.iter().zip(priorities).map(|(p, n)| (p.name(), *n as f64)).collect();
+        let (name, help) = ("cpu_seconds_total", "Processor time of heavy work.");
+        let values = Activity::ALL.map(|activity| (activity.name(), self.cpu(activity).as_secs_f64()));
+        let spent = UsageCounter { name, help, label: "activity", values: values.to_vec() };
+        let (name, help) = ("work_admitted_total", "Pieces of heavy work that were admitted.");
+        let admitted = UsageCounter { name, help, label: "priority", values: of(&self.admitted) };
+        let (name, help) = ("work_skipped_total", "Pieces of heavy work left out for want of processor time.");
+        [spent, admitted, UsageCounter { name, help, label: "priority", values: of(&self.skipped) }]
+    }
+
     /// Processor time spent on `activity`.
     pub fn cpu(&self, activity: Activity) -> Duration {
         self.cpu[activity as usize]

@@ -1,8 +1,14 @@
 //! A daemon's configuration, log and exit code.
 
 use super::NodeError;
+use lamina_model::Invalid;
 use serde::de::DeserializeOwned;
 use std::path::Path;
+use std::sync::OnceLock;
+use tracing_subscriber::layer::{Layer as _, SubscriberExt as _};
+use tracing_subscriber::reload::Handle;
+use tracing_subscriber::util::SubscriberInitExt as _;
+use tracing_subscriber::{EnvFilter, Registry};
 
 /// The configuration in the TOML file at `path`, or the defaults without one.
 ///
@@ -15,19 +21,45 @@ pub fn load_config<T: DeserializeOwned + Default>(path: Option<&Path>) -> Result
     toml::from_str(&text).map_err(|e| NodeError::Config { path: name, reason: e.to_string().trim_end().to_owned() })
 }
 
+/// Changes what the subscriber passes; absent where RUST_LOG decides.
+static FILTER: OnceLock<Handle<EnvFilter, Registry>> = OnceLock::new();
+
 /// Log lines to standard error, `default_level` and above unless RUST_LOG says otherwise: text, or where LAMINA_LOG is `json` a JSON
 /// object a line with `timestamp`, `level` and the event's `fields`.
 pub fn log_to_stderr(default_level: &str) {
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| default_level.into());
-    // A second call, in a process with several nodes, keeps the first subscriber.
+    let stated = EnvFilter::try_from_default_env().ok();
+    let is_stated = stated.is_some();
+    let filter = stated.unwrap_or_else(|| default_level.into());
     let color = std::io::IsTerminal::is_terminal(&std::io::stderr());
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
-    let log = log.with_target(false).with_ansi(color);
-    let _ = if std::env::var_os("LAMINA_LOG").is_some_and(|format| format == "json") {
-        log.json().try_init()
-    } else {
-        log.try_init()
-    };
+    let (filter, handle) = tracing_subscriber::reload::Layer::new(filter);
+    let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).with_target(false).with_ansi(color);
+    let is_json = std::env::var_os("LAMINA_LOG").is_some_and(|format| format == "json");
+    let lines = if is_json { lines.json().boxed() } else { lines.boxed() };
+    // A second call, in a process with several nodes, keeps the first subscriber.
+    let is_first = tracing_subscriber::registry().with(filter).with(lines).try_init().is_ok();
+    if is_first && !is_stated {
+        let _ = FILTER.set(handle);
+    }
+}
+
+/// Passes what [`log_to_stderr`] can be told to log.
+///
+/// # Errors
+/// Says what can be written.
+pub fn check_log(directives: &str) -> Result<(), Invalid> {
+    let parsed = EnvFilter::builder().parse(directives);
+    parsed.map(drop).map_err(|error| {
+        let words =
+            format!("\"{directives}\" ({error}); write error, warn, info, debug or trace, or such a word by module");
+        Invalid::new("log", words)
+    })
+}
+
+/// Logs what `directives` say from now on, unless RUST_LOG says otherwise.
+pub(super) fn set_log(directives: &str) {
+    if let (Some(change), Ok(filter)) = (FILTER.get(), EnvFilter::builder().parse(directives)) {
+        let _ = change.reload(filter);
+    }
 }
 
 /// What a binary ends with: one line about the error, if there is one.

@@ -3,17 +3,27 @@
 mod access;
 mod config;
 mod connections;
+mod diagnosis;
 mod heartbeat;
+mod histogram;
+mod metrics;
 mod random;
+mod rate_limit;
+mod reload;
 mod serve;
 mod server_tls;
 
 pub use access::{Access, AllowRoles, Identity, Peer, peer_of};
-pub use config::{exit_code, load_config, log_to_stderr};
+pub use config::{check_log, exit_code, load_config, log_to_stderr};
 pub use connections::{Connection, Connections};
+pub use diagnosis::{DiagnosisService, diagnosis};
 pub use heartbeat::with_heartbeat;
+pub use histogram::Histogram;
+pub use metrics::{Exposition, Metrics, route as metrics_route};
 pub use random::random;
-pub use serve::{MOST_STREAMS, Shutdown, listen, serve, stop_signal};
+pub use rate_limit::Refusals;
+pub use reload::ConfigSource;
+pub use serve::{Shutdown, listen, nowhere, serve, serve_grpc, stop_signal};
 
 use std::net::SocketAddr;
 
@@ -57,10 +67,10 @@ pub enum NodeError {
     /// The credentials cannot be used.
     #[error(transparent)]
     Credentials(#[from] crate::credentials::CredentialsError),
+    /// A value of the configuration cannot be used.
+    #[error(transparent)]
+    Invalid(#[from] lamina_model::Invalid),
     /// The system gives no thread.
     #[error("no thread: {0}")]
     Thread(std::io::Error),
-    /// The transport failed while serving.
-    #[error("serving: {0}")]
-    Serve(#[from] tonic::transport::Error),
 }

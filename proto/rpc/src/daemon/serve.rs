@@ -1,9 +1,24 @@
-//! Listening, serving until a signal, and stopping cleanly.
+//! Listening, serving gRPC and HTTP on one port until a signal, and stopping cleanly.
 
+use super::diagnosis::diagnosis;
+use super::metrics::{self, Metrics};
+use super::rate_limit::{Allowance, REQUEST, Refusals, is_grpc, limit};
 use super::{Access, Connections, NodeError};
+use axum::extract::Request;
+use axum::http::StatusCode;
+use axum::response::{IntoResponse as _, Response};
+use axum::{Extension, Router};
+use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
+use hyper_util::server::conn::auto::Builder;
+use hyper_util::server::graceful::GracefulShutdown;
+use hyper_util::service::TowerToHyperService;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
 use std::{future::Future, net::SocketAddr, pin::Pin, time::Duration};
 use tokio::net::TcpListener;
-use tonic::transport::server::Router;
+use tonic::service::Routes;
+use tower::Layer as _;
 
 /// Listens on `address`; port 0 takes a free one.
 ///
@@ -14,37 +29,87 @@ pub async fn listen(address: SocketAddr) -> Result<TcpListener, NodeError> {
 }
 
 /// Most streams of a connection at a time; a peer that asks for more waits.
-pub const MOST_STREAMS: u32 = 256;
+const MOST_STREAMS: u32 = 256;
 
-/// How long connections may finish what they are doing after a stop was asked for.
+/// How often a connection of HTTP/2 is asked whether it is alive, and how long it may take to answer: a peer that vanished without a
+/// word gives back what was reserved for it.
+const ALIVE: Duration = Duration::from_secs(10);
+
+/// How long connections may finish what they are doing after a stop was asked for. Event streams never end by themselves.
 const GRACE: Duration = Duration::from_secs(1);
 
 /// What a node stops on. A boxed future, so that a node's machinery is compiled once, in its own crate.
 pub type Shutdown = Pin<Box<dyn Future<Output = ()> + Send>>;
 
-/// Serves `router` on `listener` to whom `access` lets in until `shutdown` completes, then for at most a second more.
+/// Serves the gRPC services `routes` on `listener`, and to viewers what `metrics` says at `/metrics`, to whom `access` lets in until
+/// `shutdown` completes, then for at most a second more.
 ///
 /// # Errors
-/// If the transport fails.
-pub async fn serve(router: Router, listener: TcpListener, access: Access, shutdown: Shutdown) -> Result<(), NodeError> {
+/// If the listener fails.
+pub async fn serve_grpc(
+    routes: Routes,
+    metrics: Metrics,
+    listener: TcpListener,
+    access: Access,
+    shutdown: Shutdown,
+) -> Result<(), NodeError> {
+    let refusals = Arc::new(Refusals::default());
+    let metrics = metrics::route(metrics, access.clone(), refusals.clone());
+    let metrics = metrics.layer(axum::middleware::from_fn(metrics::for_viewers));
+    let routes = routes.add_service(diagnosis()).into_axum_router().merge(metrics).fallback(nowhere);
+    serve(routes, listener, access, refusals, shutdown).await
+}
+
+/// Answers what no route does, in the caller's way.
+pub async fn nowhere(request: Request) -> Response {
+    if is_grpc(&request) {
+        return tonic::Status::unimplemented("no such service").into_http::<axum::body::Body>();
+    }
+    (StatusCode::NOT_FOUND, "nothing here\n").into_response()
+}
+
+/// Serves `routes` on `listener` to whom `access` lets in until `shutdown` completes, then for at most a second more. Each request has
+/// the [`Peer`](super::Peer) it comes from as an extension.
+///
+/// # Errors
+/// If the listener fails.
+pub async fn serve(
+    routes: Router,
+    listener: TcpListener,
+    access: Access,
+    refusals: Arc<Refusals>,
+    mut shutdown: Shutdown,
+) -> Result<(), NodeError> {
     let address = listener.local_addr();
     let failed = |reason| NodeError::Listen { address: address.unwrap_or(([0; 4], 0).into()), reason };
-    let connections = Connections::accept(listener, access).map_err(failed)?;
-    let incoming = tokio_stream::StreamExt::map(connections, Ok::<_, std::io::Error>);
-    let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
-    let server = router.serve_with_incoming_shutdown(incoming, async {
-        let _ = stopped.await;
-    });
-    tokio::pin!(server);
-    tokio::select! {
-        result = &mut server => return Ok(result?),
-        () = shutdown => drop(stop),
+    let mut connections = Connections::accept(listener, access).map_err(failed)?;
+    let routes = routes.layer(axum::middleware::from_fn_with_state(refusals.clone(), limit));
+    let mut builder = Builder::new(TokioExecutor::new());
+    builder.http1().timer(TokioTimer::new()).header_read_timeout(REQUEST);
+    let mut http2 = builder.http2();
+    http2.timer(TokioTimer::new()).max_concurrent_streams(MOST_STREAMS);
+    http2.keep_alive_interval(ALIVE).keep_alive_timeout(ALIVE);
+    let graceful = GracefulShutdown::new();
+    loop {
+        let connection = tokio::select! {
+            connection = connections.next() => connection,
+            () = &mut shutdown => break,
+        };
+        let allowance = Arc::new(Allowance::new(Instant::now()));
+        let (peer, refusals) = (connection.peer(), refusals.clone());
+        let own = Extension(peer).layer(Extension(allowance).layer(routes.clone()));
+        let served = builder.serve_connection(TokioIo::new(connection), TowerToHyperService::new(own)).into_owned();
+        let served = graceful.watch(served);
+        tokio::spawn(async move {
+            if let Err(error) = served.await {
+                refusals.broken.fetch_add(1, Ordering::Relaxed);
+                tracing::debug!(peer = %peer.address, %error, "a connection ended");
+            }
+        });
     }
-    match tokio::time::timeout(GRACE, server).await {
-        Ok(result) => Ok(result?),
-        // Streams that never end by themselves are cut here.
-        Err(_) => Ok(()),
-    }
+    // Streams that never end by themselves are cut after that.
+    let _ = tokio::time::timeout(GRACE, graceful.shutdown()).await;
+    Ok(())
 }
 
 /// Completes on SIGTERM or Ctrl-C.
