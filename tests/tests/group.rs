@@ -57,8 +57,13 @@ fn boxes(rank: u32) -> Vec<([usize; 3], [usize; 3])> {
 
 /// Pushes step after step by all ranks at once.
 fn simulate(url: &str, steps: std::ops::Range<u64>) {
+    simulate_by(url, |_| steps.clone().collect());
+}
+
+/// The same, each rank of the steps that `of_rank` gives.
+fn simulate_by(url: &str, of_rank: impl Fn(u32) -> Vec<u64>) {
     let rank = |rank: u32| {
-        let steps = steps.clone();
+        let steps = of_rank(rank);
         let options = RunOptions::new(url, "group", "density", grid(), VoxelType::F32);
         let (scene, full_policy) = (Some(scene()), FullPolicy::Block);
         let deadline = Duration::from_secs(60);
@@ -233,4 +238,33 @@ fn without_mpi_a_group_is_refused_with_the_remedy() {
     // A library, but not an MPI one.
     let other = start("libc.so.6");
     assert!(other.contains("MPI_") && other.contains("LAMINA_MPI_LIBRARY"), "{other}");
+}
+
+#[test]
+fn a_rank_that_falls_silent_leaves_a_hole_and_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let (config, port, store) = (config(folder.path(), 0.02), free_port(), folder.path().join("runs"));
+    let group = Daemon::spawn(mpiexec(2, port, &config), port);
+    let arguments = ["--generator", &group.url(), "--store", &store.display().to_string()];
+    let _viz = Daemon::start("viz-node", free_port(), &arguments);
+    // The last rank, whose boxes are most of the grid, is gone after two steps.
+    simulate_by(&group.url(), |rank| if rank + 1 == RANKS { vec![0, 1] } else { (0..6).collect() });
+    let rows = || {
+        let run = std::fs::read_dir(&store).ok().and_then(|mut runs| runs.next()?.ok());
+        run.and_then(|run| std::fs::read_to_string(run.path().join("steps.csv")).ok()).unwrap_or_default()
+    };
+    let lost_of = |text: &str| -> Vec<(u64, String)> {
+        let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
+        let Some(head) = lines.next() else { return Vec::new() };
+        let column = |name: &str| head.iter().position(|of| of == name).unwrap();
+        let (step, lost) = (column("step"), column("lost_ranks"));
+        lines.map(|row| (row[step].parse().unwrap(), row[lost].clone())).collect()
+    };
+    // All ranks but the last push their steps 2 to 4 without it; the newest is not past.
+    let named = |(step, lost): &(u64, String)| (*step >= 2) == (lost == &(RANKS - 1).to_string());
+    let shown = wait_for(Duration::from_secs(60), || {
+        let lost = lost_of(&rows());
+        lost.iter().any(|(step, _)| *step >= 4) && lost.iter().all(named)
+    });
+    assert!(shown, "{}", rows());
 }

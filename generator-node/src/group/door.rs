@@ -2,13 +2,14 @@
 
 use super::convert::boxes;
 use super::{Kind, MemberEvent, send};
-use crate::ingest::{AssignMember, GridBox, Ingest, RunSpec};
+use crate::ingest::{AssignMember, GridBox, Ingest, LOST_AFTER, RunSpec};
 use lamina_model::FullPolicy;
 use lamina_mpi::Outbox;
 use lamina_rpc::v1;
 use parking_lot::Mutex;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 use tokio::sync::Notify;
 
 /// A step of which all members together have all bricks.
@@ -24,20 +25,36 @@ pub(crate) struct GroupArrived {
     pub time: f64,
     /// Steps of the run that were never whole, or overtaken, so far.
     pub dropped_steps: u64,
+    /// Ranks whose bricks it lacks, because they fell silent.
+    pub lost_ranks: Vec<u32>,
     /// Each member's boxes.
     pub members: Vec<Vec<GridBox>>,
 }
 
+/// How often steps that wait for a member are looked at.
+const LOOK: Duration = Duration::from_millis(500);
+
 /// Steps of which not all bricks have come, remembered.
 const MOST_STEPS: usize = 64;
+
+/// A step of which some members have all their bricks.
+struct PartialStep {
+    /// Simulation time.
+    time: f64,
+    members: BTreeMap<u32, Vec<GridBox>>,
+    lost_ranks: Vec<u32>,
+    /// When one last said so.
+    changed: Instant,
+}
 
 struct GroupRun {
     id: String,
     spec: RunSpec,
     /// Member of each rank that has come.
     ranks: BTreeMap<u32, u32>,
-    /// Simulation time of a step, and what members have of it.
-    steps: BTreeMap<u64, (f64, BTreeMap<u32, Vec<GridBox>>)>,
+    steps: BTreeMap<u64, PartialStep>,
+    /// Members all of whose ranks are lost: they are told of every step.
+    absent: BTreeSet<u32>,
     /// The newest step that was whole.
     newest: Option<u64>,
     /// Whole steps that wait for the pipeline.
@@ -90,7 +107,16 @@ impl Door {
         ingest: Arc<Ingest>,
         mut events: tokio::sync::mpsc::UnboundedReceiver<MemberEvent>,
     ) {
-        while let Some(event) = events.recv().await {
+        let mut looks = tokio::time::interval(LOOK);
+        loop {
+            let event = tokio::select! {
+                event = events.recv() => event,
+                _ = looks.tick() => {
+                    self.find_overdue(Instant::now());
+                    continue;
+                }
+            };
+            let Some(event) = event else { return };
             match event {
                 MemberEvent::Ready(member, ready) => {
                     tracing::info!(member, address = ready.address, host = ready.host, "member of the group");
@@ -101,6 +127,7 @@ impl Door {
                     self.arrive(member, &arrival);
                 }
                 MemberEvent::Ranks(v1::GroupRanks { run_id, ranks }) => ingest.tell_ranks(&run_id, ranks),
+                MemberEvent::Overdue(v1::GroupOverdue { run_id, step, time }) => ingest.overdue(&run_id, step, time),
             }
         }
     }
@@ -114,11 +141,23 @@ impl Door {
             Err(error) => return tracing::error!(member, %error, "group"),
         };
         let step = arrival.step;
+        let mut ranks = run.ranks.iter().filter(|(_, of)| **of == member).map(|(rank, _)| rank);
+        if ranks.all(|rank| arrival.lost_ranks.contains(rank)) {
+            run.absent.insert(member);
+        } else {
+            run.absent.remove(&member);
+        }
         if run.newest.is_some_and(|newest| step <= newest) {
             return;
         }
-        let (_, of_step) = run.steps.entry(step).or_insert_with(|| (arrival.time, BTreeMap::new()));
-        of_step.insert(member, boxes);
+        let now = Instant::now();
+        let first =
+            || PartialStep { time: arrival.time, members: BTreeMap::new(), lost_ranks: Vec::new(), changed: now };
+        let partial = run.steps.entry(step).or_insert_with(first);
+        partial.changed = now;
+        partial.lost_ranks.extend(&arrival.lost_ranks);
+        partial.members.insert(member, boxes);
+        let of_step = &partial.members;
         let all = || of_step.values().flatten();
         let covered: usize = all().map(GridBox::voxels).sum();
         let overlap = all().enumerate().any(|(n, a)| all().skip(n + 1).any(|b| a.overlaps(b)));
@@ -128,13 +167,14 @@ impl Door {
         }
         if covered == run.spec.grid.voxels() {
             let members = (0..self.outbox.size()).map(|m| of_step.get(&m).cloned().unwrap_or_default()).collect();
+            let lost_ranks = std::mem::take(&mut partial.lost_ranks);
             let later = run.steps.split_off(&(step + 1));
             // Those before it, and never this one.
             run.dropped_steps += run.steps.len() as u64 - 1;
             run.steps = later;
             run.newest = Some(step);
             let (run_id, spec) = (run.id.clone(), run.spec.clone());
-            let whole = GroupArrived { run_id, spec, step, time: arrival.time, dropped_steps: 0, members };
+            let whole = GroupArrived { run_id, spec, step, time: arrival.time, dropped_steps: 0, lost_ranks, members };
             run.queue.push_back(whole);
             // Who watches sees the present, unless the simulation is to wait.
             while run.spec.full_policy != FullPolicy::Block && run.queue.len() > 1 {
@@ -142,10 +182,36 @@ impl Door {
                 run.dropped_steps += 1;
             }
             self.whole.notify_one();
-        } else if run.steps.len() > MOST_STEPS {
+            return;
+        }
+        for member in run.absent.iter().filter(|member| !of_step.contains_key(member)) {
+            self.tell_overdue(*member, &run.id, step, arrival.time);
+        }
+        if run.steps.len() > MOST_STEPS {
             run.steps.pop_first();
             run.dropped_steps += 1;
         }
+    }
+
+    /// Tells members of steps that lack their bricks, and that all others are past.
+    fn find_overdue(&self, now: Instant) {
+        let run = self.run.lock();
+        let Some(run) = run.as_ref() else { return };
+        let with_ranks: BTreeSet<u32> = run.ranks.values().copied().collect();
+        for (step, partial) in run.steps.iter().filter(|(_, p)| now.saturating_duration_since(p.changed) >= LOST_AFTER)
+        {
+            let (have, lack): (Vec<u32>, Vec<u32>) =
+                with_ranks.iter().copied().partition(|member| partial.members.contains_key(member));
+            let is_past = |m: &u32| run.steps.range(step + 1..).any(|(_, later)| later.members.contains_key(m));
+            if !have.is_empty() && have.iter().all(is_past) {
+                lack.iter().for_each(|member| self.tell_overdue(*member, &run.id, *step, partial.time));
+            }
+        }
+    }
+
+    fn tell_overdue(&self, member: u32, run_id: &str, step: u64, time: f64) {
+        let overdue = v1::GroupOverdue { run_id: run_id.to_owned(), step, time };
+        send(&self.outbox, member, 0, Kind::Overdue(overdue));
     }
 }
 
@@ -160,6 +226,7 @@ impl AssignMember for Door {
                 spec: spec.clone(),
                 ranks: BTreeMap::new(),
                 steps: BTreeMap::new(),
+                absent: BTreeSet::new(),
                 newest: None,
                 queue: VecDeque::new(),
                 dropped_steps: 0,

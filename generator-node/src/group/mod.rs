@@ -39,6 +39,7 @@ pub(crate) async fn announce(ingest: Arc<Ingest>, held: HeldSteps, outbox: Outbo
         let Some(complete) = ingest.take() else { continue };
         let boxes = complete.boxes().map(convert::box_message).collect();
         let (run_id, step, time) = (complete.run_id.clone(), complete.step, complete.time);
+        let lost_ranks = complete.lost_ranks.clone();
         let (spec, bricks) = complete.into_bricks();
         {
             let mut held = held.lock();
@@ -47,7 +48,7 @@ pub(crate) async fn announce(ingest: Arc<Ingest>, held: HeldSteps, outbox: Outbo
                 held.pop_first();
             }
         }
-        send(&outbox, 0, 0, Kind::Arrival(v1::GroupArrival { run_id, step, time, boxes }));
+        send(&outbox, 0, 0, Kind::Arrival(v1::GroupArrival { run_id, step, time, boxes, lost_ranks }));
     }
 }
 
@@ -73,6 +74,8 @@ pub(crate) enum MemberEvent {
     Arrival(u32, v1::GroupArrival),
     /// The root tells this member how many ranks it has.
     Ranks(v1::GroupRanks),
+    /// The root tells this member that all others are past a step.
+    Overdue(v1::GroupOverdue),
 }
 
 /// Where messages go in this process.
@@ -131,6 +134,7 @@ fn sort(
         Some(Kind::Ready(ready)) => node.send(MemberEvent::Ready(from, ready)).is_ok(),
         Some(Kind::Arrival(arrival)) => node.send(MemberEvent::Arrival(from, arrival)).is_ok(),
         Some(Kind::Ranks(ranks)) => node.send(MemberEvent::Ranks(ranks)).is_ok(),
+        Some(Kind::Overdue(overdue)) => node.send(MemberEvent::Overdue(overdue)).is_ok(),
         _ => member.send((from, message)).is_ok(),
     }
 }

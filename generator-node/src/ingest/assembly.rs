@@ -117,6 +117,12 @@ impl Assembly {
         lacking.into_iter().filter(|(_, n)| *n == 0).map(|(rank, _)| rank).collect()
     }
 
+    /// The boxes of each rank that has come.
+    pub(super) fn boxes(&self) -> BTreeMap<u32, Vec<GridBox>> {
+        let boxes = |rank| self.parts.iter().filter(|p| p.rank == rank).map(|p| p.brick).collect();
+        self.bricks.keys().map(|&rank| (rank, boxes(rank))).collect()
+    }
+
     /// The bricks with their bytes.
     pub(super) fn into_bricks(self) -> Vec<(GridBox, BrickBytes)> {
         self.parts.into_iter().filter_map(|p| Some((p.brick, p.bytes?))).collect()

@@ -146,12 +146,20 @@ fn place(whole: &mut [u8], grid: &Grid, brick: &GridBox, bytes: &[u8], size: usi
     }
 }
 
+/// Bytes of a voxel that is missing: NaN; of integers, which have none, 0.
+pub(super) fn missing(voxel_type: VoxelType) -> Vec<u8> {
+    match voxel_type {
+        VoxelType::F64 => f64::NAN.to_le_bytes().to_vec(),
+        VoxelType::F32 => f32::NAN.to_le_bytes().to_vec(),
+        VoxelType::F16 => 0x7e00_u16.to_le_bytes().to_vec(),
+        VoxelType::U8 | VoxelType::U16 | VoxelType::I16 => vec![0; voxel_type.size_bytes()],
+    }
+}
+
 /// The voxels of bricks that leave a hole: double precision stays, all else becomes single.
 fn with_hole(grid: &Grid, voxel_type: VoxelType, bricks: &[(GridBox, &[u8])]) -> Voxels {
     let wide = if voxel_type == VoxelType::F64 { VoxelType::F64 } else { VoxelType::F32 };
-    let missing =
-        if wide == VoxelType::F64 { f64::NAN.to_le_bytes().to_vec() } else { f32::NAN.to_le_bytes().to_vec() };
-    let mut whole = missing.repeat(grid.voxels());
+    let mut whole = missing(wide).repeat(grid.voxels());
     for (brick, bytes) in bricks {
         let voxels = Voxels::from_le_bytes(voxel_type, bytes);
         let values = (0..voxels.len()).map(|n| voxels.get(n));

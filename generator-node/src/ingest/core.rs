@@ -230,6 +230,17 @@ impl Core {
         })
     }
 
+    /// Makes room for a step that nothing came of, where there is some.
+    pub(super) fn begin_step(&mut self, run_id: &str, step: u64, time: f64) {
+        let (used_bytes, memory_bytes) = (self.used_bytes, self.memory_bytes);
+        let Ok(run) = self.run(run_id) else { return };
+        let need = run.spec.step_bytes();
+        if !run.steps.contains_key(&step) && used_bytes + need + run.working_bytes <= memory_bytes {
+            run.steps.insert(step, Assembly::new(time));
+            self.used_bytes += need;
+        }
+    }
+
     /// Frees an incomplete step.
     fn forget(&mut self, step: u64) {
         if let Some(run) = &mut self.run
@@ -274,25 +285,8 @@ impl Core {
         Ok(Some(true))
     }
 
-    /// Completes the steps that lack nothing but bricks of ranks that are lost.
-    pub fn give_up_lost(&mut self, run_id: &str, now: Instant) {
-        let Ok(run) = self.run(run_id) else { return };
-        let known = run.lost.clone();
-        if !run.find_lost(now) {
-            return;
-        }
-        let ranks = run.ranks_here();
-        let found: Vec<u32> = run.lost.difference(&known).copied().collect();
-        if !found.is_empty() {
-            tracing::warn!(run_id, ranks = ?found, "ranks fell silent while the others went on: their bricks are left out");
-        }
-        let is_whole = |(_, assembly): &(&u64, &Assembly)| assembly.is_complete(ranks, &run.lost);
-        let whole: Vec<u64> = run.steps.iter().filter(is_whole).map(|(step, _)| *step).collect();
-        whole.into_iter().for_each(|step| self.complete(run_id, step, now));
-    }
-
     /// Queues a step whose bricks are all in.
-    fn complete(&mut self, run_id: &str, step: u64, now: Instant) {
+    pub(super) fn complete(&mut self, run_id: &str, step: u64, now: Instant) {
         let Ok(run) = self.run(run_id) else { return };
         // Every rank is past the older steps: what is missing there will not come.
         let older: Vec<u64> = run.steps.range(..step).map(|(s, _)| *s).collect();
@@ -304,15 +298,23 @@ impl Core {
         }
         let Ok(run) = self.run(run_id) else { return };
         if let Some(assembly) = run.steps.remove(&step) {
+            let lost_ranks: Vec<u32> = run.lost.difference(&assembly.ranks_in()).copied().collect();
+            let (time, boxes) = (assembly.time, assembly.boxes());
+            let mut bricks = assembly.into_bricks();
+            run.newest_whole = Some(step);
+            if run.spec.members > 1 {
+                bricks.extend(run.holes(&lost_ranks, &bricks));
+                run.boxes.extend(boxes.into_iter().filter(|(rank, _)| !lost_ranks.contains(rank)));
+            }
             let complete = CompleteStep {
                 run_id: run_id.to_owned(),
                 spec: run.spec.clone(),
                 step,
-                time: assembly.time,
+                time,
                 dropped_steps: run.dropped_steps,
-                lost_ranks: run.lost.difference(&assembly.ranks_in()).copied().collect(),
+                lost_ranks,
                 completed: now,
-                bricks: assembly.into_bricks(),
+                bricks,
             };
             let drops_oldest = run.spec.full_policy == FullPolicy::DropOldest;
             self.queue.push_back(complete);

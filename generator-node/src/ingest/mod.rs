@@ -5,6 +5,7 @@ mod brick;
 mod complete_step;
 mod core;
 mod error;
+mod lost_ranks;
 mod run;
 mod service;
 #[cfg(test)]
@@ -14,5 +15,6 @@ pub use brick::{BrickBytes, BrickOffer, GridBox};
 pub use complete_step::CompleteStep;
 pub use core::{Admit, Core, IngestFigures};
 pub use error::IngestError;
+pub(crate) use run::LOST_AFTER;
 pub use run::RunSpec;
 pub use service::{AssignMember, Ingest, IngestService, SharedMemory};

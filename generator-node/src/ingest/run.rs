@@ -1,6 +1,6 @@
 //! A run: what the simulation says of it, which ranks are there, and which steps wait for bricks.
 
-use super::brick::{BrickOffer, GridBox};
+use super::brick::{BrickBytes, BrickOffer, GridBox, missing};
 use super::{IngestError, assembly::Assembly};
 use lamina_field_expression::ShownFields;
 use lamina_model::{ColorField, FullPolicy, Grid, Invalid, Scene, VoxelType};
@@ -145,6 +145,10 @@ pub(super) struct IngestRun {
     pub last_heard: Instant,
     /// How many of a group's ranks come here.
     pub told_ranks: Option<u32>,
+    /// Where the bricks of a group's ranks that come here lay in the newest whole step.
+    pub boxes: BTreeMap<u32, Vec<GridBox>>,
+    /// The newest step that was whole.
+    pub newest_whole: Option<u64>,
     /// When each rank last called, and the newest step that it offered.
     calls: BTreeMap<u32, (Instant, Option<u64>)>,
     /// Ranks that fell silent while the others went on.
@@ -152,7 +156,7 @@ pub(super) struct IngestRun {
 }
 
 /// A rank that is silent for longer, while all others are past a step that lacks its bricks, is lost.
-const LOST_AFTER: Duration = Duration::from_secs(3);
+pub(crate) const LOST_AFTER: Duration = Duration::from_secs(3);
 
 /// Bricks of one rank and step.
 const MOST_BRICKS: u32 = 1 << 16;
@@ -176,6 +180,8 @@ impl IngestRun {
             dropped_steps: 0,
             last_heard: now,
             told_ranks: None,
+            boxes: BTreeMap::new(),
+            newest_whole: None,
             calls: BTreeMap::from([(rank, (now, None))]),
             lost: BTreeSet::new(),
         }
@@ -194,9 +200,7 @@ impl IngestRun {
             return false;
         }
         let Some((&oldest, waiting)) = self.steps.first_key_value() else { return false };
-        let is_silent = |rank: &u32| {
-            self.calls.get(rank).is_some_and(|(last, _)| now.saturating_duration_since(*last) >= LOST_AFTER)
-        };
+        let is_silent = |rank: &u32| self.is_silent(*rank, now);
         let is_in = waiting.ranks_in();
         let lacking: BTreeSet<u32> = (0..self.spec.ranks).filter(|rank| !is_in.contains(rank)).collect();
         let others_are_past = self
@@ -208,6 +212,36 @@ impl IngestRun {
             self.lost.extend(lacking);
         }
         !self.lost.is_empty()
+    }
+
+    fn is_silent(&self, rank: u32, now: Instant) -> bool {
+        self.calls.get(&rank).is_some_and(|(last, _)| now.saturating_duration_since(*last) >= LOST_AFTER)
+    }
+
+    /// The same of a group's node, where all other nodes are past `step`: those of its own ranks that the step lacks are lost, if all
+    /// of them are silent.
+    pub(super) fn find_lost_of_group(&mut self, step: u64, now: Instant) -> bool {
+        let is_in = self.steps.get(&step).map(Assembly::ranks_in).unwrap_or_default();
+        let lacking: Vec<u32> = self.boxes.keys().copied().filter(|rank| !is_in.contains(rank)).collect();
+        // Ranks may start far apart: only those that were here can be lost.
+        let is_known = self.told_ranks == u32::try_from(self.boxes.len()).ok();
+        let can_be_lost = self.spec.members > 1 && is_known && self.newest_whole < Some(step);
+        if !can_be_lost || lacking.is_empty() || !lacking.iter().all(|rank| self.is_silent(*rank, now)) {
+            return false;
+        }
+        self.lost.extend(lacking);
+        true
+    }
+
+    /// What stands for the bricks of `lost` ranks in a group's step, which all members have to have a part of.
+    pub(super) fn holes(&self, lost: &[u32], bricks: &[(GridBox, BrickBytes)]) -> Vec<(GridBox, BrickBytes)> {
+        let boxes = lost.iter().filter_map(|rank| self.boxes.get(rank)).flatten();
+        let is_free = |place: &&GridBox| !bricks.iter().any(|(brick, _)| brick.overlaps(place));
+        let hole = |place: &GridBox| {
+            let of_fields = self.spec.fields().map(|(_, voxel_type)| missing(voxel_type).repeat(place.voxels()));
+            (*place, of_fields.flatten().collect::<Vec<u8>>().into())
+        };
+        boxes.filter(is_free).map(hole).collect()
     }
 
     /// Ranks whose bricks come here; as good as none of a group's node that has not been told.
@@ -288,7 +322,7 @@ impl IngestRun {
 
     /// True if `step` was dropped, or if nothing of it is here though some rank is past it: steps ascend.
     pub(super) fn cannot_complete(&self, step: u64) -> bool {
-        let passed = || self.last_step.iter().any(|last| last.is_some_and(|last| last >= step));
+        let passed = || self.newest_whole >= Some(step) || self.last_step.iter().any(|last| *last >= Some(step));
         self.dropped.contains(&step) || !self.steps.contains_key(&step) && passed()
     }
 

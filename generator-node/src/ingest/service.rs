@@ -112,6 +112,13 @@ impl Ingest {
         self.room.notify_waiters();
     }
 
+    /// All other members of the group are past `step`.
+    pub(crate) fn overdue(&self, run_id: &str, step: u64, time: f64) {
+        self.core().overdue(run_id, (step, time), Instant::now());
+        self.ready.notify_one();
+        self.room.notify_waiters();
+    }
+
     /// The state; a panic elsewhere leaves it whole, because no method of it panics between two changes.
     fn core(&self) -> MutexGuard<'_, Core> {
         self.core.lock()

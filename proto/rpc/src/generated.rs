@@ -3678,6 +3678,19 @@ pub struct GroupArrival {
     pub time: f64,
     #[prost(message, repeated, tag = "4")]
     pub boxes: ::prost::alloc::vec::Vec<GroupBox>,
+    /// Ranks that fell silent: their boxes hold NaN, or 0 where voxels are integers.
+    #[prost(uint32, repeated, tag = "5")]
+    pub lost_ranks: ::prost::alloc::vec::Vec<u32>,
+}
+/// The root to a member: all others are past this step. Ranks that are silent, and whose bricks alone it lacks, are lost.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct GroupOverdue {
+    #[prost(string, tag = "1")]
+    pub run_id: ::prost::alloc::string::String,
+    #[prost(uint64, tag = "2")]
+    pub step: u64,
+    #[prost(double, tag = "3")]
+    pub time: f64,
 }
 /// Which of the step's points of every `stride`-th index on all axes a member has: to choose a scene from. Answer: their bytes, box by
 /// box, x fastest, those of the other fields behind those of the first.
@@ -3771,7 +3784,7 @@ pub struct GroupMessage {
     pub sequence: u64,
     #[prost(
         oneof = "group_message::Kind",
-        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14"
+        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15"
     )]
     pub kind: ::core::option::Option<group_message::Kind>,
 }
@@ -3807,5 +3820,7 @@ pub mod group_message {
         Failed(::prost::alloc::string::String),
         #[prost(message, tag = "14")]
         Reduce(super::GroupReduce),
+        #[prost(message, tag = "15")]
+        Overdue(super::GroupOverdue),
     }
 }

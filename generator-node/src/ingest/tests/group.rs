@@ -38,3 +38,40 @@ fn a_root_without_ranks_keeps_its_run_while_members_hear_of_it() {
     refused(other(&mut node, 50), Code::FailedPrecondition, &["serves run \"blast\""]);
     assert_eq!(other(&mut node, 60).unwrap(), "b");
 }
+
+#[test]
+fn a_silent_rank_of_a_node_that_the_others_are_past_leaves_a_hole_of_its_own_boxes() {
+    let mut node = member();
+    node.core.tell_ranks("a", 2, node.start);
+    node.open(RunSpec { members: 2, ..spec(3, FullPolicy::Block) }, 2, "", "a").unwrap();
+    assert_eq!((node.push(0, 1), node.push(0, 2)), (Some(false), Some(true)));
+    assert_eq!(node.next_number(), Some(0));
+    // Rank 2 goes on, and so do the other nodes.
+    assert_eq!(node.push(1, 2), Some(false));
+    node.core.overdue("a", (1, 1.0), node.start);
+    assert!(!node.core.has_complete(), "it was heard just now");
+    node.start += Duration::from_secs(6);
+    node.core.overdue("a", (1, 1.0), node.start);
+    let complete = node.core.take_complete(node.start).unwrap();
+    assert_eq!((complete.step, &complete.lost_ranks[..]), (1, &[1][..]));
+    let boxes = |step: &CompleteStep| step.boxes().copied().collect::<Vec<_>>();
+    assert_eq!(boxes(&complete).len(), 2);
+    let (_, bricks) = complete.into_bricks();
+    // Integers have no NaN.
+    assert!(bricks[1].1.iter().all(|byte| *byte == 0) && bricks[0].1[..] == slab(2)[..]);
+    // It is not waited for any more; where nothing comes at all, the root's word completes the step.
+    assert_eq!(node.push(2, 2), Some(true));
+    assert_eq!(node.next_number(), Some(2));
+    node.start += Duration::from_secs(6);
+    node.core.overdue("a", (3, 3.0), node.start);
+    let complete = node.core.take_complete(node.start).unwrap();
+    assert_eq!((complete.step, complete.time, &complete.lost_ranks[..]), (3, 3.0, &[1, 2][..]));
+    // Told again, and of steps before: nothing comes twice.
+    node.core.overdue("a", (3, 3.0), node.start);
+    node.core.overdue("a", (2, 2.0), node.start);
+    assert!(!node.core.has_complete());
+    // Both are back.
+    assert_eq!([1, 2].map(|rank| node.admit(3, rank).unwrap()), [Admit::Dropped, Admit::Dropped]);
+    assert_eq!((node.push(4, 1), node.push(4, 2)), (Some(false), Some(true)));
+    assert_eq!(node.core.take_complete(node.start).unwrap().lost_ranks, [0; 0]);
+}
