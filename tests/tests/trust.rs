@@ -8,9 +8,11 @@ use lamina_model::VoxelType;
 use lamina_rpc::connect::connect;
 use lamina_rpc::credentials::{Credentials, Role};
 use lamina_rpc::v1::{self, control_client::ControlClient, frames_client::FramesClient, tuning_client::TuningClient};
+use lamina_tests::browser::Browser;
 use lamina_tests::http::{curl, metric};
 use lamina_tests::processes::{Daemon, binary, free_port, run, wait_for};
 use lamina_tests::{clumps, sampled_cube};
+use serde_json::json;
 use std::io::{BufRead as _, BufReader, ErrorKind, Read as _, Write as _};
 use std::net::TcpStream;
 use std::path::Path;
@@ -170,6 +172,39 @@ fn a_browser_enters_with_the_token_that_was_printed() {
     assert_eq!(curl(&page, &["--cookie", session, "--header", "Host: evil.example"]).0, "421");
     let cross_site = ["--cookie", session, "--header", "Sec-Fetch-Site: cross-site"];
     assert_eq!(curl(&format!("{page}/api/state"), &cross_site).0, "403");
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+#[test]
+fn a_real_browser_enters_by_the_printed_address_and_no_script_reads_its_session() {
+    let folder = tempfile::tempdir().unwrap();
+    make_keys(folder.path());
+    let (port, credentials) = (free_port(), folder.path().join("viewer").display().to_string());
+    let mut command = Command::new(binary("viz-node"));
+    let listen = format!("127.0.0.1:{port}");
+    command.args(["--listen", &listen, "--credentials", &credentials, "--generator", "https://127.0.0.1:9"]);
+    let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().unwrap();
+    let lines = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap).take(2).collect::<Vec<_>>();
+    let page = format!("https://127.0.0.1:{port}/");
+    for (line, may_steer) in lines.iter().zip([false, true]) {
+        let profile = folder.path().join(if may_steer { "steer" } else { "watch" }).display().to_string();
+        // It does not know the private authority; a person imports it.
+        let browser = Browser::open(&profile, &["--ignore-certificate-errors"]);
+        let open = |url: &str| browser.post("/url", &json!({"url": url}));
+        open(line.split_once(" at ").unwrap().1);
+        browser.wait_js(&format!("location.href === '{page}' && document.title.includes('Lamina')"));
+        assert_eq!(browser.js("document.cookie"), json!(""));
+        let state = "fetch('/api/state').then(answer => answer.json()).then(state => state.may_steer)";
+        assert_eq!(browser.promised(state), json!(may_steer));
+        // The token is used, the session goes on; another site's script reads nothing with it.
+        open(&page);
+        browser.wait_js("document.title.includes('Lamina')");
+        open("data:text/html,elsewhere");
+        let asked =
+            format!("fetch('{page}api/state', {{credentials: 'include'}}).then(a => a.text(), () => 'refused')");
+        assert_eq!(browser.promised(&asked), json!("refused"));
+    }
     child.kill().unwrap();
     child.wait().unwrap();
 }

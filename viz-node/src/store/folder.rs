@@ -115,6 +115,11 @@ fn vdi_path(folder: &Path, step: u64) -> PathBuf {
     folder.join(format!("step_{step:06}.vdi"))
 }
 
+/// True if the file of a step has all the bytes that its row states.
+fn is_whole(folder: &Path, row: &StepRow) -> bool {
+    fs::metadata(vdi_path(folder, row.step)).is_ok_and(|file| file.len() >= row.size_bytes)
+}
+
 fn row_path(folder: &Path, step: u64) -> PathBuf {
     folder.join(format!("step_{step:06}.row"))
 }
@@ -123,14 +128,15 @@ fn row_path(folder: &Path, step: u64) -> PathBuf {
 fn pending_rows(folder: &Path) -> Vec<StepRow> {
     let files = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let lines = files.filter(|f| f.extension().is_some_and(|e| e == "row")).filter_map(|f| fs::read_to_string(f).ok());
-    let rows = lines.filter_map(|line| StepRow::from_csv(&line)).filter(|row| vdi_path(folder, row.step).exists());
+    let rows = lines.filter_map(|line| StepRow::from_csv(&line)).filter(|row| is_whole(folder, row));
     let mut rows: Vec<StepRow> = rows.map(|row| StepRow { measured: QualityStatus::Skipped, ..row }).collect();
     rows.sort_by_key(|row| row.step);
     rows
 }
 
 /// The rows of `folder`, and its `steps.csv` ready for more. What is in the file stays: a last line that a kill cut short is
-/// ended, a line that is no row is passed over and said.
+/// ended, a line that is no row is passed over and said. So is a row whose bytes are not there, as after a power cut: the system may
+/// write files in another order than they were written in.
 fn open_rows(folder: &Path) -> Result<(Vec<StepRow>, File), StoreError> {
     let path = folder.join("steps.csv");
     let bytes = match fs::read(&path) {
@@ -139,19 +145,23 @@ fn open_rows(folder: &Path) -> Result<(Vec<StepRow>, File), StoreError> {
         Err(e) => return Err(failed(&path)(e)),
     };
     let text = String::from_utf8_lossy(&bytes);
-    let (mut rows, mut passed_over) = (Vec::new(), 0);
+    let (mut rows, mut passed_over, mut lost) = (Vec::new(), 0, Vec::new());
     let columns = |line: &str| line.split(',').count();
     let whole = [text.lines().next().map_or(0, columns), columns(StepRow::csv_header())];
     for line in text.lines().skip(1).filter(|l| !l.is_empty()) {
         // What was cut short may look like a line of an earlier version.
         let row = StepRow::from_csv(line).filter(|_| whole.contains(&columns(line)));
-        match row.filter(|row| vdi_path(folder, row.step).exists()) {
-            Some(row) => rows.push(row),
+        match row {
+            Some(row) if is_whole(folder, &row) => rows.push(row),
+            Some(row) => lost.push(row.step),
             None => passed_over += 1,
         }
     }
     if passed_over > 0 {
-        tracing::warn!(file = %path.display(), passed_over, "lines that are no row, or whose VDI is missing");
+        tracing::warn!(file = %path.display(), passed_over, "lines that are no row");
+    }
+    if !lost.is_empty() {
+        tracing::warn!(folder = %folder.display(), steps = ?lost, "steps whose files are missing or cut short");
     }
     let mut csv = OpenOptions::new().create(true).append(true).open(&path).map_err(failed(&path))?;
     if bytes.is_empty() {
@@ -172,7 +182,7 @@ fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lamina_model::Frame;
+    use lamina_model::{Cost, Frame};
 
     #[test]
     fn damage_to_the_rows_costs_no_other_row_and_a_removed_folder_is_made_again() {
@@ -205,6 +215,22 @@ mod tests {
         assert_eq!((steps(&rows), rows[3].measured), (vec![0, 2, 9, 8], QualityStatus::Skipped));
         let (mut folder, rows) = Folder::open(root.path(), &run).unwrap();
         assert_eq!(steps(&rows), [0, 2, 9, 8], "once");
+
+        // After a power cut: a row whose file is gone, and two whose files are empty or short.
+        let full = Cost { size_bytes: 3, ..Cost::default() };
+        for (step, left) in [(20, None), (21, Some(0)), (22, Some(2)), (23, Some(3))] {
+            folder.record(&StepRow::live(&Frame { step, cost: full, ..Frame::default() }, false), b"vdi").unwrap();
+            match left {
+                Some(bytes) => File::options().write(true).open(folder.vdi_path(step)).unwrap().set_len(bytes).unwrap(),
+                None => fs::remove_file(folder.vdi_path(step)).unwrap(),
+            }
+        }
+        let (mut folder, rows) = Folder::open(root.path(), &run).unwrap();
+        assert_eq!(steps(&rows), [0, 2, 9, 8, 23]);
+        // It comes again from the generator-node.
+        folder.record(&StepRow::live(&Frame { step: 20, cost: full, ..Frame::default() }, false), b"vdi").unwrap();
+        let (mut folder, rows) = Folder::open(root.path(), &run).unwrap();
+        assert!(rows.iter().filter(|row| row.step == 20).count() >= 1);
 
         fs::remove_dir_all(root.path().join("r-1")).unwrap();
         folder.record(&row(10), b"vdi").unwrap();
