@@ -1,4 +1,4 @@
-//! KeyChanges of a running node's configuration: SIGHUP has its file read again.
+//! Changes of a running node's configuration: SIGHUP has its file read again.
 
 use super::config::{load_config, set_log};
 use lamina_model::Invalid;
