@@ -16,7 +16,7 @@ use serde_json::json;
 use std::io::{BufRead as _, BufReader, ErrorKind, Read as _, Write as _};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 use tokio::runtime::Runtime;
 use tonic::Code;
@@ -128,19 +128,24 @@ fn nodes_with_credentials_work_together_and_each_role_does_only_its_own() {
     assert_eq!(generator.terminate(), Some(0));
 }
 
-#[test]
-fn a_browser_enters_with_the_token_that_was_printed() {
-    let folder = tempfile::tempdir().unwrap();
-    make_keys(folder.path());
-    let (port, credentials) = (free_port(), folder.path().join("viewer").display().to_string());
+/// A viz-node with the keys in `keys`, its page, and the addresses that it prints: to watch, to steer.
+fn viewer_with_tokens(keys: &Path) -> (Child, String, [String; 2]) {
+    let (port, credentials) = (free_port(), keys.join("viewer").display().to_string());
     let mut command = Command::new(binary("viz-node"));
     let listen = format!("127.0.0.1:{port}");
     command.args(["--listen", &listen, "--credentials", &credentials, "--generator", "https://127.0.0.1:9"]);
     let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().unwrap();
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
-    let entrance = lines.next().unwrap().strip_prefix("watch it at ").unwrap().to_owned();
-    let steering = lines.next().unwrap().strip_prefix("steer it at ").unwrap().to_owned();
-    let page = format!("https://127.0.0.1:{port}");
+    let printed =
+        ["watch it at ", "steer it at "].map(|words| lines.next().unwrap().strip_prefix(words).unwrap().to_owned());
+    (child, format!("https://127.0.0.1:{port}"), printed)
+}
+
+#[test]
+fn a_browser_enters_with_the_token_that_was_printed() {
+    let folder = tempfile::tempdir().unwrap();
+    make_keys(folder.path());
+    let (mut child, page, [entrance, steering]) = viewer_with_tokens(folder.path());
     assert!(entrance.starts_with(&page), "{entrance}");
     assert_eq!(curl(&page, &[]).0, "401");
     for path in ["", "api/state", "api/events", "api/step/0", "api/image?step=newest", "metrics"] {
@@ -180,19 +185,14 @@ fn a_browser_enters_with_the_token_that_was_printed() {
 fn a_real_browser_enters_by_the_printed_address_and_no_script_reads_its_session() {
     let folder = tempfile::tempdir().unwrap();
     make_keys(folder.path());
-    let (port, credentials) = (free_port(), folder.path().join("viewer").display().to_string());
-    let mut command = Command::new(binary("viz-node"));
-    let listen = format!("127.0.0.1:{port}");
-    command.args(["--listen", &listen, "--credentials", &credentials, "--generator", "https://127.0.0.1:9"]);
-    let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().unwrap();
-    let lines = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap).take(2).collect::<Vec<_>>();
-    let page = format!("https://127.0.0.1:{port}/");
-    for (line, may_steer) in lines.iter().zip([false, true]) {
+    let (mut child, page, entrances) = viewer_with_tokens(folder.path());
+    let page = page + "/";
+    for (entrance, may_steer) in entrances.iter().zip([false, true]) {
         let profile = folder.path().join(if may_steer { "steer" } else { "watch" }).display().to_string();
         // It does not know the private authority; a person imports it.
         let browser = Browser::open(&profile, &["--ignore-certificate-errors"]);
         let open = |url: &str| browser.post("/url", &json!({"url": url}));
-        open(line.split_once(" at ").unwrap().1);
+        open(entrance);
         browser.wait_js(&format!("location.href === '{page}' && document.title.includes('Lamina')"));
         assert_eq!(browser.js("document.cookie"), json!(""));
         let state = "fetch('/api/state').then(answer => answer.json()).then(state => state.may_steer)";
