@@ -4,6 +4,20 @@ use super::{Lanes, Pair, SimdF32, SimdI32, SimdMask, WIDTH, row};
 use std::array::from_fn;
 use std::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
 
+/// An array of the value for each lane, written out. `std::array::from_fn` takes the compiler three times as long over a
+/// kernel.
+macro_rules! each {
+    (|$l:ident| $value:expr) => {
+        each!(@ $l $value; 0 1 2 3 4 5 6 7)
+    };
+    (@ $l:ident $value:expr; $($number:literal)*) => {
+        [$({
+            let $l: usize = $number;
+            $value
+        }),*]
+    };
+}
+
 /// The portable level.
 #[derive(Debug, Clone, Copy)]
 pub struct Portable;
@@ -33,14 +47,16 @@ impl Lanes for Portable {
     fn rows4(table: &[[f32; 4]], at: ArrayF32) -> [ArrayF32; 4] {
         let (rows, weight) = row::<Self>(at, table.len());
         let rows = rows.to_indices();
-        from_fn(|c| ArrayF32(from_fn(|l| lerp(table[rows[l]][c], table[rows[l] + 1][c], weight.0[l]))))
+        let column = |c| ArrayF32(from_fn(|l| lerp(table[rows[l]][c], table[rows[l] + 1][c], weight.0[l])));
+        [column(0), column(1), column(2), column(3)]
     }
 
     #[inline(always)]
     fn rows6(table: &[[f32; 8]], at: ArrayF32) -> [ArrayF32; 6] {
         let (rows, weight) = row::<Self>(at, table.len());
         let rows = rows.to_indices();
-        from_fn(|c| ArrayF32(from_fn(|l| lerp(table[rows[l]][c], table[rows[l] + 1][c], weight.0[l]))))
+        let column = |c| ArrayF32(from_fn(|l| lerp(table[rows[l]][c], table[rows[l] + 1][c], weight.0[l])));
+        [column(0), column(1), column(2), column(3), column(4), column(5)]
     }
 }
 
@@ -50,32 +66,36 @@ fn lerp(a: f32, b: f32, w: f32) -> f32 {
 }
 
 macro_rules! lanewise {
-    ($lanes:ident: $($op:ident $method:ident $body:expr),*) => {$(
+    ($lanes:ident: $($op:ident $method:ident |$a:ident, $b:ident| $value:expr),*) => {$(
         impl $op for $lanes {
             type Output = Self;
             #[inline(always)]
             fn $method(self, other: Self) -> Self {
-                Self(from_fn(|l| $body(self.0[l], other.0[l])))
+                Self(each!(|l| {
+                    let ($a, $b) = (self.0[l], other.0[l]);
+                    $value
+                }))
             }
         }
     )*};
 }
 lanewise!(ArrayF32: Add add |a, b| a + b, Sub sub |a, b| a - b, Mul mul |a, b| a * b);
-lanewise!(ArrayI32: Add add i32::wrapping_add, Sub sub i32::wrapping_sub, Mul mul i32::wrapping_mul);
+lanewise!(ArrayI32: Add add |a, b| a.wrapping_add(b), Sub sub |a, b| a.wrapping_sub(b),
+    Mul mul |a, b| a.wrapping_mul(b));
 lanewise!(ArrayMask: BitAnd bitand |a, b| a & b, BitOr bitor |a, b| a | b);
 
 impl Not for ArrayMask {
     type Output = Self;
     #[inline(always)]
     fn not(self) -> Self {
-        Self(self.0.map(|a| !a))
+        Self(each!(|l| !self.0[l]))
     }
 }
 
 impl From<ArrayI32> for ArrayF32 {
     #[inline(always)]
     fn from(i: ArrayI32) -> Self {
-        Self(i.0.map(|x| x as f32))
+        Self(each!(|l| i.0[l] as f32))
     }
 }
 
@@ -96,45 +116,45 @@ impl SimdF32 for ArrayF32 {
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {
-        Self(from_fn(|l| if self.0[l] < other.0[l] { self.0[l] } else { other.0[l] }))
+        Self(each!(|l| if self.0[l] < other.0[l] { self.0[l] } else { other.0[l] }))
     }
     #[inline(always)]
     fn max(self, other: Self) -> Self {
-        Self(from_fn(|l| if self.0[l] > other.0[l] { self.0[l] } else { other.0[l] }))
+        Self(each!(|l| if self.0[l] > other.0[l] { self.0[l] } else { other.0[l] }))
     }
     #[inline(always)]
     fn div(self, other: Self) -> Self {
-        Self(from_fn(|l| self.0[l] / other.0[l]))
+        Self(each!(|l| self.0[l] / other.0[l]))
     }
     #[inline(always)]
     fn lt(self, other: Self) -> ArrayMask {
-        ArrayMask(from_fn(|l| self.0[l] < other.0[l]))
+        ArrayMask(each!(|l| self.0[l] < other.0[l]))
     }
     #[inline(always)]
     fn le(self, other: Self) -> ArrayMask {
-        ArrayMask(from_fn(|l| self.0[l] <= other.0[l]))
+        ArrayMask(each!(|l| self.0[l] <= other.0[l]))
     }
     #[inline(always)]
     fn select(mask: ArrayMask, a: Self, b: Self) -> Self {
-        Self(from_fn(|l| if mask.0[l] { a.0[l] } else { b.0[l] }))
+        Self(each!(|l| if mask.0[l] { a.0[l] } else { b.0[l] }))
     }
     #[inline(always)]
     fn zero_unless(self, mask: ArrayMask) -> Self {
-        Self(from_fn(|l| if mask.0[l] { self.0[l] } else { 0.0 }))
+        Self(each!(|l| if mask.0[l] { self.0[l] } else { 0.0 }))
     }
     #[inline(always)]
     fn to_int(self) -> ArrayI32 {
         // As `cvttps2dq` does: a number that does not fit becomes `i32::MIN`.
         let int = |x: f32| if x.abs() < 2_147_483_648.0 { x as i32 } else { i32::MIN };
-        ArrayI32(self.0.map(int))
+        ArrayI32(each!(|l| int(self.0[l])))
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
-        Self(self.0.map(f32::sqrt))
+        Self(each!(|l| self.0[l].sqrt()))
     }
     #[inline(always)]
     fn abs(self) -> Self {
-        Self(self.0.map(f32::abs))
+        Self(each!(|l| self.0[l].abs()))
     }
     #[inline(always)]
     fn range_where(low: Self, high: Self, mask: ArrayMask) -> [i32; 2] {
@@ -148,7 +168,7 @@ impl SimdF32 for ArrayF32 {
     }
     #[inline(always)]
     fn exp2_int(n: ArrayI32) -> Self {
-        Self(n.0.map(|n| f32::from_bits((n.wrapping_add(127) as u32) << 23)))
+        Self(each!(|l| f32::from_bits((n.0[l].wrapping_add(127) as u32) << 23)))
     }
 }
 
@@ -168,31 +188,31 @@ impl SimdI32 for ArrayI32 {
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {
-        Self(from_fn(|l| self.0[l].min(other.0[l])))
+        Self(each!(|l| self.0[l].min(other.0[l])))
     }
     #[inline(always)]
     fn max(self, other: Self) -> Self {
-        Self(from_fn(|l| self.0[l].max(other.0[l])))
+        Self(each!(|l| self.0[l].max(other.0[l])))
     }
     #[inline(always)]
     fn gt(self, other: Self) -> ArrayMask {
-        ArrayMask(from_fn(|l| self.0[l] > other.0[l]))
+        ArrayMask(each!(|l| self.0[l] > other.0[l]))
     }
     #[inline(always)]
     fn eq(self, other: Self) -> ArrayMask {
-        ArrayMask(from_fn(|l| self.0[l] == other.0[l]))
+        ArrayMask(each!(|l| self.0[l] == other.0[l]))
     }
     #[inline(always)]
     fn select(mask: ArrayMask, a: Self, b: Self) -> Self {
-        Self(from_fn(|l| if mask.0[l] { a.0[l] } else { b.0[l] }))
+        Self(each!(|l| if mask.0[l] { a.0[l] } else { b.0[l] }))
     }
     #[inline(always)]
     fn from_bytes(x: u64) -> Self {
-        Self(x.to_le_bytes().map(i32::from))
+        Self(each!(|l| (x >> (8 * l)) as u8 as i32))
     }
     #[inline(always)]
     fn to_indices(self) -> [usize; WIDTH] {
-        self.0.map(|x| x as usize)
+        each!(|l| self.0[l] as usize)
     }
     #[inline(always)]
     fn max_lane(self) -> i32 {
@@ -200,17 +220,17 @@ impl SimdI32 for ArrayI32 {
     }
     #[inline(always)]
     fn shr<const N: i32>(self) -> Self {
-        Self(self.0.map(|x| x >> N))
+        Self(each!(|l| self.0[l] >> N))
     }
     #[inline(always)]
     fn shl<const N: i32>(self) -> Self {
-        Self(self.0.map(|x| x << N))
+        Self(each!(|l| self.0[l] << N))
     }
 }
 
 impl SimdMask for ArrayMask {
     #[inline(always)]
     fn bits(self) -> u32 {
-        (0..WIDTH).map(|l| u32::from(self.0[l]) << l).sum()
+        each!(|l| (self.0[l] as u32) << l).into_iter().fold(0, |a, b| a | b)
     }
 }

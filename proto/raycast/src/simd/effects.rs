@@ -7,15 +7,14 @@ mod integration;
 mod light;
 mod surfaces;
 
-use super::march::{RayPacket, RaySetup, VolumeSampler};
+use super::march::VolumeSampler;
+use super::rays::{RayPacket, RaySetup};
 use super::shaded_sample::ShadedSample;
 use crate::volume::effects::{FieldEffects, SHORTEST, cue_range};
 use crate::volume::transfer_lut::{OPAQUE, PreintegrationTable, TransferLut};
 use crate::{Field, count};
 use glam::DVec3;
-use lamina_compute::simd::{
-    Lanes, Pair, SMALL_OPTICAL_DEPTH, SimdF32, SimdI32, SimdMask, WIDTH, opacity, small_opacity,
-};
+use lamina_compute::simd::{Lanes, SMALL_OPTICAL_DEPTH, SimdF32, SimdI32, SimdMask, WIDTH, opacity, small_opacity};
 use lamina_model::Camera;
 
 /// A source of shaded samples: the transfer function alone, or with effects.
@@ -55,7 +54,7 @@ pub(super) struct LaneEffects<'a> {
 
 /// The color field, and its color map.
 struct LaneColorChannel<'a> {
-    sampler: VolumeSampler<'a, f32>,
+    sampler: VolumeSampler<'a>,
     /// Control points: position and color.
     corners: Vec<(f32, [f32; 3])>,
 }
@@ -98,7 +97,7 @@ impl<'a> LaneEffects<'a> {
             light: effects.light.as_vec3().to_array(),
             cue: effects.cue.map(|cue| (near / step_length, per_step(cue.strength))),
             colors: effects.colors.as_ref().map(|colors| LaneColorChannel {
-                sampler: VolumeSampler::scaled(field, &colors.units, table, [1.0, 0.0]),
+                sampler: VolumeSampler::of_units(field, &colors.units, table),
                 corners: colors.points().iter().map(|p| (p.at as f32, p.color.map(|c| c as f32))).collect(),
             }),
         })
@@ -106,8 +105,8 @@ impl<'a> LaneEffects<'a> {
 }
 
 /// Samples with effects.
-pub(super) struct EffectsSource<'a, L: Lanes, V> {
-    sampler: &'a VolumeSampler<'a, V>,
+pub(super) struct EffectsSource<'a, L: Lanes> {
+    sampler: &'a VolumeSampler<'a>,
     effects: &'a LaneEffects<'a>,
     /// Ends of the part of each ray that is not clipped, in steps from its entry.
     kept: [L::F; 2],
@@ -117,16 +116,16 @@ pub(super) struct EffectsSource<'a, L: Lanes, V> {
     half: [L::F; 3],
 }
 
-impl<'a, L: Lanes, V: Pair> EffectsSource<'a, L, V> {
+impl<'a, L: Lanes> EffectsSource<'a, L> {
     /// Samples of `sampler`'s field with `effects`.
     #[inline(always)]
-    pub(super) fn new(sampler: &'a VolumeSampler<'a, V>, effects: &'a LaneEffects<'a>) -> Self {
+    pub(super) fn new(sampler: &'a VolumeSampler<'a>, effects: &'a LaneEffects<'a>) -> Self {
         let zero = L::F::splat(0.0);
         Self { sampler, effects, kept: [zero; 2], entry: zero, half: [zero; 3] }
     }
 }
 
-impl<L: Lanes, V: Pair> SampleSource<L> for EffectsSource<'_, L, V> {
+impl<L: Lanes> SampleSource<L> for EffectsSource<'_, L> {
     #[inline(always)]
     fn begin(&mut self, setup: &RaySetup, pixels: &[(u32, u32)], packet: &mut RayPacket<L>) {
         let effects = self.effects.effects;
@@ -212,7 +211,7 @@ impl<L: Lanes, V: Pair> SampleSource<L> for EffectsSource<'_, L, V> {
     }
 }
 
-impl<L: Lanes, V: Pair> EffectsSource<'_, L, V> {
+impl<L: Lanes> EffectsSource<'_, L> {
     /// Replaces `color` by the color field's at position `p`, before lighting, if there is one.
     #[inline(always)]
     fn own_color(&self, p: [L::F; 3], color: &mut [L::F; 3]) {

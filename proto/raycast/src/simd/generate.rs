@@ -1,15 +1,15 @@
 //! VDI generation, eight rays at a time; counterpart of `reference/generate.rs`.
 
 use super::effects::{EffectsSource, LaneEffects, SampleSource, TransferSource};
-use super::march::{RayPacket, RaySetup, SampleSink, VolumeSampler};
+use super::march::{SampleSink, VolumeSampler};
+use super::rays::{RayPacket, RaySetup};
 use super::shaded_sample::ShadedSample;
 use super::tile::Tile;
 use crate::Field;
 use crate::vdi::assemble::{RowBand, VdiBuilder, header, in_order};
 use crate::vdi::segmentation::Segmenter;
-use crate::volume::stored::{StoredVoxels, for_stored};
 use crate::volume::transfer_lut::TransferLut;
-use lamina_compute::simd::{Lanes, Level, Pair, SimdF32, SimdI32, SimdKernel, SimdMask, WIDTH, opacity};
+use lamina_compute::simd::{Lanes, Level, SimdF32, SimdI32, SimdKernel, SimdMask, WIDTH, opacity};
 use lamina_model::composite::optical_depth_from_opacity;
 use lamina_model::{Invalid, Segmentation, Supersegment, Vdi, VdiHeader, VdiParams};
 use std::ops::Range;
@@ -27,18 +27,16 @@ pub fn generate(level: Level, field: &Field, params: &VdiParams, segmentation: S
     let effects = effects.as_ref();
     let gamma = fit.initial_gamma(params.gamma()) as f32;
     let mut join = VdiBuilder::new((params.resolution() as usize).pow(2));
-    for_stored!(field.stored(), v => {
-        let sampler = VolumeSampler::new(field, v, &table);
-        let rows = |n: usize| {
-            let first_row = Tile::ROWS * n as u32;
-            let rows = rays.empty(first_row).unwrap_or_else(|| {
-                level.run(GenerateRows { sampler: &sampler, rays: &rays, effects, gamma, first_row })
-            });
-            let mut number = first_row..;
-            rows.map(|row| fit.rows(number.next().unwrap_or_default(), row))
-        };
-        in_order(rays.bands(), rows, |rows: [RowBand; 2]| rows.into_iter().for_each(|row| join.add(row)));
-    });
+    let sampler = VolumeSampler::new(field, &table);
+    let rows = |n: usize| {
+        let first_row = Tile::ROWS * n as u32;
+        let rows = rays
+            .empty(first_row)
+            .unwrap_or_else(|| level.run(GenerateRows { sampler: &sampler, rays: &rays, effects, gamma, first_row }));
+        let mut number = first_row..;
+        rows.map(|row| fit.rows(number.next().unwrap_or_default(), row))
+    };
+    in_order(rays.bands(), rows, |rows: [RowBand; 2]| rows.into_iter().for_each(|row| join.add(row)));
     join.finish(header)
 }
 
@@ -95,15 +93,15 @@ impl VdiRays {
 }
 
 /// Kernel: two rows of rays.
-struct GenerateRows<'a, V> {
-    sampler: &'a VolumeSampler<'a, V>,
+struct GenerateRows<'a> {
+    sampler: &'a VolumeSampler<'a>,
     rays: &'a VdiRays,
     effects: Option<&'a LaneEffects<'a>>,
     gamma: f32,
     first_row: u32,
 }
 
-impl<V: Pair> SimdKernel for GenerateRows<'_, V> {
+impl SimdKernel for GenerateRows<'_> {
     type Output = [RowBand; 2];
     #[inline(always)]
     fn run<L: Lanes>(self) -> [RowBand; 2] {
@@ -114,7 +112,7 @@ impl<V: Pair> SimdKernel for GenerateRows<'_, V> {
     }
 }
 
-impl<V: Pair> GenerateRows<'_, V> {
+impl GenerateRows<'_> {
     #[inline(always)]
     fn cluster<L: Lanes>(&self, source: impl SampleSource<L>) -> [RowBand; 2] {
         let mut rows = [RowBand::default(), RowBand::default()];

@@ -6,15 +6,15 @@
 //! results equal those of one generation per gamma, bit for bit.
 
 use super::generate::{VdiRays, reciprocal};
-use super::march::{RayPacket, SampleSink, VolumeSampler};
+use super::march::{SampleSink, VolumeSampler};
+use super::rays::RayPacket;
 use super::shaded_sample::ShadedSample;
 use super::tile::Tile;
 use crate::Field;
 use crate::vdi::assemble::{RowBand, VdiBuilder, header, in_order};
 use crate::vdi::segmentation::Segmenter;
-use crate::volume::stored::{StoredVoxels, for_stored};
 use crate::volume::transfer_lut::TransferLut;
-use lamina_compute::simd::{Lanes, Level, Pair, SimdF32, SimdI32, SimdKernel, SimdMask, WIDTH, opacity};
+use lamina_compute::simd::{Lanes, Level, SimdF32, SimdI32, SimdKernel, SimdMask, WIDTH, opacity};
 use lamina_model::{Invalid, Segmentation, Supersegment, Vdi, VdiParams};
 
 /// The most gammas of one march: one bit each.
@@ -44,36 +44,34 @@ pub fn generate_all(
     let gammas: Vec<f32> = gammas.iter().zip(&fits).map(|(&g, fit)| fit.initial_gamma(g) as f32).collect();
     // No capacity is reserved: of many VDIs only a few outgrow it.
     let mut joins: Vec<VdiBuilder> = gammas.iter().map(|_| VdiBuilder::new(0)).collect();
-    for_stored!(field.stored(), v => {
-        let sampler = VolumeSampler::new(field, v, &table);
-        let rows = |n: usize| {
-            let first_row = Tile::ROWS * n as u32;
-            let rows = level.run(GenerateAllRows { sampler: &sampler, rays: &rays, gammas: &gammas, first_row });
-            let mut number = first_row..;
-            rows.map(|row| {
-                let j = number.next().unwrap_or_default();
-                row.into_iter().zip(&fits).map(|(band, fit)| fit.rows(j, band)).collect::<Vec<RowBand>>()
-            })
-        };
-        in_order(rays.bands(), rows, |rows: [Vec<RowBand>; 2]| {
-            for row in rows {
-                row.into_iter().zip(&mut joins).for_each(|(band, join)| join.add(band));
-            }
-        });
+    let sampler = VolumeSampler::new(field, &table);
+    let rows = |n: usize| {
+        let first_row = Tile::ROWS * n as u32;
+        let rows = level.run(GenerateAllRows { sampler: &sampler, rays: &rays, gammas: &gammas, first_row });
+        let mut number = first_row..;
+        rows.map(|row| {
+            let j = number.next().unwrap_or_default();
+            row.into_iter().zip(&fits).map(|(band, fit)| fit.rows(j, band)).collect::<Vec<RowBand>>()
+        })
+    };
+    in_order(rays.bands(), rows, |rows: [Vec<RowBand>; 2]| {
+        for row in rows {
+            row.into_iter().zip(&mut joins).for_each(|(band, join)| join.add(band));
+        }
     });
     drop(fits);
     joins.into_iter().zip(headers).map(|(join, header)| join.finish(header)).collect()
 }
 
 /// Kernel: two rows of rays, for each gamma.
-struct GenerateAllRows<'a, V> {
-    sampler: &'a VolumeSampler<'a, V>,
+struct GenerateAllRows<'a> {
+    sampler: &'a VolumeSampler<'a>,
     rays: &'a VdiRays,
     gammas: &'a [f32],
     first_row: u32,
 }
 
-impl<V: Pair> SimdKernel for GenerateAllRows<'_, V> {
+impl SimdKernel for GenerateAllRows<'_> {
     type Output = [Vec<RowBand>; 2];
     #[inline(always)]
     fn run<L: Lanes>(self) -> [Vec<RowBand>; 2] {

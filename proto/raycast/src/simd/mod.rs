@@ -6,6 +6,7 @@ mod generate_all;
 mod march;
 mod own_cells;
 mod raycast;
+mod rays;
 mod shaded_sample;
 mod tile;
 

@@ -1,12 +1,12 @@
 //! Ray casting, eight rays at a time; counterpart of `reference/raycast.rs`.
 
 use super::effects::{EffectsSource, LaneEffects, SampleSource};
-use super::march::{RayPacket, RaySetup, SampleSink, VolumeSampler};
+use super::march::{SampleSink, VolumeSampler};
+use super::rays::{RayPacket, RaySetup};
 use super::tile::Tile;
 use crate::Field;
-use crate::volume::stored::{StoredVoxels, for_stored};
 use crate::volume::transfer_lut::TransferLut;
-use lamina_compute::simd::{Lanes, Level, Pair, SimdF32, SimdI32, SimdKernel, SimdMask, WIDTH};
+use lamina_compute::simd::{Lanes, Level, SimdF32, SimdI32, SimdKernel, SimdMask, WIDTH};
 use lamina_model::Camera;
 use rayon::prelude::*;
 
@@ -32,12 +32,11 @@ pub fn raycast(level: Level, field: &Field, shot: &Shot) -> Vec<[f32; 3]> {
     let setup = RaySetup::new(field, shot.camera, shot.size, step_length(field));
     let cast = CastParams { setup: &setup, effects: None, floor: shot.floor };
     let background = field.scene().background;
-    for_stored!(field.stored(), v => {
-        let sampler = VolumeSampler::new(field, v, &table);
-        let band = |(band, out)| level.run(PictureBand { sampler: &sampler, cast: &cast, background, width,
-            first_row: 2 * band as u32, out });
-        image.par_chunks_mut(2 * width as usize).enumerate().for_each(band);
-    });
+    let sampler = VolumeSampler::new(field, &table);
+    let band = |(band, out)| {
+        level.run(PictureBand { sampler: &sampler, cast: &cast, background, width, first_row: 2 * band as u32, out })
+    };
+    image.par_chunks_mut(2 * width as usize).enumerate().for_each(band);
     image
 }
 
@@ -72,12 +71,9 @@ pub fn raycast_layers(level: Level, field: &Field, shot: &Shot, pixels: &[(u32, 
     let effects = LaneEffects::new(field, shot.camera, &table, step_length(field));
     let effects = effects.as_ref();
     let cast = CastParams { setup: &setup, effects, floor: shot.floor };
-    for_stored!(field.stored(), v => {
-        let sampler = VolumeSampler::new(field, v, &table);
-        let list = |(pixels, out): (&[_], &mut [_])| level.run(PixelList { sampler: &sampler, cast: &cast,
-            pixels, out });
-        pixels.par_chunks(256).zip(layers.par_chunks_mut(256)).for_each(list);
-    });
+    let sampler = VolumeSampler::new(field, &table);
+    let list = |(pixels, out): (&[_], &mut [_])| level.run(PixelList { sampler: &sampler, cast: &cast, pixels, out });
+    pixels.par_chunks(256).zip(layers.par_chunks_mut(256)).for_each(list);
     layers
 }
 
@@ -90,8 +86,8 @@ fn table(field: &Field) -> TransferLut {
 }
 
 /// Kernel: two rows of a picture.
-struct PictureBand<'a, V> {
-    sampler: &'a VolumeSampler<'a, V>,
+struct PictureBand<'a> {
+    sampler: &'a VolumeSampler<'a>,
     cast: &'a CastParams<'a>,
     background: [f32; 3],
     width: u32,
@@ -99,13 +95,13 @@ struct PictureBand<'a, V> {
     out: &'a mut [[f32; 3]],
 }
 
-impl<V: Pair> SimdKernel for PictureBand<'_, V> {
+impl SimdKernel for PictureBand<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
         let width = self.width;
         for tile in Tile::across(width, self.first_row, self.out.len() as u32 / width) {
-            let (color, transmittance) = cast::<L, V>(self.sampler, self.cast, tile.pixels());
+            let (color, transmittance) = cast::<L>(self.sampler, self.cast, tile.pixels());
             let colors = over::<L>(color, transmittance, self.background);
             for (&(i, j), color) in tile.pixels().iter().zip(colors) {
                 self.out[((j - self.first_row) * width + i) as usize] = color;
@@ -115,21 +111,21 @@ impl<V: Pair> SimdKernel for PictureBand<'_, V> {
 }
 
 /// Kernel: a list of pixels.
-struct PixelList<'a, V> {
-    sampler: &'a VolumeSampler<'a, V>,
+struct PixelList<'a> {
+    sampler: &'a VolumeSampler<'a>,
     cast: &'a CastParams<'a>,
     pixels: &'a [(u32, u32)],
     out: &'a mut [[f32; 4]],
 }
 
-impl<V: Pair> SimdKernel for PixelList<'_, V> {
+impl SimdKernel for PixelList<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
         for (pixels, out) in self.pixels.chunks(WIDTH).zip(self.out.chunks_mut(WIDTH)) {
             let ([r, g, b], transmittance) = match self.cast.effects {
-                None => cast::<L, V>(self.sampler, self.cast, pixels),
-                Some(effects) => cast_with::<L, V>(self.sampler, self.cast, effects, pixels),
+                None => cast::<L>(self.sampler, self.cast, pixels),
+                Some(effects) => cast_with::<L>(self.sampler, self.cast, effects, pixels),
             };
             let layers = [r.to_array(), g.to_array(), b.to_array(), transmittance.to_array()];
             for (l, layer) in out.iter_mut().enumerate() {
@@ -150,7 +146,7 @@ struct CastParams<'a> {
 type Layers<L> = ([<L as Lanes>::F; 3], <L as Lanes>::F);
 
 #[inline(always)]
-fn cast<L: Lanes, V: Pair>(sampler: &VolumeSampler<V>, cast: &CastParams, pixels: &[(u32, u32)]) -> Layers<L> {
+fn cast<L: Lanes>(sampler: &VolumeSampler, cast: &CastParams, pixels: &[(u32, u32)]) -> Layers<L> {
     let packet = RayPacket::<L>::new(cast.setup, pixels);
     let zero = L::F::splat(0.0);
     let mut sum = ColorAccumulator::<L> {
@@ -164,8 +160,8 @@ fn cast<L: Lanes, V: Pair>(sampler: &VolumeSampler<V>, cast: &CastParams, pixels
 }
 
 #[inline(always)]
-fn cast_with<L: Lanes, V: Pair>(
-    sampler: &VolumeSampler<V>,
+fn cast_with<L: Lanes>(
+    sampler: &VolumeSampler,
     cast: &CastParams,
     effects: &LaneEffects,
     pixels: &[(u32, u32)],

@@ -1,6 +1,6 @@
 //! One sample of each ray of a packet, classified.
 
-use super::march::RayPacket;
+use super::rays::RayPacket;
 use crate::volume::transfer_lut::TransferLut;
 use lamina_compute::simd::{Lanes, SMALL_OPTICAL_DEPTH, SimdF32, SimdI32, SimdMask, opacity, small_opacity};
 

@@ -3,9 +3,9 @@
 use super::{EffectsSource, LanePreintegration};
 use crate::volume::effects::FEWEST_ROWS;
 use crate::volume::transfer_lut::PreintegrationTable;
-use lamina_compute::simd::{Lanes, Pair, SimdF32, SimdMask, WIDTH};
+use lamina_compute::simd::{Lanes, SimdF32, SimdMask, WIDTH};
 
-impl<L: Lanes, V: Pair> EffectsSource<'_, L, V> {
+impl<L: Lanes> EffectsSource<'_, L> {
     /// Replaces color and depth by the integral's, where the ends of a step are at least [`FEWEST_ROWS`] table rows apart.
     #[inline(always)]
     pub(super) fn integrate(

@@ -2,11 +2,11 @@
 
 use super::EffectsSource;
 use crate::count;
-use crate::simd::march::RayPacket;
+use crate::simd::rays::RayPacket;
 use crate::volume::effects::WEAK_GRADIENT;
-use lamina_compute::simd::{Lanes, Pair, SimdF32, SimdI32};
+use lamina_compute::simd::{Lanes, SimdF32, SimdI32};
 
-impl<L: Lanes, V: Pair> EffectsSource<'_, L, V> {
+impl<L: Lanes> EffectsSource<'_, L> {
     /// Applies shadow, occlusion, shading and depth cue to straight colors at `t` steps from the entry.
     #[inline(always)]
     pub(super) fn light(&self, packet: &RayPacket<L>, t: L::F, color: &mut [L::F; 3]) {

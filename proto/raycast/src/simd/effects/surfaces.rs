@@ -2,10 +2,10 @@
 
 use super::{EffectsSource, exact_opacity};
 use crate::count;
-use crate::simd::march::RayPacket;
-use lamina_compute::simd::{Lanes, Pair, SimdF32, SimdMask};
+use crate::simd::rays::RayPacket;
+use lamina_compute::simd::{Lanes, SimdF32, SimdMask};
 
-impl<L: Lanes, V: Pair> EffectsSource<'_, L, V> {
+impl<L: Lanes> EffectsSource<'_, L> {
     /// Lights the medium at the middle of a step, and composites it with the surfaces crossed between its ends. One loop over
     /// the medium and then each surface, so that the lighting code is compiled once.
     #[inline(always)]
