@@ -31,7 +31,7 @@ use lamina_compute::CpuShare;
 use lamina_mpi::{Inbox, Outbox};
 use lamina_raycast::Backend;
 use lamina_rpc::credentials::Role;
-use lamina_rpc::daemon::{Access, AllowRoles, NodeError, Shutdown, serve_grpc};
+use lamina_rpc::daemon::{Access, AllowRoles, NodeError, Running, Shutdown, serve_grpc};
 use lamina_rpc::v1::group_message::Kind;
 use lamina_rpc::{MAX_MESSAGE_BYTES, v1};
 use lamina_shared_memory::{Receiver, Rings};
@@ -50,19 +50,21 @@ use triggers::Triggers;
 ///
 /// # Errors
 /// If the transport fails.
-pub async fn run(
+pub fn run(
     settings: watch::Receiver<Config>,
     backend: Backend,
     share: CpuShare,
     listener: TcpListener,
     shutdown: Shutdown,
-) -> Result<(), NodeError> {
-    let config = settings.borrow().clone();
-    let access = access(&config, &listener)?;
-    let overhead = Overhead::new(share.clone());
-    let ingest = Arc::new(ingest(&config, overhead.clone()));
-    let steps = Steps::Own(ingest.clone());
-    run_pipeline(settings, backend, (share, overhead), (ingest, steps), (listener, access), shutdown).await
+) -> Running {
+    Box::pin(async move {
+        let config = settings.borrow().clone();
+        let access = access(&config, &listener)?;
+        let overhead = Overhead::new(share.clone());
+        let ingest = Arc::new(ingest(&config, overhead.clone()));
+        let steps = Steps::Own(ingest.clone());
+        run_pipeline(settings, backend, (share, overhead), (ingest, steps), (listener, access), shutdown).await
+    })
 }
 
 /// The same as a member of a group of nodes, which `mesh` connects: its root, member 0, does what [`run`] does, of the steps that all
@@ -70,7 +72,18 @@ pub async fn run(
 ///
 /// # Errors
 /// If the transport fails.
-pub async fn run_member(
+pub fn run_member(
+    settings: watch::Receiver<Config>,
+    backend: Backend,
+    share: CpuShare,
+    listener: TcpListener,
+    shutdown: Shutdown,
+    mesh: (Outbox, Inbox),
+) -> Running {
+    Box::pin(take_part(settings, backend, share, listener, shutdown, mesh))
+}
+
+async fn take_part(
     settings: watch::Receiver<Config>,
     backend: Backend,
     share: CpuShare,

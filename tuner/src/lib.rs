@@ -28,7 +28,7 @@ pub use contract::Contract;
 pub use utility::Utility;
 
 use lamina_rpc::credentials::Role;
-use lamina_rpc::daemon::{Access, AllowRoles, NodeError, Shutdown, serve_grpc};
+use lamina_rpc::daemon::{Access, AllowRoles, NodeError, Running, Shutdown, serve_grpc};
 use lamina_rpc::v1::tuning_server::TuningServer;
 use std::sync::Arc;
 use tokio::net::TcpListener;
@@ -40,7 +40,11 @@ use tonic::service::Routes;
 ///
 /// # Errors
 /// If the configuration cannot be used or the transport fails.
-pub async fn run(
+pub fn run(settings: watch::Receiver<Config>, listener: TcpListener, shutdown: Shutdown) -> Running {
+    Box::pin(tune_until(settings, listener, shutdown))
+}
+
+async fn tune_until(
     settings: watch::Receiver<Config>,
     listener: TcpListener,
     shutdown: Shutdown,

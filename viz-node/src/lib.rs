@@ -21,7 +21,9 @@ pub use web::assets::{EMBED, ENGINE};
 use lamina_codec::DecodeLimits;
 use lamina_compute::CpuShare;
 use lamina_rpc::credentials::Role;
-use lamina_rpc::daemon::{Access, AllowRoles, NodeError, Refusals, Shutdown, diagnosis, metrics_route, nowhere, serve};
+use lamina_rpc::daemon::{
+    Access, AllowRoles, NodeError, Refusals, Running, Shutdown, diagnosis, metrics_route, nowhere, serve,
+};
 use lamina_rpc::v1::quality_server::QualityServer;
 use lamina_vdi_render::Backend;
 use std::io::Write as _;
@@ -56,7 +58,18 @@ fn limits(config: &Config) -> DecodeLimits {
 ///
 /// # Errors
 /// If the listener fails, or the credentials cannot be used.
-pub async fn run(
+pub fn run(
+    settings: watch::Receiver<Config>,
+    store: Arc<Store>,
+    backend: Backend,
+    share: CpuShare,
+    listener: TcpListener,
+    shutdown: Shutdown,
+) -> Running {
+    Box::pin(show_until(settings, store, backend, share, listener, shutdown))
+}
+
+async fn show_until(
     settings: watch::Receiver<Config>,
     store: Arc<Store>,
     backend: Backend,

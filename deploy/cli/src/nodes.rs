@@ -21,7 +21,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use tokio::runtime::Runtime;
 use tokio::sync::watch;
-use tonic::transport::{Channel, Endpoint};
+use tonic::transport::Channel;
 
 /// How the nodes are set up.
 #[derive(Debug)]
@@ -160,7 +160,7 @@ impl Nodes {
             let listener = runtime.block_on(listen(any_port))?;
             let address = format!("http://{}", listener.local_addr()?);
             runtime.spawn(lamina_tuner::run(watch::Sender::new(config).subscribe(), listener, stopped()));
-            let channel = runtime.block_on(Endpoint::from_shared(address)?.connect())?;
+            let channel = runtime.block_on(connect(&address, Role::Tuner, None))?;
             tuner = Some(TuningClient::new(channel));
         }
         Ok(Self { runtime, stop, tuner, store, generator, viewer })

@@ -3,7 +3,7 @@
 use crate::pace::Timing;
 use crate::{Brick, Receipt, RunOptions};
 use lamina_model::Invalid;
-use lamina_rpc::connect::{endpoint, innermost};
+use lamina_rpc::connect::{channel, endpoint, innermost};
 use lamina_rpc::credentials::{Credentials, Role};
 use lamina_rpc::v1::{self, ingest_client::IngestClient, push_part::Part};
 use lamina_shared_memory::{Lease, Ring};
@@ -62,13 +62,10 @@ impl Session {
 
     /// One node's part of it; also the member that it names in its place.
     async fn attach(endpoint: Endpoint, options: RunOptions, run_id: String) -> Result<(Self, String, String), Status> {
-        let channel = endpoint
-            .http2_keep_alive_interval(Duration::from_secs(5))
-            // A stuck node is noticed while a blocking push waits, however long its deadline.
-            .keep_alive_timeout(Duration::from_secs(10))
-            .connect()
-            .await
-            .map_err(|e| Status::unavailable(innermost(&e)))?;
+        // A stuck node is noticed while a blocking push waits, however long its deadline.
+        let endpoint =
+            endpoint.http2_keep_alive_interval(Duration::from_secs(5)).keep_alive_timeout(Duration::from_secs(10));
+        let channel = channel(endpoint).await.map_err(|e| Status::unavailable(innermost(&e)))?;
         let mut ingest = IngestClient::new(channel);
         let host = lamina_rpc::connect::host_name();
         let request = v1::OpenRequest {

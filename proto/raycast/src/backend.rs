@@ -1,7 +1,7 @@
 //! Choice of the level that casts rays.
 
-use super::gpu::{GpuError, GpuKernels};
 use super::{Field, reduce, reference};
+use crate::gpu_ray_caster::{GpuError, GpuRayCaster};
 use crate::simd::{self, Level, Shot};
 use lamina_compute::gpu::{Choice, DeviceError, Gpu, Opened};
 use lamina_model::composite::TRANSMITTANCE_FLOOR;
@@ -21,7 +21,7 @@ pub enum Backend {
     /// Eight rays at a time on the processor.
     Cpu(Level),
     /// A GPU, and the processor's level as its substitute.
-    Gpu(Arc<GpuKernels>, Level),
+    Gpu(Arc<dyn GpuRayCaster>, Level),
 }
 
 impl Backend {
@@ -43,10 +43,10 @@ impl Backend {
             }
         };
         let name = gpu.facts().name.clone();
-        match GpuKernels::new(*gpu) {
+        match kernels(*gpu) {
             Ok(kernels) => {
                 tracing::info!(gpu = name, "casting rays on the GPU");
-                Ok(Self::Gpu(Arc::new(kernels), level))
+                Ok(Self::Gpu(kernels, level))
             }
             Err(GpuError::Device(error)) if choice == Choice::Gpu => Err(error),
             Err(error) => {
@@ -279,13 +279,13 @@ impl Backend {
     fn on_gpu<T>(
         &self,
         field: &Field,
-        work: impl FnOnce(&GpuKernels) -> Result<T, GpuError>,
+        work: impl FnOnce(&dyn GpuRayCaster) -> Result<T, GpuError>,
     ) -> Option<Result<T, Invalid>> {
         let Self::Gpu(gpu, _) = self else { return None };
         if !field.grid_part().is_whole() {
             return None;
         }
-        match work(gpu) {
+        match work(&**gpu) {
             Ok(done) => Some(Ok(done)),
             Err(GpuError::Invalid(invalid)) => Some(Err(invalid)),
             Err(error) => {
@@ -294,6 +294,16 @@ impl Backend {
             }
         }
     }
+}
+
+#[cfg(feature = "gpu")]
+fn kernels(gpu: Gpu) -> Result<Arc<dyn GpuRayCaster>, GpuError> {
+    Ok(Arc::new(crate::gpu::GpuKernels::new(gpu)?))
+}
+
+#[cfg(not(feature = "gpu"))]
+fn kernels(gpu: Gpu) -> Result<Arc<dyn GpuRayCaster>, GpuError> {
+    match gpu {}
 }
 
 fn shot(camera: &Camera, width: u32, height: u32) -> Shot<'_> {

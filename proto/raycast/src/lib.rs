@@ -18,9 +18,7 @@ mod backend;
 mod count;
 #[cfg(feature = "gpu")]
 pub mod gpu;
-#[cfg(not(feature = "gpu"))]
-#[path = "gpu_absent.rs"]
-pub mod gpu;
+mod gpu_ray_caster;
 pub mod kernel;
 pub mod reference;
 pub mod simd;
@@ -28,6 +26,7 @@ mod vdi;
 mod volume;
 
 pub use backend::Backend;
+pub use gpu_ray_caster::{GpuError, GpuRayCaster};
 pub use vdi::assemble::RowBand;
 pub use vdi::compositing::Compositor;
 pub use volume::downsample::{most_points, reduce};

@@ -4,9 +4,11 @@ use crate::credentials::{CREDENTIALS_VARIABLE, Credentials, Role};
 use crate::protocol::user_agent;
 use lamina_model::Invalid;
 use std::fmt;
+use std::future::Future;
+use std::pin::Pin;
 use std::time::Duration;
 use tonic::codegen::http::uri::Authority;
-use tonic::transport::{Channel, Endpoint};
+use tonic::transport::{Channel, Endpoint, Error};
 
 /// Where a node is: `http://HOST:PORT`, or `https://HOST:PORT` of one that has credentials.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -76,7 +78,12 @@ pub fn endpoint(address: &str, server: Role, credentials: Option<&Credentials>) 
 pub async fn connect(address: &str, server: Role, credentials: Option<&Credentials>) -> Result<Channel, String> {
     let endpoint = endpoint(address, server, credentials).map_err(|e| e.to_string())?;
     let endpoint = with_keep_alive(endpoint).connect_timeout(Duration::from_secs(2));
-    endpoint.connect().await.map_err(|e| format!("not reachable ({})", innermost(&e)))
+    channel(endpoint).await.map_err(|e| format!("not reachable ({})", innermost(&e)))
+}
+
+/// Connects to `endpoint`. A boxed future, so that the client's side of HTTP/2 is compiled once, in this crate.
+pub fn channel(endpoint: Endpoint) -> Pin<Box<dyn Future<Output = Result<Channel, Error>> + Send>> {
+    Box::pin(async move { endpoint.connect().await })
 }
 
 /// The cause at the bottom: "connection refused" rather than "transport error".

@@ -1,8 +1,8 @@
 //! Choice of the level that renders.
 
-use super::gpu::{GpuError, GpuKernels};
 use super::psnr::{QualityEstimate, estimate_of, quality_of};
 use super::{Detail, Drawable, PreparedVdi};
+use crate::gpu_renderer::{GpuError, GpuRenderer};
 use lamina_compute::gpu::{Choice, DeviceError, Gpu, Opened};
 use lamina_model::{Camera, Image, Invalid, Quality, ReferenceSamples, Vdi};
 use std::fmt::Display;
@@ -48,7 +48,7 @@ enum VdiRenderer {
     /// The processor, on all cores.
     Cpu,
     /// A GPU; the processor does what the GPU cannot.
-    Gpu(Arc<GpuKernels>),
+    Gpu(Arc<dyn GpuRenderer>),
 }
 
 impl Default for Backend {
@@ -68,7 +68,8 @@ impl Backend {
     }
 
     /// A backend that renders VDIs by `kernels`.
-    pub fn on_gpu(kernels: GpuKernels) -> Self {
+    #[cfg(feature = "gpu")]
+    pub fn on_gpu(kernels: crate::gpu::GpuKernels) -> Self {
         Self { vdis: VdiRenderer::Gpu(Arc::new(kernels)), choice: Choice::Gpu, volumes: Arc::default() }
     }
 
@@ -213,7 +214,9 @@ impl Backend {
         let colors = match &self.vdis {
             VdiRenderer::Cpu => on_cpu(),
             VdiRenderer::Gpu(_) if !wanted() => None,
-            VdiRenderer::Gpu(kernels) => or_cpu(kernels, kernels.picture(vdi, camera, size, detail).map(Some), on_cpu)?,
+            VdiRenderer::Gpu(kernels) => {
+                or_cpu(&**kernels, kernels.picture(vdi.by_ref(), camera, size, detail).map(Some), on_cpu)?
+            }
         };
         colors.map(|colors| Image::new(size[0], size[1], colors)).transpose()
     }
@@ -248,7 +251,9 @@ impl Backend {
         let on_cpu = || vdi.pixels(camera, size, pixels, detail);
         match &self.vdis {
             VdiRenderer::Cpu => Ok(on_cpu()),
-            VdiRenderer::Gpu(kernels) => or_cpu(kernels, kernels.pixels(vdi, camera, size, pixels, detail), on_cpu),
+            VdiRenderer::Gpu(kernels) => {
+                or_cpu(&**kernels, kernels.pixels(vdi.by_ref(), camera, size, pixels, detail), on_cpu)
+            }
         }
     }
 }
@@ -263,11 +268,11 @@ impl VdiRenderer {
             Opened::Cpu(reason) => return on_cpu(&reason),
             Opened::Gpu(gpu) => *gpu,
         };
-        match GpuKernels::new(gpu) {
+        match kernels(gpu) {
             Ok(kernels) => {
                 let facts = kernels.facts();
                 tracing::info!(backend = "gpu", driver = facts.driver, "pictures are rendered by {}", facts.name);
-                Ok(Self::Gpu(Arc::new(kernels)))
+                Ok(Self::Gpu(kernels))
             }
             Err(reason) if choice == Choice::Auto => on_cpu(&reason),
             Err(GpuError::Device(e)) => Err(e),
@@ -276,8 +281,22 @@ impl VdiRenderer {
     }
 }
 
+#[cfg(feature = "gpu")]
+fn kernels(gpu: Gpu) -> Result<Arc<dyn GpuRenderer>, GpuError> {
+    Ok(Arc::new(crate::gpu::GpuKernels::new(gpu)?))
+}
+
+#[cfg(not(feature = "gpu"))]
+fn kernels(gpu: Gpu) -> Result<Arc<dyn GpuRenderer>, GpuError> {
+    match gpu {}
+}
+
 /// The GPU's result, or the processor's if the GPU failed.
-fn or_cpu<T>(kernels: &GpuKernels, rendered: Result<T, GpuError>, on_cpu: impl FnOnce() -> T) -> Result<T, Invalid> {
+fn or_cpu<T>(
+    kernels: &dyn GpuRenderer,
+    rendered: Result<T, GpuError>,
+    on_cpu: impl FnOnce() -> T,
+) -> Result<T, Invalid> {
     match rendered {
         Ok(rendered) => Ok(rendered),
         Err(GpuError::Invalid(e)) => Err(e),

@@ -11,9 +11,7 @@ mod backend;
 mod drawable;
 #[cfg(feature = "gpu")]
 pub mod gpu;
-#[cfg(not(feature = "gpu"))]
-#[path = "gpu_absent.rs"]
-pub mod gpu;
+mod gpu_renderer;
 pub mod kernel;
 mod psnr;
 mod reconstruction;
@@ -22,6 +20,7 @@ mod simd;
 
 pub use backend::{Backend, Kernels};
 pub use drawable::Drawable;
+pub use gpu_renderer::GpuError;
 pub use lamina_compute::simd::Level;
 pub use psnr::QualityEstimate;
 pub use reconstruction::{Detail, Displacement};

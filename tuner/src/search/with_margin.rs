@@ -24,7 +24,7 @@ pub async fn search_with_margin(
     if found.cut {
         return Ok(SearchResult { study: judged(found.study, contract), ..found });
     }
-    let nearer = search(trial, request, progress).await?;
+    let nearer = search(trial, request, &mut progress).await?;
     if !nearer.cut {
         return Ok(nearer);
     }

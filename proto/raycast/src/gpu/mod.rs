@@ -4,7 +4,6 @@
 //! The choice between GPU and processor is made elsewhere ([`crate::Backend`]).
 
 mod effects;
-mod error;
 mod generate;
 mod pipelines;
 mod raycast;
@@ -13,18 +12,20 @@ mod scan;
 #[cfg(test)]
 mod tests;
 
-pub use error::GpuError;
+pub use crate::gpu_ray_caster::GpuError;
 
 use super::Field;
+use crate::gpu_ray_caster::GpuRayCaster;
 use crate::kernel::effects::EffectSet;
 use crate::kernel::layout::ViewUniforms;
 use effects::EffectResources;
 use lamina_compute::gpu::wgpu::{BindGroup, BufferUsages};
 use lamina_compute::gpu::{AdapterFacts, DeviceError, Gpu};
-use lamina_model::Camera;
+use lamina_model::{Camera, Image, Segmentation, Vdi, VdiParams};
 use parking_lot::Mutex;
 use pipelines::{MarchPipelines, Pipelines};
 use resident::ResidentField;
+use std::time::Duration;
 
 /// Bytes of supersegments written by one dispatch: enough to keep the device busy, few enough that the processor, which works on
 /// the chunk before, has little to do after the last one.
@@ -133,5 +134,31 @@ impl GpuKernels {
             *state = KernelCache::default();
         }
         done
+    }
+}
+
+impl GpuRayCaster for GpuKernels {
+    fn generate(
+        &self,
+        field: &Field,
+        params: &VdiParams,
+        segmentation: Segmentation,
+    ) -> Result<(Vdi, Duration), GpuError> {
+        self.generate(field, params, segmentation)
+    }
+
+    fn raycast(&self, field: &Field, camera: &Camera, width: u32, height: u32) -> Result<Image, GpuError> {
+        self.raycast(field, camera, width, height)
+    }
+
+    fn raycast_pixels(
+        &self,
+        field: &Field,
+        camera: &Camera,
+        width: u32,
+        height: u32,
+        pixels: &[(u32, u32)],
+    ) -> Result<Vec<[f32; 3]>, GpuError> {
+        self.raycast_pixels(field, camera, width, height, pixels)
     }
 }

@@ -1,6 +1,6 @@
 //! A field on the device: voxels as raw bits, the empty-space map, and transfer function tables for the step lengths in use.
 
-use super::error::GpuError;
+use super::GpuError;
 use crate::Field;
 use crate::kernel::effects::light;
 use crate::kernel::field::{TableFacts, VoxelKind, colors, dims, distances, tables, volume, voxels_of};

@@ -23,7 +23,7 @@ pub use metrics::{Exposition, Metrics, route as metrics_route};
 pub use random::random;
 pub use rate_limit::Refusals;
 pub use reload::ConfigSource;
-pub use serve::{Shutdown, listen, nowhere, serve, serve_grpc, stop_signal};
+pub use serve::{Running, Shutdown, listen, nowhere, serve, serve_grpc, stop_signal};
 
 use std::net::SocketAddr;
 

@@ -41,23 +41,26 @@ const GRACE: Duration = Duration::from_secs(1);
 /// What a node stops on. A boxed future, so that a node's machinery is compiled once, in its own crate.
 pub type Shutdown = Pin<Box<dyn Future<Output = ()> + Send>>;
 
+/// A node at work, boxed for the same reason; it ends after its [`Shutdown`].
+pub type Running = Pin<Box<dyn Future<Output = Result<(), NodeError>> + Send>>;
+
 /// Serves the gRPC services `routes` on `listener`, and to viewers what `metrics` says at `/metrics`, to whom `access` lets in until
 /// `shutdown` completes, then for at most a second more.
 ///
 /// # Errors
 /// If the listener fails.
-pub async fn serve_grpc(
+pub fn serve_grpc(
     routes: Routes,
     metrics: Metrics,
     listener: TcpListener,
     access: Access,
     shutdown: Shutdown,
-) -> Result<(), NodeError> {
+) -> Running {
     let refusals = Arc::new(Refusals::default());
     let metrics = metrics::route(metrics, access.clone(), refusals.clone());
     let metrics = metrics.layer(axum::middleware::from_fn(metrics::for_viewers));
     let routes = routes.add_service(diagnosis()).into_axum_router().merge(metrics).fallback(nowhere);
-    serve(routes, listener, access, refusals, shutdown).await
+    serve(routes, listener, access, refusals, shutdown)
 }
 
 /// Answers what no route does, in the caller's way.
@@ -73,7 +76,17 @@ pub async fn nowhere(request: Request) -> Response {
 ///
 /// # Errors
 /// If the listener fails.
-pub async fn serve(
+pub fn serve(
+    routes: Router,
+    listener: TcpListener,
+    access: Access,
+    refusals: Arc<Refusals>,
+    shutdown: Shutdown,
+) -> Running {
+    Box::pin(serve_until(routes, listener, access, refusals, shutdown))
+}
+
+async fn serve_until(
     routes: Router,
     listener: TcpListener,
     access: Access,

@@ -7,17 +7,18 @@
 //! and 1/2000 of a step. So pictures agree to 1e-3 where colors vary smoothly; a ray that passes the edge of something opaque
 //! more closely may hit it where the oracle's does not. tests/gpu.rs verifies this.
 
-mod error;
 mod pipelines;
 mod resident;
 #[cfg(test)]
 mod tests;
 
-pub use error::GpuError;
+pub use crate::gpu_renderer::GpuError;
 
 use super::{Detail, PreparedVdi};
+use crate::gpu_renderer::GpuRenderer;
 use crate::kernel::layout::PictureUniforms;
 use crate::kernel::view_uniforms;
+use crate::simd::PreparedRef;
 use lamina_compute::gpu::wgpu::{BindGroup, BufferUsages};
 use lamina_compute::gpu::{AdapterFacts, ColorPass, DeviceError, Gpu};
 use lamina_model::{Camera, Image, Vdi};
@@ -78,11 +79,6 @@ impl GpuKernels {
         self.gpu.facts()
     }
 
-    /// True at the first call only, so that a persistent failure is logged once.
-    pub(super) fn is_first_failure(&self) -> bool {
-        !self.has_failed.swap(true, Ordering::Relaxed)
-    }
-
     /// Renders all pixels of a picture of `size` (width, height), row by row. The paper's I.
     ///
     /// # Errors
@@ -92,14 +88,10 @@ impl GpuKernels {
         &self,
         vdi: &PreparedVdi<V>,
         camera: &Camera,
-        size @ [width, height]: [u32; 2],
+        size: [u32; 2],
         detail: Detail,
     ) -> Result<Vec<[f32; 3]>, GpuError> {
-        Image::check_size(width, height).map_err(GpuError::Invalid)?;
-        let whole = width as usize * height as usize;
-        self.with("a picture", vdi, &PictureRays { camera, size, detail }, whole, |bound| {
-            Ok(bound.color_pass(&bound.groups()).rows(&bound.pipelines.render_rows, size, uniforms)?)
-        })
+        GpuRenderer::picture(self, vdi.by_ref(), camera, size, detail)
     }
 
     /// Renders some `pixels` (column, row) of that picture; returns their colors in order.
@@ -114,28 +106,24 @@ impl GpuKernels {
         pixels: &[(u32, u32)],
         detail: Detail,
     ) -> Result<Vec<[f32; 3]>, GpuError> {
-        Image::check_size(size[0], size[1]).map_err(GpuError::Invalid)?;
-        self.with("pixels of a picture", vdi, &PictureRays { camera, size, detail }, pixels.len(), |bound| {
-            let pipeline = &bound.pipelines.render_pixels;
-            Ok(bound.color_pass(&bound.groups()).pixels(pipeline, pixels, |count| uniforms(0, count))?)
-        })
+        GpuRenderer::pixels(self, vdi.by_ref(), camera, size, pixels, detail)
     }
 
     /// Runs `work` with `vdi` and the rays of a picture on the device; an invisible VDI gives the background `count` times
     /// without it. `doing` names the work in errors.
-    fn with<V: Deref<Target = Vdi>>(
+    fn with(
         &self,
         doing: &str,
-        vdi: &PreparedVdi<V>,
+        vdi: PreparedRef,
         shot: &PictureRays<'_>,
         count: usize,
         work: impl FnOnce(&BoundVdi<'_>) -> Result<Vec<[f32; 3]>, GpuError>,
     ) -> Result<Vec<[f32; 3]>, GpuError> {
-        let (gpu, pipelines, grid) = (&self.gpu, &self.pipelines, vdi.grid());
+        let (gpu, pipelines, grid) = (&self.gpu, &self.pipelines, vdi.grid);
         if grid.depths[0] >= grid.depths[1] || count == 0 {
-            return Ok(vec![vdi.vdi().header().background; count]);
+            return Ok(vec![vdi.vdi.header().background; count]);
         }
-        resident::check_size(self.array_bytes, vdi.vdi(), grid)?;
+        resident::check_size(self.array_bytes, vdi.vdi, grid)?;
         let mut residents = self.residents.lock();
         let done = gpu.run(doing, || {
             let resident = residents.get(gpu, vdi);
@@ -150,6 +138,45 @@ impl GpuKernels {
             *residents = ResidentVdis::default();
         }
         done
+    }
+}
+
+impl GpuRenderer for GpuKernels {
+    fn facts(&self) -> &AdapterFacts {
+        self.facts()
+    }
+
+    fn is_first_failure(&self) -> bool {
+        !self.has_failed.swap(true, Ordering::Relaxed)
+    }
+
+    fn picture(
+        &self,
+        vdi: PreparedRef,
+        camera: &Camera,
+        size @ [width, height]: [u32; 2],
+        detail: Detail,
+    ) -> Result<Vec<[f32; 3]>, GpuError> {
+        Image::check_size(width, height).map_err(GpuError::Invalid)?;
+        let whole = width as usize * height as usize;
+        self.with("a picture", vdi, &PictureRays { camera, size, detail }, whole, |bound| {
+            Ok(bound.color_pass(&bound.groups()).rows(&bound.pipelines.render_rows, size, uniforms)?)
+        })
+    }
+
+    fn pixels(
+        &self,
+        vdi: PreparedRef,
+        camera: &Camera,
+        size: [u32; 2],
+        pixels: &[(u32, u32)],
+        detail: Detail,
+    ) -> Result<Vec<[f32; 3]>, GpuError> {
+        Image::check_size(size[0], size[1]).map_err(GpuError::Invalid)?;
+        self.with("pixels of a picture", vdi, &PictureRays { camera, size, detail }, pixels.len(), |bound| {
+            let pipeline = &bound.pipelines.render_pixels;
+            Ok(bound.color_pass(&bound.groups()).pixels(pipeline, pixels, |count| uniforms(0, count))?)
+        })
     }
 }
 

@@ -1,14 +1,12 @@
 //! VDIs on the device: supersegments as two columns, and the parts of the acceleration grid that kernels read.
 
-use super::error::GpuError;
-use crate::PreparedVdi;
+use super::GpuError;
 use crate::kernel::arrays;
-use crate::simd::AccelerationGrid;
+use crate::simd::{AccelerationGrid, PreparedRef};
 use lamina_compute::gpu::Gpu;
 use lamina_compute::gpu::wgpu::{Buffer, BufferUsages};
 use lamina_compute::kernel::Resource;
 use lamina_model::Vdi;
-use std::ops::Deref;
 
 /// The most VDIs kept: the one viewed, and those measured meanwhile.
 const KEPT: usize = 3;
@@ -33,8 +31,8 @@ pub(super) struct ResidentVdis(Vec<ResidentVdi>);
 
 impl ResidentVdis {
     /// `vdi` on the device, uploaded at first use. To be called inside [`Gpu::run`], after [`check_size`].
-    pub(super) fn get<V: Deref<Target = Vdi>>(&mut self, gpu: &Gpu, vdi: &PreparedVdi<V>) -> &ResidentVdi {
-        let found = self.0.iter().position(|r| r.id == vdi.id()).map(|n| self.0.remove(n));
+    pub(super) fn get(&mut self, gpu: &Gpu, vdi: PreparedRef) -> &ResidentVdi {
+        let found = self.0.iter().position(|r| r.id == vdi.id).map(|n| self.0.remove(n));
         let resident = found.unwrap_or_else(|| {
             self.make_room();
             ResidentVdi::new(gpu, vdi)
@@ -52,13 +50,13 @@ impl ResidentVdis {
 }
 
 impl ResidentVdi {
-    fn new<V: Deref<Target = Vdi>>(gpu: &Gpu, prepared: &PreparedVdi<V>) -> Self {
+    fn new(gpu: &Gpu, prepared: PreparedRef) -> Self {
         let buffers = arrays(prepared).map(|binding| match binding.resource {
             Resource::Uniform(bytes) => gpu.upload("stored", &bytes, BufferUsages::UNIFORM),
             Resource::Storage(bytes) => gpu.upload("array", &bytes, BufferUsages::STORAGE),
             Resource::Texture { .. } => unreachable!("a VDI has no textures"),
         });
-        Self { id: prepared.id(), bytes: buffers.iter().map(Buffer::size).sum(), buffers }
+        Self { id: prepared.id, bytes: buffers.iter().map(Buffer::size).sum(), buffers }
     }
 }
 

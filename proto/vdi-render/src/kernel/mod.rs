@@ -5,7 +5,7 @@ pub(crate) mod layout;
 pub(crate) mod view;
 
 use crate::reconstruction::sharpness;
-use crate::simd::{AccelerationGrid, magnification};
+use crate::simd::{AccelerationGrid, PreparedRef, magnification};
 use crate::{Detail, PreparedVdi};
 use bytemuck::cast_slice;
 use lamina_compute::kernel::Binding;
@@ -40,12 +40,12 @@ impl VdiKernel {
 
     /// The resources that no camera changes; none for a VDI without content.
     pub fn arrays<V: Deref<Target = Vdi>>(vdi: &PreparedVdi<V>) -> Vec<Binding<'_>> {
-        if Self::is_visible(vdi) { arrays(vdi).into() } else { Vec::new() }
+        if Self::is_visible(vdi) { arrays(vdi.by_ref()).into() } else { Vec::new() }
     }
 
     /// False for a VDI without content.
     pub fn is_visible<V: Deref<Target = Vdi>>(vdi: &PreparedVdi<V>) -> bool {
-        let [near, far] = vdi.grid().depths;
+        let [near, far] = vdi.by_ref().grid.depths;
         near < far
     }
 
@@ -57,7 +57,7 @@ impl VdiKernel {
         height: u32,
         detail: Detail,
     ) -> Binding<'static> {
-        Binding::uniform(0, 1, &view_uniforms(vdi, camera, [width, height], detail))
+        Binding::uniform(0, 1, &view_uniforms(vdi.by_ref(), camera, [width, height], detail))
     }
 
     /// The band of `rows` rows from row `first` on.
@@ -67,19 +67,13 @@ impl VdiKernel {
 }
 
 /// The rays of a picture.
-pub(crate) fn view_uniforms<V: Deref<Target = Vdi>>(
-    vdi: &PreparedVdi<V>,
-    camera: &Camera,
-    size: [u32; 2],
-    detail: Detail,
-) -> ViewUniforms {
-    let sharpness = sharpness(detail, magnification(vdi.vdi(), camera, size[1]));
-    ViewUniforms::new(vdi.vdi(), vdi.grid(), camera, size, sharpness)
+pub(crate) fn view_uniforms(prepared: PreparedRef, camera: &Camera, size: [u32; 2], detail: Detail) -> ViewUniforms {
+    let sharpness = sharpness(detail, magnification(prepared.vdi, camera, size[1]));
+    ViewUniforms::new(prepared.vdi, prepared.grid, camera, size, sharpness)
 }
 
 /// The arrays of a VDI with content, in the order of their bindings.
-pub(crate) fn arrays<V: Deref<Target = Vdi>>(prepared: &PreparedVdi<V>) -> [Binding<'_>; 6] {
-    let (vdi, grid) = (&**prepared.vdi(), prepared.grid());
+pub(crate) fn arrays(PreparedRef { vdi, grid, .. }: PreparedRef<'_>) -> [Binding<'_>; 6] {
     let masks: Vec<u64> = grid.masks.iter().flatten().copied().collect();
     let ends: Vec<[u32; 2]> = vdi.segments().par_iter().map(|s| [s.start, s.end]).collect();
     [

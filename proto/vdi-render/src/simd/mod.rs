@@ -56,6 +56,17 @@ pub struct PreparedVdi<V: Deref<Target = Vdi> = Arc<Vdi>> {
     id: u64,
 }
 
+/// What a GPU reads of a [`PreparedVdi`].
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PreparedRef<'a> {
+    /// The VDI itself.
+    pub vdi: &'a Vdi,
+    /// The acceleration grid.
+    pub grid: &'a AccelerationGrid,
+    /// Identity of the prepared VDI, unique within the process.
+    pub id: u64,
+}
+
 impl<V: Deref<Target = Vdi>> PreparedVdi<V> {
     /// Builds the acceleration grid of `vdi`, in one pass over its supersegments.
     pub fn new(vdi: V) -> Self {
@@ -69,14 +80,9 @@ impl<V: Deref<Target = Vdi>> PreparedVdi<V> {
         Self { level, ..self }
     }
 
-    /// Identity of the prepared VDI, unique within the process.
-    pub(super) fn id(&self) -> u64 {
-        self.id
-    }
-
-    /// The acceleration grid.
-    pub(super) fn grid(&self) -> &AccelerationGrid {
-        &self.grid
+    /// Borrowed.
+    pub(crate) fn by_ref(&self) -> PreparedRef<'_> {
+        PreparedRef { vdi: &self.vdi, grid: &self.grid, id: self.id }
     }
 
     /// The VDI itself.
