@@ -4,7 +4,7 @@ use super::{Lanes, Pair, SimdF32, SimdI32, SimdMask, WIDTH, row};
 use std::array::from_fn;
 use std::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
 
-/// An array of the value for each lane, written out. `std::array::from_fn` takes the compiler three times as long over a
+/// An array of the value for each lane, written out. `std::array::from_fn` takes the compiler nearly twice as long over a
 /// kernel.
 macro_rules! each {
     (|$l:ident| $value:expr) => {
