@@ -28,7 +28,7 @@ pub use contract::Contract;
 pub use utility::Utility;
 
 use lamina_rpc::credentials::Role;
-use lamina_rpc::daemon::{Access, AllowRoles, NodeError, Running, Shutdown, serve_grpc};
+use lamina_rpc::daemon::{Access, AllowRoles, Running, Shutdown, serve_grpc};
 use lamina_rpc::v1::tuning_server::TuningServer;
 use std::sync::Arc;
 use tokio::net::TcpListener;
@@ -41,31 +41,26 @@ use tonic::service::Routes;
 /// # Errors
 /// If the configuration cannot be used or the transport fails.
 pub fn run(settings: watch::Receiver<Config>, listener: TcpListener, shutdown: Shutdown) -> Running {
-    Box::pin(tune_until(settings, listener, shutdown))
-}
-
-async fn tune_until(
-    settings: watch::Receiver<Config>,
-    listener: TcpListener,
-    shutdown: Shutdown,
-) -> Result<(), NodeError> {
-    let config = settings.borrow().clone();
-    let base = config.base()?;
-    let address = listener.local_addr().unwrap_or(config.listen);
-    let (access, credentials) = Access::of(address, config.credentials.as_deref(), config.insecure)?;
-    let status = Arc::new(status::Status::default());
-    let (health, health_service) = tonic_health::server::health_reporter();
-    health.set_serving::<TuningServer<status::StatusService>>().await;
-    let service = TuningServer::with_interceptor(status::StatusService(status.clone()), AllowRoles(&[Role::Viewer]));
-    let routes = Routes::new(health_service).add_service(service);
-    let of_status = status.clone();
-    let metrics = Arc::new(move |text: &mut _| of_status.write_metrics(text));
-    tracing::info!(%address, "tuner listens");
-    let tuning = tokio::spawn(control_loop::run(settings, credentials, base, status));
-    // At once: a study would take the other nodes' going for a fault.
-    let stopping = async move {
-        shutdown.await;
-        tuning.abort();
-    };
-    serve_grpc(routes, metrics, listener, access, Box::pin(stopping)).await
+    Box::pin(async move {
+        let config = settings.borrow().clone();
+        let base = config.base()?;
+        let address = listener.local_addr().unwrap_or(config.listen);
+        let (access, credentials) = Access::of(address, config.credentials.as_deref(), config.insecure)?;
+        let status = Arc::new(status::Status::default());
+        let (health, health_service) = tonic_health::server::health_reporter();
+        health.set_serving::<TuningServer<status::StatusService>>().await;
+        let service =
+            TuningServer::with_interceptor(status::StatusService(status.clone()), AllowRoles(&[Role::Viewer]));
+        let routes = Routes::new(health_service).add_service(service);
+        let of_status = status.clone();
+        let metrics = Arc::new(move |text: &mut _| of_status.write_metrics(text));
+        tracing::info!(%address, "tuner listens");
+        let tuning = tokio::spawn(control_loop::run(settings, credentials, base, status));
+        // At once: a study would take the other nodes' going for a fault.
+        let stopping = async move {
+            shutdown.await;
+            tuning.abort();
+        };
+        serve_grpc(routes, metrics, listener, access, Box::pin(stopping)).await
+    })
 }
