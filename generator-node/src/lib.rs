@@ -78,45 +78,36 @@ pub fn run_member(
     share: CpuShare,
     listener: TcpListener,
     shutdown: Shutdown,
-    mesh: (Outbox, Inbox),
-) -> Running {
-    Box::pin(take_part(settings, backend, share, listener, shutdown, mesh))
-}
-
-async fn take_part(
-    settings: watch::Receiver<Config>,
-    backend: Backend,
-    share: CpuShare,
-    listener: TcpListener,
-    shutdown: Shutdown,
     (outbox, inbox): (Outbox, Inbox),
-) -> Result<(), NodeError> {
-    let config = settings.borrow().clone();
-    let access = access(&config, &listener)?;
-    let (rank, members) = (outbox.rank(), outbox.size());
-    let overhead = Overhead::new(share.clone());
-    let door = Arc::new(group::Door::new(outbox.clone()));
-    let own_door = (rank == 0).then(|| door.clone() as Arc<dyn ingest::AssignMember>);
-    let ingest = Arc::new(ingest(&config, overhead.clone()).of_group(members, own_door));
-    let (channels, held) = (group::receive(inbox), group::HeldSteps::default());
-    let member = group::Member::new(outbox.clone(), channels.member, held.clone(), backend.clone());
-    std::thread::Builder::new().name("member".to_owned()).spawn(|| member.run()).map_err(NodeError::Thread)?;
-    let listens = tokio::spawn(door.clone().listen(ingest.clone(), channels.events));
-    let announces = tokio::spawn(group::announce(ingest.clone(), held, outbox.clone()));
-    group::send(&outbox, 0, 0, Kind::Ready(group::ready(&config, &listener, &access)));
-    let served = if rank == 0 {
-        let root = Arc::new(group::Root::new(outbox, channels.replies));
-        let steps = Steps::Group(root, door);
-        run_pipeline(settings, backend, (share, overhead), (ingest, steps), (listener, access), shutdown).await
-    } else {
-        tokio::spawn(adopt(settings, share, ingest.clone(), None));
-        let (routes, _) = routes(ingest.clone()).await;
-        let metrics = Arc::new(move |text: &mut _| metrics::write_ingest(&ingest, text));
-        serve_grpc(routes, metrics, listener, access, shutdown).await
-    };
-    listens.abort();
-    announces.abort();
-    served
+) -> Running {
+    Box::pin(async move {
+        let config = settings.borrow().clone();
+        let access = access(&config, &listener)?;
+        let (rank, members) = (outbox.rank(), outbox.size());
+        let overhead = Overhead::new(share.clone());
+        let door = Arc::new(group::Door::new(outbox.clone()));
+        let own_door = (rank == 0).then(|| door.clone() as Arc<dyn ingest::AssignMember>);
+        let ingest = Arc::new(ingest(&config, overhead.clone()).of_group(members, own_door));
+        let (channels, held) = (group::receive(inbox), group::HeldSteps::default());
+        let member = group::Member::new(outbox.clone(), channels.member, held.clone(), backend.clone());
+        std::thread::Builder::new().name("member".to_owned()).spawn(|| member.run()).map_err(NodeError::Thread)?;
+        let listens = tokio::spawn(door.clone().listen(ingest.clone(), channels.events));
+        let announces = tokio::spawn(group::announce(ingest.clone(), held, outbox.clone()));
+        group::send(&outbox, 0, 0, Kind::Ready(group::ready(&config, &listener, &access)));
+        let served = if rank == 0 {
+            let root = Arc::new(group::Root::new(outbox, channels.replies));
+            let steps = Steps::Group(root, door);
+            run_pipeline(settings, backend, (share, overhead), (ingest, steps), (listener, access), shutdown).await
+        } else {
+            tokio::spawn(adopt(settings, share, ingest.clone(), None));
+            let (routes, _) = routes(ingest.clone()).await;
+            let metrics = Arc::new(move |text: &mut _| metrics::write_ingest(&ingest, text));
+            serve_grpc(routes, metrics, listener, access, shutdown).await
+        };
+        listens.abort();
+        announces.abort();
+        served
+    })
 }
 
 fn access(config: &Config, listener: &TcpListener) -> Result<Access, NodeError> {
