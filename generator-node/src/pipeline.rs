@@ -45,6 +45,8 @@ struct Pipeline {
     start: Option<GenerationParams>,
     rungs: Rungs,
     key_frames: KeyFrames,
+    /// Whether the last step had missing values.
+    had_empty_voxels: bool,
 }
 
 /// The run that is shown.
@@ -120,7 +122,8 @@ impl Arrived {
 /// Turns steps into frames, until `stop` is true and none is left.
 pub(crate) async fn run(steps: Steps, node: Arc<NodeState>, settings: Settings, mut stop: watch::Receiver<bool>) {
     let (rungs, key_frames) = (Rungs::default(), KeyFrames::default());
-    let pipeline = Pipeline { node: node.clone(), settings, run: None, start: None, rungs, key_frames };
+    let pipeline =
+        Pipeline { node: node.clone(), settings, run: None, start: None, rungs, key_frames, had_empty_voxels: false };
     let pipeline = Arc::new(Mutex::new(pipeline));
     loop {
         tokio::select! {
@@ -278,9 +281,16 @@ impl Pipeline {
             self.settings.steering.begin(&info, &spec, &scene.transfer);
         }
         self.run = Some(ShownRun { id, info: info.clone(), changes: changes.count, scene });
-        if source.empty_voxels() > 0 {
-            tracing::warn!(step = number, voxels = source.empty_voxels(), "NaN or infinite voxels, drawn as empty");
+        let empty = source.empty_voxels();
+        // A mask has them in every step, and is told of once.
+        if empty > 0 && (is_new || !self.had_empty_voxels) {
+            tracing::warn!(
+                step = number,
+                voxels = empty,
+                "NaN or infinite voxels, drawn as empty; steps.csv counts them"
+            );
         }
+        self.had_empty_voxels = empty > 0;
         let step = Step::new(info, (number, time), self.node.segmentation, source);
         Ok((step.without(lost_ranks).derived_in(derivation), seen))
     }

@@ -288,9 +288,9 @@ class Client:
 
     def push(self, step, time, voxels, start=(0, 0, 0), colors=None, more=None):
         """Hands in this rank's part of a step, which begins at index `start` of the run's grid; `more` has the arrays of the run's
-        more_fields by their names, laid out in memory as `voxels` are. False if the node is full and dropped the step, as the run's policy says. ValueError for what does not fit the run; OSError where the node
-        refuses it, ConnectionError or TimeoutError where it cannot be reached: the step is lost, and the simulation may go
-        on."""
+        more_fields by their names, laid out in memory as `voxels` are. False if the node is full and dropped the step, as the
+        run's policy says. ValueError for what does not fit the run; OSError where the node refuses it, ConnectionError or
+        TimeoutError where it cannot be reached: the step is lost, and the simulation may go on."""
         with contextlib.ExitStack() as views:
             brick = _brick(views, self._more, voxels, start, colors, more)
             with self._lock:
