@@ -92,7 +92,7 @@ async fn measure(intake: Arc<Intake>, request: v1::QualityRequest) -> Result<Qua
         let quality = backend.quality(shown, &of.reference, first_batch..end, Detail::Cubic);
         quality.map_err(|e| lamina_rpc::invalid(&e))
     };
-    let permit = intake.share.acquire(Priority::of_trial(first)).await;
+    let permit = intake.share.acquire(Priority::of_trial(first && best_psnr_db.is_none())).await;
     let quality = permit.run(Activity::Measure, work).await.map_err(|e| Status::internal(e.to_string()))??;
     intake.trials.remember(&trial.frame, &quality);
     intake.store.announce(Event::Trial);

@@ -219,7 +219,7 @@ pub struct TrialRequest {
     /// reduction alone, without the coding that otherwise counts as generation.
     #[prost(bool, tag = "5")]
     pub time_alone: bool,
-    /// Of a run's first study: it goes before live steps.
+    /// Of a run's first study, of which nothing is in use yet: it goes before live steps.
     #[prost(bool, tag = "6")]
     pub first_study: bool,
 }

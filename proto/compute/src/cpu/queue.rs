@@ -8,11 +8,11 @@ use tokio::time::Instant;
 pub enum Priority {
     /// A picture for a user who waits for it.
     Picture,
-    /// A trial of a run's first study.
+    /// A trial of a run's first study, of which nothing is in use yet.
     FirstTrial,
     /// A live step.
     LiveStep,
-    /// A trial of a later study.
+    /// Another trial.
     Trial,
     /// The quality of a live step.
     Quality,
@@ -40,15 +40,15 @@ impl Priority {
 }
 
 /// Waiting time that raises work by one level of priority, so that live steps come between the trials of a long first study.
-const AGING: Duration = Duration::from_secs(1);
+pub(super) const AGING: Duration = Duration::from_secs(1);
 
 /// The waiting tickets, and whether one of them is at work.
 #[derive(Debug, Default)]
 pub(super) struct Queue {
     next_ticket: u64,
     waiting: Vec<Waiting>,
-    /// Whether a ticket is at work.
-    busy: bool,
+    /// What is at work.
+    at_work: Option<Priority>,
 }
 
 #[derive(Debug)]
@@ -73,22 +73,23 @@ impl Queue {
 
     /// True if no ticket is at work and `ticket` is the first of those waiting.
     pub(super) fn is_next(&self, ticket: u64, now: Instant) -> bool {
-        !self.busy && self.first(now) == Some(ticket)
+        self.at_work.is_none() && self.first(now) == Some(ticket)
     }
 
-    /// True if no ticket is at work and `ticket` is the first of those of `priority`.
-    pub(super) fn is_next_of(&self, priority: Priority, ticket: u64) -> bool {
-        !self.busy && self.waiting.iter().filter(|w| w.priority == priority).map(|w| w.ticket).min() == Some(ticket)
-    }
-
-    /// True if a ticket of `priority` waits.
+    /// True if a ticket of `priority` is at work or waits.
     pub(super) fn has(&self, priority: Priority) -> bool {
-        self.waiting.iter().any(|w| w.priority == priority)
+        self.at_work == Some(priority) || self.waiting.iter().any(|w| w.priority == priority)
+    }
+
+    /// How long `ticket` has been waiting.
+    pub(super) fn waited(&self, ticket: u64, now: Instant) -> Duration {
+        let since = self.waiting.iter().find(|w| w.ticket == ticket).map(|w| w.since);
+        since.map_or(Duration::ZERO, |since| now.saturating_duration_since(since))
     }
 
     /// True if no ticket is at work or waiting.
     pub(super) fn is_idle(&self) -> bool {
-        !self.busy && self.waiting.is_empty()
+        self.at_work.is_none() && self.waiting.is_empty()
     }
 
     /// Number of waiting tickets.
@@ -96,15 +97,15 @@ impl Queue {
         self.waiting.len()
     }
 
-    /// Moves `ticket` from waiting to work.
+    /// Moves the waiting `ticket` to work.
     pub(super) fn begin(&mut self, ticket: u64) {
+        self.at_work = self.waiting.iter().find(|w| w.ticket == ticket).map(|w| w.priority);
         self.leave(ticket);
-        self.busy = true;
     }
 
     /// Ends the work in progress.
     pub(super) fn end(&mut self) {
-        self.busy = false;
+        self.at_work = None;
     }
 
     fn first(&self, now: Instant) -> Option<u64> {

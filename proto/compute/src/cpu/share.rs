@@ -1,11 +1,13 @@
 //! Admission of a node's heavy work, so that it keeps to a share of the processor.
 //!
-//! There are two lanes with one piece of work at a time each: pictures for users, and everything else by priority. Pictures have
-//! a token bucket of their own with more than half of the rate, so that neither the debt of a long trial delays pictures, nor
-//! continuous drawing stops the trials. Live steps have one, too: what a trial of a later study owes, later trials pay.
+//! There are three lanes with one piece of work at a time each: pictures for users, live steps, and everything else by priority.
+//! Pictures have a token bucket of their own with more than half of the rate, so that neither the debt of a long trial delays
+//! pictures, nor continuous drawing stops the trials. Live steps have one, too: they wait neither for a trial's end nor for what
+//! it owes, but for a first study as long as nothing of it is in use, each for a second at most. Without a limit there is nobody
+//! to leave the processor to, and live steps and trials take turns, so that neither disturbs the other's times.
 
 use super::limit::CpuLimit;
-use super::queue::{Priority, Queue};
+use super::queue::{AGING, Priority, Queue};
 use super::threads::{Laps, Scheduling, pool};
 use super::token_bucket::TokenBucket;
 use super::usage::{Activity, Usage};
@@ -19,8 +21,8 @@ use tokio::time::{Instant, sleep};
 
 /// Share of the rate that pictures may use.
 const PICTURES: f64 = 0.6;
-/// Share of the rate that live steps may use while trials owe theirs.
-const LIVE_STEPS: f64 = 0.5;
+/// Share of the rate that live steps may use while trials owe theirs. What is left beside it and pictures is for trials and quality.
+const LIVE_STEPS: f64 = 0.25;
 
 /// Processor time granted to one node, or to several in one process. Clones share it.
 #[derive(Clone)]
@@ -32,6 +34,7 @@ struct Inner {
     /// Work in the background runs on so many threads.
     threads: usize,
     background: ThreadPool,
+    live_steps: ThreadPool,
     pictures: ThreadPool,
     state: Mutex<ShareState>,
     /// Notifies waiting work of changes.
@@ -45,7 +48,7 @@ struct ShareState {
     pictures: TokenBucket,
     live_steps: TokenBucket,
     /// Queue of each lane.
-    queues: [Queue; 2],
+    queues: [Queue; 3],
     usage: Usage,
     /// Share of the rate in use, at most 1; see [`CpuShare::throttle`].
     throttle: f64,
@@ -54,10 +57,11 @@ struct ShareState {
 }
 
 impl ShareState {
-    fn bucket(&mut self, lane: Lane) -> &mut TokenBucket {
-        match lane {
-            Lane::Pictures => &mut self.pictures,
-            Lane::Background => &mut self.total,
+    fn lane(&self, priority: Priority) -> Lane {
+        match priority {
+            Priority::Picture => Lane::Pictures,
+            Priority::LiveStep if self.cores.is_finite() => Lane::LiveSteps,
+            _ => Lane::Background,
         }
     }
 
@@ -65,35 +69,39 @@ impl ShareState {
         &mut self.queues[lane as usize]
     }
 
+    /// How long until there are tokens.
+    fn owed(&mut self, lane: Lane, now: Instant) -> Duration {
+        match lane {
+            Lane::Pictures => self.pictures.wait(now),
+            Lane::LiveSteps if !self.queue(Lane::Background).has(Priority::FirstTrial) => {
+                self.total.wait(now).min(self.live_steps.wait(now))
+            }
+            Lane::LiveSteps | Lane::Background => self.total.wait(now),
+        }
+    }
+
     /// How long `ticket` has to wait for tokens; `None` while it is not its turn.
     fn wait(&mut self, priority: Priority, ticket: u64, now: Instant) -> Option<Duration> {
-        let lane = Lane::of(priority);
-        let (tokens, held) = (self.bucket(lane).wait(now), self.held(lane, now));
+        let lane = self.lane(priority);
+        let (owed, held) = (self.owed(lane, now), self.held(lane, now));
+        let is_urgent = self.queue(Lane::Background).has(Priority::FirstTrial);
         let queue = self.queue(lane);
-        let goes_ahead = priority == Priority::LiveStep && tokens > Duration::ZERO && !queue.has(Priority::FirstTrial);
-        if goes_ahead {
-            let is_next = queue.is_next_of(priority, ticket);
-            return is_next.then(|| tokens.min(self.live_steps.wait(now)).max(held));
-        }
-        queue.is_next(ticket, now).then(|| tokens.max(held))
+        let behind = if lane == Lane::LiveSteps && is_urgent { AGING } else { Duration::ZERO };
+        let patience = behind.saturating_sub(queue.waited(ticket, now));
+        queue.is_next(ticket, now).then(|| owed.max(held).max(patience))
     }
 
     fn held(&self, lane: Lane, now: Instant) -> Duration {
-        let until = self.held_until.filter(|_| lane == Lane::Background);
+        let until = self.held_until.filter(|_| lane != Lane::Pictures);
         until.map_or(Duration::ZERO, |until| until.saturating_duration_since(now))
     }
 }
 
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 enum Lane {
     Pictures,
+    LiveSteps,
     Background,
-}
-
-impl Lane {
-    fn of(priority: Priority) -> Self {
-        if priority == Priority::Picture { Self::Pictures } else { Self::Background }
-    }
 }
 
 impl std::fmt::Debug for CpuShare {
@@ -135,6 +143,7 @@ impl CpuShare {
         let inner = Inner {
             threads,
             background: pool(threads, scheduling, "kernel")?,
+            live_steps: pool(threads, scheduling, "step")?,
             pictures: pool(threads, Scheduling::Normal, "picture")?,
             state: Mutex::new(state),
             changed: Notify::new(),
@@ -211,8 +220,11 @@ impl CpuShare {
 
     /// Waits for a permit: for its turn and for tokens. Dropping the future gives up its place in the queue.
     pub async fn acquire(&self, priority: Priority) -> Permit {
-        let lane = Lane::of(priority);
-        let ticket = self.state().queue(lane).join(priority, Instant::now());
+        let (lane, ticket) = {
+            let mut state = self.state();
+            let lane = state.lane(priority);
+            (lane, state.queue(lane).join(priority, Instant::now()))
+        };
         let place = Place { share: self, lane, ticket };
         loop {
             let changed = self.inner.changed.notified();
@@ -225,7 +237,7 @@ impl CpuShare {
                     state.queue(lane).begin(ticket);
                     state.usage.admit(priority);
                     std::mem::forget(place);
-                    return Permit { share: self.clone(), priority };
+                    return Permit { share: self.clone(), lane, priority };
                 }
                 wait
             };
@@ -245,17 +257,17 @@ impl CpuShare {
 
     /// A permit if nobody works or waits in its lane and there are tokens; otherwise the work counts as skipped.
     pub fn try_acquire(&self, priority: Priority) -> Option<Permit> {
-        let (lane, now) = (Lane::of(priority), Instant::now());
-        let mut state = self.state();
-        let held = state.held(lane, now) > Duration::ZERO;
-        if held || !state.queue(lane).is_idle() || state.bucket(lane).wait(now) > Duration::ZERO {
+        let (mut state, now) = (self.state(), Instant::now());
+        let lane = state.lane(priority);
+        let waits = state.owed(lane, now).max(state.held(lane, now)) > Duration::ZERO;
+        if waits || !state.queue(lane).is_idle() {
             state.usage.skip(priority);
             return None;
         }
         let ticket = state.queue(lane).join(priority, now);
         state.queue(lane).begin(ticket);
         state.usage.admit(priority);
-        Some(Permit { share: self.clone(), priority })
+        Some(Permit { share: self.clone(), lane, priority })
     }
 
     /// Counts work of `priority` that was left out.
@@ -295,13 +307,8 @@ impl Drop for Place<'_> {
 #[derive(Debug)]
 pub struct Permit {
     share: CpuShare,
+    lane: Lane,
     priority: Priority,
-}
-
-impl std::fmt::Debug for Lane {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(if *self == Self::Pictures { "Pictures" } else { "Background" })
-    }
 }
 
 impl Permit {
@@ -320,8 +327,9 @@ impl Permit {
 
     /// The same on a thread that may block.
     pub fn run_blocking<T: Send>(&self, activity: Activity, work: impl FnOnce(&mut Laps) -> T + Send) -> T {
-        let pool = match Lane::of(self.priority) {
+        let pool = match self.lane {
             Lane::Pictures => &self.share.inner.pictures,
+            Lane::LiveSteps => &self.share.inner.live_steps,
             Lane::Background => &self.share.inner.background,
         };
         let (done, spent) = pool.install(|| {
@@ -337,7 +345,7 @@ impl Permit {
 
 impl Drop for Permit {
     fn drop(&mut self) {
-        self.share.state().queue(Lane::of(self.priority)).end();
+        self.share.state().queue(self.lane).end();
         self.share.inner.changed.notify_waiters();
     }
 }

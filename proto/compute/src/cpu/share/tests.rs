@@ -57,25 +57,35 @@ async fn a_picture_waits_for_no_trial_and_trials_go_on_beside_pictures_without_e
 }
 
 #[tokio::test(start_paused = true)]
-async fn live_steps_go_on_while_a_later_trial_is_paid_for_and_wait_for_the_first_study() {
+async fn live_steps_go_on_beside_a_trial_and_while_it_is_paid_for_and_wait_for_a_first_study() {
     let share = share(1.0);
-    spend(&share.acquire(Priority::Trial).await, 31.0);
-    // The next trial waits for the debt of 30 s, and live steps of half the rate before it for nothing.
+    let trial = share.acquire(Priority::Trial).await;
+    let begun = Instant::now();
+    drop(share.acquire(Priority::LiveStep).await);
+    assert_eq!(begun.elapsed(), Duration::ZERO, "beside a trial at work");
+    spend(&trial, 31.0);
+    drop(trial);
+    // The next trial waits for the debt of 30 s, and live steps of a quarter of the rate before it for nothing.
     let next = tokio::spawn({
         let share = share.clone();
         async move { drop(share.acquire(Priority::Trial).await) }
     });
     let begun = Instant::now();
-    for _ in 0..20 {
+    for _ in 0..10 {
         spend(&share.acquire(Priority::LiveStep).await, 0.25);
         sleep(Duration::from_millis(250)).await;
     }
     let took = begun.elapsed().as_secs_f64();
-    assert!((5.0..11.0).contains(&took), "5 s of steps at half a core: {took} s");
+    assert!((7.0..11.0).contains(&took), "2.5 s of steps at a quarter of a core: {took} s");
     let begun = Instant::now();
     next.await.unwrap();
     assert!(begun.elapsed().as_secs_f64() > 20.0, "what the steps took is owed, too");
-    // A first study is what everybody waits for.
+    // A first study is what everybody waits for, a step for a second.
+    let trial = share.acquire(Priority::FirstTrial).await;
+    let begun = Instant::now();
+    drop(share.acquire(Priority::LiveStep).await);
+    assert!((1.0..1.3).contains(&begun.elapsed().as_secs_f64()), "{:?}", begun.elapsed());
+    drop(trial);
     spend(&share.acquire(Priority::FirstTrial).await, 11.0);
     let next = tokio::spawn({
         let share = share.clone();
@@ -137,7 +147,7 @@ async fn work_runs_on_the_nodes_own_threads_and_its_time_is_counted_by_activity(
         laps.lap(Activity::Encode);
         std::thread::current().name().unwrap().to_owned()
     };
-    let permit = share.acquire(Priority::LiveStep).await;
+    let permit = share.acquire(Priority::Trial).await;
     assert_eq!(permit.run(Activity::Generate, work).await.unwrap(), "kernel-0");
     let usage = share.usage();
     assert!(usage.cpu(Activity::Encode) >= Duration::from_millis(5));
