@@ -149,7 +149,7 @@ impl Remote {
     /// The generator-node's answer to one request, once it has given the one before.
     async fn ask(&mut self, request: v1::TrialRequest) -> Result<v1::TrialReply, TrialError> {
         self.settle().await?;
-        let request = v1::TrialRequest { first_study: self.progress.is_urgent(), ..request };
+        let request = v1::TrialRequest { first_study: self.progress.get().is_urgent(), ..request };
         self.generator.ask(request).await?;
         self.generator.reply().await
     }

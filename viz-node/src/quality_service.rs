@@ -82,7 +82,9 @@ impl quality_server::Quality for QualityService {
 async fn measure(intake: Arc<Intake>, request: v1::QualityRequest) -> Result<Quality, Status> {
     let v1::QualityRequest { trial_id, first_batch, batches, study } = request;
     let trial = intake.trials.find(trial_id).await?;
-    let v1::StudyProgress { first, trials, best_psnr_db, best_size_bytes } = study.unwrap_or_default();
+    let study = study.unwrap_or_default();
+    let priority = Priority::of_trial(study.is_urgent());
+    let v1::StudyProgress { first, trials, best_psnr_db, best_size_bytes } = study;
     intake.trials.set_study(StudyStatus { step: trial.frame.step, first, trials, best_psnr_db, best_size_bytes });
     let end = if batches == 0 { trial.reference.plan.batches } else { first_batch.saturating_add(batches) };
     let (backend, of) = (intake.backend.clone(), trial.clone());
@@ -92,7 +94,7 @@ async fn measure(intake: Arc<Intake>, request: v1::QualityRequest) -> Result<Qua
         let quality = backend.quality(shown, &of.reference, first_batch..end, Detail::Cubic);
         quality.map_err(|e| lamina_rpc::invalid(&e))
     };
-    let permit = intake.share.acquire(Priority::of_trial(first && best_psnr_db.is_none())).await;
+    let permit = intake.share.acquire(priority).await;
     let quality = permit.run(Activity::Measure, work).await.map_err(|e| Status::internal(e.to_string()))??;
     intake.trials.remember(&trial.frame, &quality);
     intake.store.announce(Event::Trial);

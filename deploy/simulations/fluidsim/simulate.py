@@ -24,7 +24,7 @@ def watch(sim):
             "taylor-green",
             "v.x",
             (oper.nx, oper.ny, oper.nz),
-            sim.state.get_var("vx").dtype,
+            "float64",
             generator=os.environ.get("LAMINA_GENERATOR", "http://127.0.0.1:7101"),
             spacing=(oper.deltax, oper.deltay, oper.deltaz),
             more_fields={"v.y": "float64", "v.z": "float64"},

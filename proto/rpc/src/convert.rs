@@ -116,6 +116,13 @@ impl From<v1::Objective> for Objective {
     }
 }
 
+impl v1::StudyProgress {
+    /// Whether everybody waits for it: nothing of a run's first study is in use yet.
+    pub fn is_urgent(&self) -> bool {
+        self.first && self.best_psnr_db.is_none()
+    }
+}
+
 impl v1::QualityReply {
     /// The answer about a trial.
     pub fn new(trial_id: u64, q: &Quality) -> Self {

@@ -23,12 +23,6 @@ impl Progress {
         *self.state()
     }
 
-    /// Whether everybody waits for it: nothing of a run's first study is in use yet.
-    pub(super) fn is_urgent(&self) -> bool {
-        let v1::StudyProgress { first, best_psnr_db, .. } = self.get();
-        first && best_psnr_db.is_none()
-    }
-
     pub(super) fn begin_trial(&self) {
         self.state().trials += 1;
     }

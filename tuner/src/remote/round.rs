@@ -144,7 +144,7 @@ impl<'a> Round<'a> {
         let request = v1::TrialRequest {
             params: Some((&self.known[&key].params).into()),
             viewer: viewer.clone().unwrap_or_default(),
-            first_study: self.progress.is_urgent(),
+            first_study: self.progress.get().is_urgent(),
             ..Default::default()
         };
         *self.generating = Some(Generating { key, viewer });

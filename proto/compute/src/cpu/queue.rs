@@ -33,9 +33,9 @@ impl Priority {
         }
     }
 
-    /// The priority of a study's trial.
-    pub fn of_trial(first_study: bool) -> Self {
-        if first_study { Self::FirstTrial } else { Self::Trial }
+    /// The priority of a study's trial: urgent as long as nothing of a run's first study is in use.
+    pub fn of_trial(is_urgent: bool) -> Self {
+        if is_urgent { Self::FirstTrial } else { Self::Trial }
     }
 }
 

@@ -3,8 +3,9 @@
 //! There are three lanes with one piece of work at a time each: pictures for users, live steps, and everything else by priority.
 //! Pictures have a token bucket of their own with more than half of the rate, so that neither the debt of a long trial delays
 //! pictures, nor continuous drawing stops the trials. Live steps have one, too: they wait neither for a trial's end nor for what
-//! it owes, but for a first study as long as nothing of it is in use, each for a second at most. Without a limit there is nobody
-//! to leave the processor to, and live steps and trials take turns, so that neither disturbs the other's times.
+//! it owes. Of a first study they do as long as nothing of it is in use: for its trials a second each at most, and for what those
+//! owe. Without a limit there is nobody to leave the processor to, and live steps and trials take turns, so that neither disturbs
+//! the other's times.
 
 use super::limit::CpuLimit;
 use super::queue::{AGING, Priority, Queue};
@@ -69,13 +70,16 @@ impl ShareState {
         &mut self.queues[lane as usize]
     }
 
+    /// Whether everybody waits for a first study, and `lane` comes behind it.
+    fn is_behind(&self, lane: Lane) -> bool {
+        lane == Lane::LiveSteps && self.queues[Lane::Background as usize].has(Priority::FirstTrial)
+    }
+
     /// How long until there are tokens.
     fn owed(&mut self, lane: Lane, now: Instant) -> Duration {
         match lane {
             Lane::Pictures => self.pictures.wait(now),
-            Lane::LiveSteps if !self.queue(Lane::Background).has(Priority::FirstTrial) => {
-                self.total.wait(now).min(self.live_steps.wait(now))
-            }
+            Lane::LiveSteps if !self.is_behind(lane) => self.total.wait(now).min(self.live_steps.wait(now)),
             Lane::LiveSteps | Lane::Background => self.total.wait(now),
         }
     }
@@ -84,10 +88,9 @@ impl ShareState {
     fn wait(&mut self, priority: Priority, ticket: u64, now: Instant) -> Option<Duration> {
         let lane = self.lane(priority);
         let (owed, held) = (self.owed(lane, now), self.held(lane, now));
-        let is_urgent = self.queue(Lane::Background).has(Priority::FirstTrial);
+        let patience = if self.is_behind(lane) { AGING } else { Duration::ZERO };
         let queue = self.queue(lane);
-        let behind = if lane == Lane::LiveSteps && is_urgent { AGING } else { Duration::ZERO };
-        let patience = behind.saturating_sub(queue.waited(ticket, now));
+        let patience = patience.saturating_sub(queue.waited(ticket, now));
         queue.is_next(ticket, now).then(|| owed.max(held).max(patience))
     }
 
