@@ -16,5 +16,8 @@ pub use error::CodecError;
 pub use intermediate::{EncodedStep, check_any, decode_any, decode_any_after, encode_any, encode_timed};
 pub use limits::DecodeLimits;
 pub use sequence::sequence;
-pub use vdi::{Codec, EncodeOptions, EncodedHeader, Layout, decode, encode, peek, quantize};
+pub use vdi::{
+    Codec, ColorDecoder, EncodeOptions, EncodedHeader, GeometryDecoder, Layout, VdiBand, band_sizes, decode, encode,
+    join_bands, peek, quantize,
+};
 pub use volume::ErrorMeasure;

@@ -104,6 +104,19 @@ fn the_browsers_processor_draws_the_viz_nodes_picture_to_the_byte() {
     }
 }
 
+#[test]
+fn a_vdi_of_many_supersegments_is_decoded_by_several_workers() {
+    let _turn = ALONE.read();
+    let large = ["--representation", "vdi", "--resolution", "768", "--gamma", "0.001"];
+    let (lamina, browser, _profile) = watched(&large, &["--disable-gpu"], "");
+    look(&browser, VIEWS[0]);
+    let workers = browser.js("Number(document.querySelector('#picture').dataset.decoders)");
+    let available = browser.js("navigator.hardwareConcurrency");
+    assert!(workers.as_u64() > Some(1) || available == json!(1), "{workers} of {available}");
+    assert_eq!(difference(&browser, VIEWS[0]), 0.0);
+    end(&browser, lamina);
+}
+
 fn holds_by_gpu((api, flags): (&str, &str), arguments: &[&str], views: &[[f64; 3]]) {
     let flags = std::env::var(format!("{}_FLAGS", api.to_uppercase())).unwrap_or_else(|_| flags.to_owned());
     let (lamina, browser, _profile) = watched(arguments, &flags.split(' ').collect::<Vec<_>>(), &format!("?{api}"));

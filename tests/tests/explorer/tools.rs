@@ -117,6 +117,45 @@ fn two_steps_are_seen_side_by_side_and_their_difference() {
 }
 
 #[test]
+fn who_flies_moves_and_looks_around() {
+    let _turn = ALONE.read();
+    let (lamina, browser, _profile) = watched(&["--representation", "volume"], &["--disable-gpu"], "");
+    look(&browser, [20.0, 10.0, 1.0]);
+    let pose = |name: &str| browser.js(&format!("Number(document.querySelector('#picture').dataset.{name})"));
+    let still = |condition: &str| browser.wait_js(&format!("{STILL} !== false && {condition}"));
+    let front = browser.js(STILL);
+    browser.key("f");
+    browser.wait_js("document.querySelector('#fly').ariaPressed === 'true'");
+    browser.key("w");
+    browser.key("w");
+    still("Number(document.querySelector('#picture').dataset.ahead) === 0.1");
+    let ahead = changed(&browser, &front);
+    // Around once by the arrow keys: the same place, and the same picture.
+    let turn = |keys: u32| {
+        browser.js(&format!(
+            "void [...Array({keys})].forEach(() => document.querySelector('#picture').dispatchEvent( \
+             new KeyboardEvent('keydown', {{key: 'ArrowLeft', bubbles: true}})))"
+        ))
+    };
+    turn(72);
+    still("Number(document.querySelector('#picture').dataset.azimuth) === 20");
+    assert_eq!([pose("ahead"), pose("right")], [json!(0.1), json!(0)]);
+    assert_eq!(browser.js(STILL), ahead);
+    // Half around, the volume lies behind.
+    turn(36);
+    still("Number(document.querySelector('#picture').dataset.azimuth) === -160");
+    let colors = "(() => { const c = document.querySelector('#picture'); const d =         new Uint32Array(c.getContext('2d').getImageData(0, 0, c.width, c.height).data.buffer); return new Set(d).size })()";
+    assert_eq!(browser.js(colors), json!(1), "nothing but background");
+    // The address holds the place.
+    browser.wait_js("/ahead=/.test(location.hash)");
+    browser.js("document.querySelector('#reset').click()");
+    still("Number(document.querySelector('#picture').dataset.ahead) === 0");
+    browser.js("document.querySelector('#fly').click()");
+    browser.wait_js("document.querySelector('#fly').ariaPressed === 'false'");
+    end(&browser, lamina);
+}
+
+#[test]
 fn a_video_of_a_turn_and_of_the_steps_is_a_file() {
     let _turn = ALONE.read();
     let (lamina, browser, _profile) = watched(&["--representation", "volume"], &["--disable-gpu"], "");

@@ -1,8 +1,9 @@
 // The camera, and the hands and keys that move it.
 
 import { nextComparison } from "./compare";
+import { flight, looked, moved, toggleFlight } from "./fly";
 import { refresh, refreshStatus } from "./frame";
-import { pumpSoon } from "./picture";
+import { pumpSoon, shownDescription } from "./picture";
 import { FRONT, IDLE_MS, ZOOM_RANGE, byId, clamp, motion, shownIndex, store, view } from "./state";
 import type { Pose } from "./engine/wasm";
 import { openHelp } from "./help";
@@ -13,16 +14,19 @@ import { choose, followNewest } from "./steps";
 
 /** Farther to the side nothing is left of the volume. */
 const PAN_LIMIT = 2;
+/** Who flies may turn round far behind it. */
+const FLIGHT_LIMIT = 8;
 
 const wrapped = (degrees: number) => ((((degrees + 180) % 360) + 360) % 360) - 180;
 
-function setPose({ azimuth, elevation, zoom, right, up, roll }: Pose): void {
+function setPose({ azimuth, elevation, zoom, right, up, ahead, roll }: Pose): void {
   view.pose = {
     azimuth: wrapped(azimuth),
     elevation: clamp(elevation, -89, 89),
     zoom: clamp(zoom, ...ZOOM_RANGE),
-    right: clamp(right, -PAN_LIMIT, PAN_LIMIT),
-    up: clamp(up, -PAN_LIMIT, PAN_LIMIT),
+    right: clamp(right, -FLIGHT_LIMIT, FLIGHT_LIMIT),
+    up: clamp(up, -FLIGHT_LIMIT, FLIGHT_LIMIT),
+    ahead: clamp(ahead, -FLIGHT_LIMIT, FLIGHT_LIMIT),
     roll: wrapped(roll),
   };
   moving();
@@ -30,8 +34,15 @@ function setPose({ azimuth, elevation, zoom, right, up, roll }: Pose): void {
 
 const turnBy = (azimuth: number, elevation: number) =>
   setPose({ ...view.pose, azimuth: view.pose.azimuth + azimuth, elevation: view.pose.elevation + elevation });
-const panBy = (right: number, up: number) =>
-  setPose({ ...view.pose, right: view.pose.right + right, up: view.pose.up + up });
+const lookBy = (azimuth: number, elevation: number) => {
+  const camera = shownDescription()?.camera;
+  if (camera) setPose(looked(view.pose, azimuth, elevation, camera.fov_y_deg));
+};
+const flyBy = (right: number, up: number, ahead: number) => setPose(moved(view.pose, [right, up, ahead]));
+const panBy = (right: number, up: number) => {
+  const limit = (shift: number) => (flight.on ? shift : clamp(shift, -PAN_LIMIT, PAN_LIMIT));
+  setPose({ ...view.pose, right: limit(view.pose.right + right), up: limit(view.pose.up + up) });
+};
 const rollBy = (roll: number) => setPose({ ...view.pose, roll: view.pose.roll + roll });
 export const zoomBy = (factor: number) => setPose({ ...view.pose, zoom: view.pose.zoom * factor });
 
@@ -62,8 +73,8 @@ interface Place {
 }
 
 /**
- * One pointer orbits: the object follows the hand, half a turn across the picture. With the shift key, or the middle or right
- * button, it pans; with the alt key it rolls. Two pointers zoom by their distance and pan by their middle.
+ * One pointer orbits: the object follows the hand, half a turn across the picture; who flies looks around. With the shift key, or the middle or
+ * right button, it pans; with the alt key it rolls. Two pointers zoom by their distance and pan by their middle.
  */
 export function listenToPicture(canvas: HTMLCanvasElement): void {
   const pointers = new Map<number, Place>();
@@ -93,6 +104,7 @@ export function listenToPicture(canvas: HTMLCanvasElement): void {
     } else if (pointers.size > 2) return;
     else if (event.shiftKey || (event.buttons & 6) !== 0) pan(dx, dy);
     else if (event.altKey) rollBy(dx * scale);
+    else if (flight.on) lookBy(dx * LOOK * scale, -dy * LOOK * scale);
     else turnBy(-dx * scale, dy * scale);
   });
   const release = (event: PointerEvent) => {
@@ -112,8 +124,15 @@ export function listenToPicture(canvas: HTMLCanvasElement): void {
 function wheelZoom(event: WheelEvent): void {
   event.preventDefault();
   const pixels = event.deltaY * ([1, 16, 400][event.deltaMode] ?? 1);
-  zoomBy(Math.exp(-clamp(pixels, -300, 300) * 0.0015));
+  const by = -clamp(pixels, -300, 300) * 0.0015;
+  if (flight.on) flyBy(0, 0, by);
+  else zoomBy(Math.exp(by));
 }
+
+/** Looking around turns by less than orbiting: all of the picture moves. */
+const LOOK = 0.3;
+/** What a key flies, heights of the picture at the target. */
+const FLIGHT_STEP = 0.05;
 
 type Keys = Record<string, () => void>;
 
@@ -122,6 +141,20 @@ const CAMERA_KEYS: Keys = {
   ArrowRight: () => turnBy(5, 0),
   ArrowUp: () => turnBy(0, 5),
   ArrowDown: () => turnBy(0, -5),
+};
+const LOOK_KEYS: Keys = {
+  ArrowLeft: () => lookBy(5, 0),
+  ArrowRight: () => lookBy(-5, 0),
+  ArrowUp: () => lookBy(0, -5),
+  ArrowDown: () => lookBy(0, 5),
+};
+const FLIGHT_KEYS: Keys = {
+  w: () => flyBy(0, 0, FLIGHT_STEP),
+  s: () => flyBy(0, 0, -FLIGHT_STEP),
+  a: () => flyBy(-FLIGHT_STEP, 0, 0),
+  d: () => flyBy(FLIGHT_STEP, 0, 0),
+  e: () => flyBy(0, FLIGHT_STEP, 0),
+  q: () => flyBy(0, -FLIGHT_STEP, 0),
 };
 const PAN_KEYS: Keys = {
   ArrowLeft: () => panBy(-0.05, 0),
@@ -138,6 +171,8 @@ const PAGE_KEYS: Keys = {
   "[": () => rollBy(-5),
   "]": () => rollBy(5),
   "0": resetCamera,
+  f: toggleFlight,
+  F: toggleFlight,
   c: nextComparison,
   C: nextComparison,
   b: toggleOverlay,
@@ -170,8 +205,9 @@ export function onKey(event: KeyboardEvent): void {
   if ((event.key === " " && focus?.matches("button, summary")) || focus?.matches("input, select")) return;
   if (document.querySelector("dialog[open]")) return;
   const onPicture = focus === byId("picture") || focus === document.body;
-  const arrows = focus === byId("timeline") ? TIMELINE_KEYS : !onPicture ? {} : event.shiftKey ? PAN_KEYS : CAMERA_KEYS;
-  const action = arrows[event.key] ?? PAGE_KEYS[event.key];
+  const turning = flight.on ? { ...LOOK_KEYS, ...FLIGHT_KEYS } : CAMERA_KEYS;
+  const keys = focus === byId("timeline") ? TIMELINE_KEYS : !onPicture ? {} : event.shiftKey ? PAN_KEYS : turning;
+  const action = keys[event.key] ?? PAGE_KEYS[event.key];
   if (!action) return;
   event.preventDefault();
   action();

@@ -114,7 +114,7 @@ async function start(): Promise<void> {
   try {
     // `?webgl`: also in software.
     const software = new URLSearchParams(location.search).has("webgl");
-    const engine = await Engine.of(await unpacked(content("lamina-engine")));
+    const engine = await Engine.of(await WebAssembly.compile(await unpacked(content("lamina-engine"))));
     const { handle, description } = engine.open(content("lamina-step"));
     new Turntable(canvas, engine, handle, description, WebGl.open(engine, software));
   } catch (error) {

@@ -204,7 +204,7 @@ function showPicture({ bitmap, by }: Picture, shown: Shown): void {
   const first = picture.shown === null;
   if (first || !shown.draft) continueBackground(context, bitmap.width, bitmap.height);
   const { step, size, draft, renderMs, pose, appearance } = shown;
-  const facts = { step, size, draft, renderMs, drawnBy: by, appearance: appearance ?? "", decodeMs: painter?.decodeMs ?? "" };
+  const facts = { step, size, draft, renderMs, drawnBy: by, appearance: appearance ?? "", decodeMs: painter?.decodeMs ?? "", decoders: painter?.decoders ?? "" };
   for (const [name, value] of Object.entries(facts)) canvas.dataset[name] = String(value);
   for (const [name, value] of Object.entries(pose)) canvas.dataset[name] = String(Number(value.toFixed(4)));
   // A still takes half of the time at most: a simulation may need the same processor.

@@ -29,7 +29,8 @@ export function projection(camera: RecordedCamera, pose: Pose): Projection {
   const upright = cross(level, forward);
   const half = Math.tan((camera.fov_y_deg * Math.PI) / 360);
   const height = 2 * half * Math.hypot(...arm);
-  const eye = add(add(add(camera.target, arm), scaled(level, pose.right * height)), scaled(upright, pose.up * height));
+  const shift = add(add(scaled(level, pose.right), scaled(upright, pose.up)), scaled(forward, pose.ahead));
+  const eye = add(add(camera.target, arm), scaled(shift, height));
   const [x, y] = [level, upright].map((axis) => turned(axis, forward, -pose.roll)) as [Vector, Vector];
   return {
     height,

@@ -107,12 +107,31 @@ pub(crate) struct Decoder<'a> {
     bytes: &'a [u8],
 }
 
+/// Where a decoder is, without its bytes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Position {
+    code: u64,
+    range: u64,
+    left: usize,
+}
+
 impl<'a> Decoder<'a> {
     /// A decoder at the first bit of `bytes`.
     pub(crate) fn new(bytes: &'a [u8]) -> Self {
         let mut decoder = Self { code: 0, range: u64::MAX, bytes };
         decoder.code = decoder.next_word() << 32 | decoder.next_word();
         decoder
+    }
+
+    /// Where it is, for [`Self::at`].
+    pub(crate) fn position(&self) -> Position {
+        Position { code: self.code, range: self.range, left: self.bytes.len() }
+    }
+
+    /// The decoder of `bytes` that was at `position`.
+    pub(crate) fn at(position: Position, bytes: &'a [u8]) -> Self {
+        let Position { code, range, left } = position;
+        Self { code, range, bytes: &bytes[bytes.len() - left.min(bytes.len())..] }
     }
 
     #[inline(always)]
@@ -189,6 +208,7 @@ mod tests {
             let bytes = encoder.finish();
             let mut decoder = Decoder::new(&bytes);
             for &(probability, bit, number) in &decisions {
+                decoder = Decoder::at(decoder.position(), &bytes);
                 assert_eq!(decoder.code_bit(probability, false), bit);
                 let count = number % 17;
                 assert_eq!(decoder.code_uniform(count, 0), number & ((1 << count) - 1));

@@ -7,6 +7,7 @@
 //! [`decode`] accepts untrusted bytes: every stated size is checked against the limits and the other sizes before memory is
 //! allocated for it, and no block decompresses to more than its section states.
 
+mod band;
 mod columns;
 mod compress;
 mod context;
@@ -17,6 +18,8 @@ mod quantize;
 mod rays;
 mod sections;
 
+pub use band::VdiBand;
+pub use context::{ColorDecoder, GeometryDecoder};
 pub use options::{Codec, EncodeOptions, EncodedHeader, Layout};
 pub use quantize::quantize;
 
@@ -62,15 +65,8 @@ pub fn encode(vdi: &Vdi, options: &EncodeOptions) -> Result<Vec<u8>, CodecError>
 /// # Errors
 /// If the bytes are not a VDI, of a newer version, damaged, larger than `limits`, or contradict themselves.
 pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<Vdi, CodecError> {
-    let (version, contents, rest) = check(bytes, limits)?;
-    let codec = contents.header.codec;
-    if version == 2 {
-        return Err(error::invalid("it is of version 2, a draft that no release wrote; generate it again"));
-    }
-    if codec.version() != version {
-        return Err(error::invalid(format!("version {version} has no codec {}", codec.id())));
-    }
-    match (ByteCompressor::of(codec), contents.header.layout) {
+    let (contents, rest) = check(bytes, limits)?;
+    match (ByteCompressor::of(contents.header.codec), contents.header.layout) {
         (None, Layout::Columns) => rays::read(rest, &contents),
         (None, Layout::Plain) => Err(error::invalid("codec 2 has no plain layout")),
         (Some(compressor), Layout::Columns) => {
@@ -82,6 +78,45 @@ pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<Vdi, CodecError> {
     }
 }
 
+/// The number of bytes in which each band of an encoded VDI is coded: what [`GeometryDecoder`] and [`ColorDecoder`] decode apart.
+///
+/// # Errors
+/// As [`decode`], or if it is not coded by context mixing.
+pub fn band_sizes(bytes: &[u8], limits: &DecodeLimits) -> Result<Vec<usize>, CodecError> {
+    let (contents, rest) = check_mixed(bytes, limits)?;
+    rays::coded_bytes(rest, &contents)
+}
+
+impl GeometryDecoder {
+    /// Of a band of an encoded VDI, counted from 0.
+    ///
+    /// # Errors
+    /// As [`band_sizes`], or if there is no such band.
+    pub fn new(bytes: &[u8], band: usize, limits: &DecodeLimits) -> Result<Self, CodecError> {
+        let (contents, rest) = check_mixed(bytes, limits)?;
+        rays::geometry(rest, &contents, band)
+    }
+}
+
+impl ColorDecoder {
+    /// Of a band of an encoded VDI, counted from 0.
+    ///
+    /// # Errors
+    /// As [`band_sizes`], or if there is no such band.
+    pub fn new(bytes: &[u8], band: usize, limits: &DecodeLimits) -> Result<Self, CodecError> {
+        let (contents, rest) = check_mixed(bytes, limits)?;
+        rays::colors(rest, &contents, band)
+    }
+}
+
+/// The VDI whose `bands`, in order, were decoded apart.
+///
+/// # Errors
+/// As [`decode`], or if they are not its bands.
+pub fn join_bands(bytes: &[u8], bands: &[VdiBand], limits: &DecodeLimits) -> Result<Vdi, CodecError> {
+    rays::join(bands, &check_mixed(bytes, limits)?.0)
+}
+
 /// Verifies checksum, version, header and decoded size without decoding the lists.
 ///
 /// # Errors
@@ -90,12 +125,28 @@ pub(crate) fn check_whole(bytes: &[u8], limits: &DecodeLimits) -> Result<(), Cod
     check(bytes, limits).map(drop)
 }
 
-/// Checks everything but the lists. Returns the version, the header, and the bytes of the lists.
-fn check<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<(u16, Contents, &'a [u8]), CodecError> {
+/// Checks everything but the lists. Returns the header, and the bytes of the lists.
+fn check<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<(Contents, &'a [u8]), CodecError> {
     let version = take_version(bytes, MAGIC, NEWEST)?;
     let (contents, rest) = read_contents(checked_body(bytes, PREAMBLE_BYTES + CRC_BYTES)?)?;
     check_size(&contents, limits)?;
-    Ok((version, contents, rest))
+    let codec = contents.header.codec;
+    if version == 2 {
+        return Err(error::invalid("it is of version 2, a draft that no release wrote; generate it again"));
+    }
+    if codec.version() != version {
+        return Err(error::invalid(format!("version {version} has no codec {}", codec.id())));
+    }
+    Ok((contents, rest))
+}
+
+/// As [`check`], of a VDI coded by context mixing, in bands.
+fn check_mixed<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<(Contents, &'a [u8]), CodecError> {
+    let (contents, rest) = check(bytes, limits)?;
+    match (contents.header.codec, contents.header.layout) {
+        (Codec::ContextMixing, Layout::Columns) => Ok((contents, rest)),
+        _ => Err(error::invalid("it is not coded in bands")),
+    }
 }
 
 /// Reads the header alone; `bytes` may end after it, and the checksum is not verified.

@@ -1,6 +1,7 @@
 //! Glue between a VDI and its context-mixing coder, [`super::context`].
 
-use super::context::{self, QuantizedSegment};
+use super::band::VdiBand;
+use super::context::{self, ColorDecoder, GeometryDecoder, QuantizedSegment, damaged};
 use super::header::Contents;
 use super::quantize;
 use crate::error::{CodecError, invalid};
@@ -17,14 +18,49 @@ pub(super) fn write(vdi: &Vdi) -> Vec<u8> {
     context::encode(vdi.header().params.resolution() as usize, vdi.offsets(), segment)
 }
 
+/// Rays a side, and supersegments.
+fn sizes(contents: &Contents) -> (usize, usize) {
+    (contents.header.header.params.resolution() as usize, contents.header.segments as usize)
+}
+
+pub(super) fn coded_bytes(bytes: &[u8], contents: &Contents) -> Result<Vec<usize>, CodecError> {
+    let (resolution, segments) = sizes(contents);
+    context::coded_bytes(bytes, resolution, segments).map_err(damaged)
+}
+
+pub(super) fn geometry(bytes: &[u8], contents: &Contents, band: usize) -> Result<GeometryDecoder, CodecError> {
+    let (resolution, segments) = sizes(contents);
+    context::geometry_decoder(bytes, resolution, segments, band).map_err(damaged)
+}
+
+pub(super) fn colors(bytes: &[u8], contents: &Contents, band: usize) -> Result<ColorDecoder, CodecError> {
+    let (resolution, segments) = sizes(contents);
+    context::color_decoder(bytes, resolution, segments, band).map_err(damaged)
+}
+
 pub(super) fn read(bytes: &[u8], contents: &Contents) -> Result<Vdi, CodecError> {
-    let (header, segments) = (contents.header.header, contents.header.segments as usize);
-    let make = |s: QuantizedSegment| quantize::supersegment(s.start, s.end, s.code);
-    let (offsets, segments) = context::decode(bytes, header.params.resolution() as usize, segments, make)
-        .map_err(|e| invalid(e.to_string()))?;
+    let (resolution, segments) = sizes(contents);
+    join(&context::decode(bytes, resolution, segments).map_err(damaged)?, contents)
+}
+
+/// The VDI of all `bands`, in order.
+pub(super) fn join(bands: &[VdiBand], contents: &Contents) -> Result<Vdi, CodecError> {
+    let (resolution, stated) = sizes(contents);
+    let mut offsets = Vec::with_capacity(bands.iter().map(|band| band.ends().len()).sum::<usize>() + 1);
+    let mut segments = Vec::with_capacity(stated);
+    offsets.push(0);
+    for band in bands {
+        let first = segments.len() as u32;
+        offsets.extend(band.ends().iter().map(|end| first + end));
+        segments.extend(band.segments().iter().map(|s| quantize::supersegment(s.start, s.end, s.code)));
+    }
+    if segments.len() != stated || offsets.len() != resolution * resolution + 1 {
+        let (rays, found) = (offsets.len() - 1, segments.len());
+        return Err(invalid(format!("{found} supersegments on {rays} rays, not {stated} on {resolution}^2")));
+    }
     let occupied = offsets.windows(2).filter(|w| w[0] < w[1]).count();
     if occupied != contents.occupied_rays as usize {
         return Err(invalid(format!("{occupied} of its rays have supersegments, not {}", contents.occupied_rays)));
     }
-    Ok(Vdi::new(header, offsets, segments)?)
+    Ok(Vdi::new(contents.header.header, offsets, segments)?)
 }

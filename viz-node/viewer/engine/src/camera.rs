@@ -14,15 +14,15 @@ pub struct Pose {
     pub elevation: f64,
     /// The distance is divided by this.
     pub zoom: f64,
-    /// Shift of camera and target to the right and up, in heights of the picture at the target.
-    pub pan: [f64; 2],
+    /// Shift of camera and target to the right, up and ahead, in heights of the picture at the target.
+    pub shift: [f64; 3],
     /// Turn of the picture about its center, degrees, clockwise as seen.
     pub roll: f64,
 }
 
 impl Default for Pose {
     fn default() -> Self {
-        Self { azimuth: 0.0, elevation: 0.0, zoom: 1.0, pan: [0.0; 2], roll: 0.0 }
+        Self { azimuth: 0.0, elevation: 0.0, zoom: 1.0, shift: [0.0; 3], roll: 0.0 }
     }
 }
 
@@ -33,7 +33,7 @@ impl Pose {
     /// If a number is not finite or the zoom is not positive.
     pub fn camera(&self, recorded: &Camera) -> Result<Camera, Invalid> {
         let camera = recorded.orbit(self.azimuth, self.elevation, self.zoom)?;
-        if self.pan == [0.0; 2] && self.roll == 0.0 {
+        if self.shift == [0.0; 3] && self.roll == 0.0 {
             return Ok(camera);
         }
         let (position, target) = (camera.position(), camera.target());
@@ -43,7 +43,7 @@ impl Pose {
         let up = (camera.direction(0.5, 0.0, 1, 1) - middle).normalize();
         let right = forward.cross(up);
         let height = 2.0 * camera.tan_half_fov() * arm.length();
-        let shift = (right * self.pan[0] + up * self.pan[1]) * height;
+        let shift = (right * self.shift[0] + up * self.shift[1] + forward * self.shift[2]) * height;
         let roll = DQuat::from_axis_angle(forward, -self.roll.to_radians());
         Camera::new(position + shift, target + shift, roll * up, camera.fov_y_deg())
     }
@@ -64,11 +64,11 @@ mod tests {
     }
 
     #[test]
-    fn a_pan_by_one_half_brings_the_rim_to_the_middle() {
+    fn a_shift_by_one_half_brings_the_rim_to_the_middle() {
         // At 90 degrees and distance 5, the picture is 10 high at the target.
-        let moved = Pose { pan: [0.5, -0.25], ..Pose::default() }.camera(&front()).expect("a camera");
-        assert!((moved.target() - DVec3::new(5.0, -2.5, 0.0)).length() < 1e-12);
-        assert!((moved.position() - DVec3::new(5.0, -2.5, 5.0)).length() < 1e-12);
+        let moved = Pose { shift: [0.5, -0.25, 0.75], ..Pose::default() }.camera(&front()).expect("a camera");
+        assert!((moved.target() - DVec3::new(5.0, -2.5, -7.5)).length() < 1e-12);
+        assert!((moved.position() - DVec3::new(5.0, -2.5, -2.5)).length() < 1e-12);
     }
 
     #[test]
@@ -84,7 +84,7 @@ mod tests {
         for pose in [
             Pose { zoom: 0.0, ..Pose::default() },
             Pose { azimuth: f64::NAN, ..Pose::default() },
-            Pose { pan: [f64::INFINITY, 0.0], ..Pose::default() },
+            Pose { shift: [f64::INFINITY, 0.0, 0.0], ..Pose::default() },
             Pose { roll: f64::NAN, ..Pose::default() },
         ] {
             assert!(pose.camera(&front()).is_err(), "{pose:?}");

@@ -6,7 +6,7 @@
 
 use crate::camera::Pose;
 use crate::message::Message;
-use crate::session::Session;
+use crate::session::{self, Session};
 use lamina_model::Invalid;
 use lamina_raycast::kernel::VolumeKernel;
 use lamina_vdi_render::Detail;
@@ -28,7 +28,7 @@ fn answer<E: Display>(done: impl FnOnce(&mut Session) -> Result<(usize, Message)
     code
 }
 
-fn said(done: impl FnOnce(&mut Session) -> Result<Message, Invalid>) -> i32 {
+fn said<E: Display>(done: impl FnOnce(&mut Session) -> Result<Message, E>) -> i32 {
     answer(|session| done(session).map(|message| (0, message)))
 }
 
@@ -70,6 +70,84 @@ pub unsafe extern "C" fn lamina_open(start: *mut u8, length: usize, max_decoded_
     answer(|session| session.open(&bytes, max_decoded_bytes as u64))
 }
 
+/// The bytes of each of its bands: [`session::band_sizes`].
+///
+/// # Safety
+/// `start` must be what [`lamina_room`] gave for `length`, and not taken before.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lamina_band_sizes(start: *mut u8, length: usize, max_decoded_bytes: f64) -> i32 {
+    // SAFETY: passed on.
+    let bytes = unsafe { take(start, length) };
+    said(|_| Ok::<_, Invalid>(session::band_sizes(&bytes, max_decoded_bytes as u64)))
+}
+
+/// [`Session::begin_geometry`] of a step.
+///
+/// # Safety
+/// `start` must be what [`lamina_room`] gave for `length`, and not taken before.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lamina_begin_geometry(
+    start: *mut u8,
+    length: usize,
+    band: usize,
+    max_decoded_bytes: f64,
+) -> i32 {
+    // SAFETY: passed on.
+    let bytes = unsafe { take(start, length) };
+    said(|session| session.begin_geometry(&bytes, band, max_decoded_bytes as u64))
+}
+
+/// [`Session::geometry`].
+#[unsafe(no_mangle)]
+pub extern "C" fn lamina_geometry() -> i32 {
+    said(Session::geometry)
+}
+
+/// [`Session::begin_colors`] of a step.
+///
+/// # Safety
+/// `start` must be what [`lamina_room`] gave for `length`, and not taken before.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lamina_begin_colors(
+    start: *mut u8,
+    length: usize,
+    band: usize,
+    max_decoded_bytes: f64,
+) -> i32 {
+    // SAFETY: passed on.
+    let bytes = unsafe { take(start, length) };
+    said(|session| session.begin_colors(&bytes, band, max_decoded_bytes as u64))
+}
+
+/// [`Session::color`] of a slice.
+///
+/// # Safety
+/// `start` must be what [`lamina_room`] gave for `length`, and not taken before.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lamina_color(start: *mut u8, length: usize) -> i32 {
+    // SAFETY: passed on.
+    let bytes = unsafe { take(start, length) };
+    said(|session| session.color(&bytes))
+}
+
+/// [`Session::end_colors`].
+#[unsafe(no_mangle)]
+pub extern "C" fn lamina_end_colors() -> i32 {
+    said(|session| Ok::<_, Invalid>(session.end_colors()))
+}
+
+/// The step of `length` bytes whose bands follow them in the room, `whole` bytes in all: [`Session::join`].
+///
+/// # Safety
+/// `start` must be what [`lamina_room`] gave for `whole`, and not taken before.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lamina_join(start: *mut u8, length: usize, whole: usize, max_decoded_bytes: f64) -> i32 {
+    // SAFETY: passed on.
+    let bytes = unsafe { take(start, whole) };
+    let (step, bands) = bytes.split_at(length.min(whole));
+    answer(|session| session.join(step, bands, max_decoded_bytes as u64))
+}
+
 /// The step with another appearance, JSON: [`Session::with_appearance`].
 ///
 /// # Safety
@@ -94,8 +172,8 @@ pub extern "C" fn lamina_bindings(handle: usize) -> i32 {
     said(|session| session.bindings(handle))
 }
 
-fn pose(azimuth: f64, elevation: f64, zoom: f64, right: f64, up: f64, roll: f64) -> Pose {
-    Pose { azimuth, elevation, zoom, pan: [right, up], roll }
+fn pose(azimuth: f64, elevation: f64, zoom: f64, right: f64, up: f64, ahead: f64, roll: f64) -> Pose {
+    Pose { azimuth, elevation, zoom, shift: [right, up, ahead], roll }
 }
 
 /// Nearest rays for `still` 0.
@@ -112,6 +190,7 @@ pub extern "C" fn lamina_view(
     zoom: f64,
     right: f64,
     up: f64,
+    ahead: f64,
     roll: f64,
     width: u32,
     height: u32,
@@ -119,7 +198,7 @@ pub extern "C" fn lamina_view(
     first: u32,
     rows: u32,
 ) -> i32 {
-    let pose = pose(azimuth, elevation, zoom, right, up, roll);
+    let pose = pose(azimuth, elevation, zoom, right, up, ahead, roll);
     said(|session| session.view(handle, &pose, [width, height], detail(still), [first, rows]))
 }
 
@@ -138,12 +217,13 @@ pub extern "C" fn lamina_begin(
     zoom: f64,
     right: f64,
     up: f64,
+    ahead: f64,
     roll: f64,
     width: u32,
     height: u32,
     still: u32,
 ) -> i32 {
-    let pose = pose(azimuth, elevation, zoom, right, up, roll);
+    let pose = pose(azimuth, elevation, zoom, right, up, ahead, roll);
     said(|session| session.begin(handle, &pose, [width, height], detail(still)))
 }
 
@@ -157,5 +237,5 @@ pub extern "C" fn lamina_advance() -> i32 {
 #[unsafe(no_mangle)]
 pub extern "C" fn lamina_source(volume: u32) -> i32 {
     let source = if volume == 0 { VdiKernel::SOURCE } else { VolumeKernel::SOURCE };
-    said(|_| Ok(Message::json(&source)))
+    said(|_| Ok::<_, Invalid>(Message::json(&source)))
 }

@@ -4,7 +4,7 @@ use crate::camera::Pose;
 use crate::message::Message;
 use glam::DVec3;
 use lamina_codec::volume::{ReferenceVolume, checksum};
-use lamina_codec::{CodecError, DecodeLimits, decode_any_after};
+use lamina_codec::{CodecError, ColorDecoder, DecodeLimits, GeometryDecoder, VdiBand, decode_any_after};
 use lamina_compute::kernel::Binding;
 use lamina_model::{Appearance, Camera, Effects, Image, Intermediate, Invalid, TransferFunction};
 use lamina_raycast::kernel::VolumeKernel;
@@ -82,11 +82,18 @@ fn tiled(width: u32, first: u32, end: u32) -> Vec<(u32, u32)> {
     pixels
 }
 
+/// The bytes of each band of a recorded step whose geometry and colors can be decoded apart; none if there are none.
+pub(crate) fn band_sizes(bytes: &[u8], max_decoded_bytes: u64) -> Message {
+    Message::json(&lamina_codec::band_sizes(bytes, &DecodeLimits { max_decoded_bytes }).unwrap_or_default())
+}
+
 /// All decoded steps, by handle, and the picture that is being drawn.
 #[derive(Debug, Default)]
 pub struct Session {
     shown: Vec<Option<Shown>>,
     painting: Option<Painting>,
+    geometry: Option<GeometryDecoder>,
+    colors: Option<ColorDecoder>,
 }
 
 impl Session {
@@ -97,9 +104,74 @@ impl Session {
     /// If the bytes are no step, coded after one that is not kept, damaged or too large.
     pub fn open(&mut self, bytes: &[u8], max_decoded_bytes: u64) -> Result<(usize, Message), CodecError> {
         let decoded = decode_any_after(bytes, &DecodeLimits { max_decoded_bytes }, |before| self.reference(before))?;
+        Ok(self.take(bytes, decoded))
+    }
+
+    /// As [`Self::open`], of a VDI whose bands were decoded in stages, maybe by other workers: `bands` holds all of them, one behind the other.
+    ///
+    /// # Errors
+    /// If the bytes are no VDI, damaged or too large, or `bands` are not its bands.
+    pub fn join(
+        &mut self,
+        bytes: &[u8],
+        mut bands: &[u8],
+        max_decoded_bytes: u64,
+    ) -> Result<(usize, Message), CodecError> {
+        let mut decoded = Vec::new();
+        while !bands.is_empty() {
+            decoded.push(VdiBand::read(&mut bands)?);
+        }
+        let vdi = lamina_codec::join_bands(bytes, &decoded, &DecodeLimits { max_decoded_bytes })?;
+        Ok(self.take(bytes, Intermediate::Vdi(Box::new(vdi))))
+    }
+
+    /// Begins to decode the geometry of band `band` of a VDI.
+    ///
+    /// # Errors
+    /// If the bytes are no VDI in bands, damaged or too large, or there is no such band.
+    pub fn begin_geometry(&mut self, bytes: &[u8], band: usize, max_decoded_bytes: u64) -> Result<Message, CodecError> {
+        self.geometry = Some(GeometryDecoder::new(bytes, band, &DecodeLimits { max_decoded_bytes })?);
+        Ok(Message::default())
+    }
+
+    /// The next slice of it, for [`Self::color`]; empty behind the last.
+    ///
+    /// # Errors
+    /// If the bytes are damaged.
+    pub fn geometry(&mut self) -> Result<Message, CodecError> {
+        let slice = self.geometry.as_mut().map(GeometryDecoder::slice).transpose()?.flatten();
+        Ok(slice.map(|slice| Message(slice.to_bytes())).unwrap_or_default())
+    }
+
+    /// Begins to decode the colors of band `band` of a VDI.
+    ///
+    /// # Errors
+    /// As [`Self::begin_geometry`].
+    pub fn begin_colors(&mut self, bytes: &[u8], band: usize, max_decoded_bytes: u64) -> Result<Message, CodecError> {
+        self.colors = Some(ColorDecoder::new(bytes, band, &DecodeLimits { max_decoded_bytes })?);
+        Ok(Message::default())
+    }
+
+    /// Decodes the colors of the next slice.
+    ///
+    /// # Errors
+    /// If the bytes are damaged or `slice` is none.
+    pub fn color(&mut self, mut slice: &[u8]) -> Result<Message, CodecError> {
+        let slice = VdiBand::read(&mut slice)?;
+        self.colors.as_mut().map(|colors| colors.take(&slice)).transpose()?;
+        Ok(Message::default())
+    }
+
+    /// Ends the band begun: what [`Self::join`] takes of it.
+    pub fn end_colors(&mut self) -> Message {
+        Message(self.colors.take().map(|colors| colors.finish().to_bytes()).unwrap_or_default())
+    }
+
+    /// Keeps a step that was decoded from `bytes`.
+    fn take(&mut self, bytes: &[u8], decoded: Intermediate) -> (usize, Message) {
         let (elements, histogram) = (decoded.elements() as usize, histogram(&decoded));
         let (drawable, checksum) = (Drawable::new(decoded), checksum(bytes));
-        Ok(self.keep(Shown { drawable, volume: None, elements, histogram, checksum }))
+        self.keep(Shown { drawable, volume: None, elements, histogram, checksum })
     }
 
     fn reference(&self, wanted: u32) -> Option<ReferenceVolume> {

@@ -37,8 +37,9 @@ interface Opened {
 
 export class BrowserPainter {
   device: Device | null = null;
-  /** Milliseconds that the last step took to decode. */
+  /** Milliseconds that the last step took to decode, and how many workers did. */
   decodeMs = NaN;
+  decoders = NaN;
   /** Bytes of steps fetched so far. */
   fetchedBytes = 0;
   private readonly ready: Promise<void>;
@@ -86,7 +87,7 @@ export class BrowserPainter {
       this.device = message.device;
       this.changed();
     } else if (message.kind === "opened") {
-      this.decodeMs = message.decodeMs;
+      [this.decodeMs, this.decoders] = [message.decodeMs, message.decoders];
       this.openings.get(message.key)?.resolve(message.description);
     } else if (message.kind === "refused") {
       this.openings.get(message.key)?.reject(new Refused(message.reason));

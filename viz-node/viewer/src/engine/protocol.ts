@@ -17,7 +17,8 @@ export type Request =
 
 export type Reply =
   | { kind: "ready"; device: Device }
-  | { kind: "opened"; key: string; decodeMs: number; description: Description }
+  /** `decoders`: how many workers decoded it. */
+  | { kind: "opened"; key: string; decodeMs: number; decoders: number; description: Description }
   | { kind: "refused"; key: string; reason: string }
   | { kind: "drawn"; id: number; bitmap: ImageBitmap; drawMs: number; by: "gpu" | "cpu" }
   | { kind: "sliced"; id: number; slice: Slice }

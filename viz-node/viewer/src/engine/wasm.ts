@@ -2,17 +2,18 @@
 
 import type { Vector } from "../vector";
 
-/** A camera relative to the recorded one: angles in degrees, the distance divided by `zoom`, shifts in heights of the picture. */
+/** A camera relative to the recorded one: angles in degrees, the distance divided by `zoom`, shifts of eye and target in heights of the picture. */
 export interface Pose {
   azimuth: number;
   elevation: number;
   zoom: number;
   right: number;
   up: number;
+  ahead: number;
   roll: number;
 }
 
-export const FRONT: Pose = { azimuth: 0, elevation: 0, zoom: 1, right: 0, up: 0, roll: 0 };
+export const FRONT: Pose = { azimuth: 0, elevation: 0, zoom: 1, right: 0, up: 0, ahead: 0, roll: 0 };
 
 export interface ControlPoint {
   at: number;
@@ -100,6 +101,13 @@ interface Exports {
   lamina_answer(): number;
   lamina_answer_length(): number;
   lamina_open(start: number, length: number, maxDecodedBytes: number): number;
+  lamina_band_sizes(start: number, length: number, maxDecodedBytes: number): number;
+  lamina_begin_geometry(start: number, length: number, band: number, maxDecodedBytes: number): number;
+  lamina_geometry(): number;
+  lamina_begin_colors(start: number, length: number, band: number, maxDecodedBytes: number): number;
+  lamina_color(start: number, length: number): number;
+  lamina_end_colors(): number;
+  lamina_join(start: number, length: number, whole: number, maxDecodedBytes: number): number;
   lamina_with_appearance(handle: number, start: number, length: number): number;
   lamina_close(handle: number): void;
   lamina_bindings(handle: number): number;
@@ -113,25 +121,69 @@ interface Exports {
 /** The most that a decoded step may take, bytes: what a tab can be asked for. */
 const MAX_DECODED_BYTES = 1 << 29;
 
-const numbers = (pose: Pose) => [pose.azimuth, pose.elevation, pose.zoom, pose.right, pose.up, pose.roll];
+const numbers = (pose: Pose) => [pose.azimuth, pose.elevation, pose.zoom, pose.right, pose.up, pose.ahead, pose.roll];
 
 export class Engine {
-  private constructor(private readonly wasm: Exports) {}
+  private constructor(
+    private readonly wasm: Exports,
+    readonly module: WebAssembly.Module,
+  ) {}
 
   static async load(url: string | URL): Promise<Engine> {
-    const { instance } = await WebAssembly.instantiateStreaming(fetch(url), {});
-    return new Engine(instance.exports as unknown as Exports);
+    return Engine.of(await WebAssembly.compileStreaming(fetch(url)));
   }
 
-  /** The same from its bytes. */
-  static async of(bytes: BufferSource): Promise<Engine> {
-    const { instance } = await WebAssembly.instantiate(bytes, {});
-    return new Engine(instance.exports as unknown as Exports);
+  /** Another instance of the same module, or the first of one. */
+  static async of(module: WebAssembly.Module): Promise<Engine> {
+    const { exports } = await WebAssembly.instantiate(module, {});
+    return new Engine(exports as unknown as Exports, module);
   }
 
   /** Decodes a recorded step. */
   open(bytes: Uint8Array): { handle: number; description: Description } {
     const handle = this.checked(this.wasm.lamina_open(this.fill(bytes), bytes.length, MAX_DECODED_BYTES));
+    return { handle, description: this.json() as Description };
+  }
+
+  /** The bytes of each band whose geometry and colors can be decoded apart; none if there are none. */
+  bandSizes(bytes: Uint8Array): number[] {
+    this.checked(this.wasm.lamina_band_sizes(this.fill(bytes), bytes.length, MAX_DECODED_BYTES));
+    return this.json() as number[];
+  }
+
+  /** Begins to decode the geometry of a band. */
+  beginGeometry(bytes: Uint8Array, band: number): void {
+    this.checked(this.wasm.lamina_begin_geometry(this.fill(bytes), bytes.length, band, MAX_DECODED_BYTES));
+  }
+
+  /** The next slice of it; null behind the last. */
+  geometry(): Uint8Array<ArrayBuffer> | null {
+    this.checked(this.wasm.lamina_geometry());
+    const slice = this.raw();
+    return slice.length === 0 ? null : slice.slice();
+  }
+
+  /** Begins to decode the colors of a band. */
+  beginColors(bytes: Uint8Array, band: number): void {
+    this.checked(this.wasm.lamina_begin_colors(this.fill(bytes), bytes.length, band, MAX_DECODED_BYTES));
+  }
+
+  /** Decodes those of a slice. */
+  color(slice: Uint8Array): void {
+    this.checked(this.wasm.lamina_color(this.fill(slice), slice.length));
+  }
+
+  /** The band, for `join`. */
+  endColors(): Uint8Array<ArrayBuffer> {
+    this.checked(this.wasm.lamina_end_colors());
+    return this.raw().slice();
+  }
+
+  /** The recorded step that `bands` were decoded from, all of them in order. */
+  join(bytes: Uint8Array, bands: Uint8Array[]): { handle: number; description: Description } {
+    const whole = bands.reduce((sum, band) => sum + band.length, bytes.length);
+    const start = this.fill(bytes, ...bands);
+    const handle = this.checked(this.wasm.lamina_join(start, bytes.length, whole, MAX_DECODED_BYTES));
     return { handle, description: this.json() as Description };
   }
 
@@ -185,14 +237,18 @@ export class Engine {
     return new Uint8ClampedArray(content);
   }
 
-  private fill(bytes: Uint8Array): number {
-    const start = this.wasm.lamina_room(bytes.length);
-    new Uint8Array(this.wasm.memory.buffer, start, bytes.length).set(bytes);
+  private fill(...parts: Uint8Array[]): number {
+    const start = this.wasm.lamina_room(parts.reduce((sum, part) => sum + part.length, 0));
+    let next = start;
+    for (const part of parts) {
+      new Uint8Array(this.wasm.memory.buffer, next, part.length).set(part);
+      next += part.length;
+    }
     return start;
   }
 
-  private raw(): Uint8Array {
-    return new Uint8Array(this.wasm.memory.buffer, this.wasm.lamina_answer(), this.wasm.lamina_answer_length());
+  private raw(): Uint8Array<ArrayBuffer> {
+    return new Uint8Array(this.wasm.memory.buffer as ArrayBuffer, this.wasm.lamina_answer(), this.wasm.lamina_answer_length());
   }
 
   private checked(code: number): number {

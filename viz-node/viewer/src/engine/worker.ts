@@ -1,5 +1,6 @@
 // The worker that decodes and draws, so that the page never waits.
 
+import { BAND_WORKER, BandDecoder, serveBands } from "./bands";
 import type { Device, Reply, Request } from "./protocol";
 import type { Renderer } from "./renderer";
 import { type Description, Engine } from "./wasm";
@@ -32,32 +33,50 @@ const breath = () =>
 
 class Painter {
   private readonly held = new Map<string, Held>();
+  private readonly opening = new Set<string>();
+  private readonly bands: BandDecoder;
   private next: Draw | null = null;
   private current: Draw | null = null;
 
   constructor(
     private readonly engine: Engine,
     private gpu: Renderer | null,
-  ) {}
+  ) {
+    this.bands = new BandDecoder(engine);
+  }
 
   device(): Device {
     if (this.gpu) return { kind: "gpu", api: this.gpu.api, name: this.gpu.name };
     return { kind: "cpu", why: "neither WebGPU nor WebGL2 has a GPU here" };
   }
 
-  open(key: string, bytes: Uint8Array): void {
+  async open(key: string, bytes: Uint8Array<ArrayBuffer>): Promise<void> {
     const begun = performance.now();
+    this.opening.add(key);
     try {
-      const { handle, description } = this.engine.open(bytes);
+      const { handle, description, decoders } = await this.decoded(bytes);
+      if (!this.opening.delete(key)) {
+        this.forget(handle);
+        throw new Error("the step is no longer wanted");
+      }
       this.close(key);
       this.held.set(key, { handle, description, changed: null });
-      reply({ kind: "opened", key, decodeMs: performance.now() - begun, description });
+      reply({ kind: "opened", key, decodeMs: performance.now() - begun, decoders, description });
     } catch (error) {
+      this.opening.delete(key);
       reply({ kind: "refused", key, reason: reason(error) });
     }
   }
 
+  private async decoded(bytes: Uint8Array<ArrayBuffer>): Promise<{ handle: number; description: Description; decoders: number }> {
+    const sizes = this.engine.bandSizes(bytes);
+    const apart = await this.bands.decode(bytes, sizes).catch(() => null);
+    // What the bands' workers fail at fails here too, and it is said why.
+    return apart ? { ...this.engine.join(bytes, apart.bands), decoders: apart.workers } : { ...this.engine.open(bytes), decoders: 1 };
+  }
+
   close(key: string): void {
+    this.opening.delete(key);
     const held = this.held.get(key);
     if (!held) return;
     this.held.delete(key);
@@ -170,7 +189,7 @@ function background({ background: [red, green, blue] }: Description, side: numbe
 }
 
 /** Browsers give WebGPU to pages of https and of localhost only, and many have none. */
-async function device(): Promise<Renderer | null> {
+async function device(engine: Engine): Promise<Renderer | null> {
   // The worker's name is what should draw, where somebody asked; then software will do.
   const asked = self.name;
   if (asked === "cpu") return null;
@@ -183,16 +202,20 @@ let painter: Painter | null = null;
 
 function take(request: Request): void {
   if (!painter) early.push(request);
-  else if (request.kind === "open") painter.open(request.key, new Uint8Array(request.bytes));
+  else if (request.kind === "open") void painter.open(request.key, new Uint8Array(request.bytes));
   else if (request.kind === "close") painter.close(request.key);
   else if (request.kind === "cancel") painter.cancel(request.id);
   else if (request.kind === "slice") painter.slice(request);
   else void painter.draw(request);
 }
 
-onmessage = ({ data }: MessageEvent<Request>) => take(data);
+async function servePictures(): Promise<void> {
+  onmessage = ({ data }: MessageEvent<Request>) => take(data);
+  const engine = await Engine.load("engine.wasm");
+  painter = new Painter(engine, await device(engine));
+  reply({ kind: "ready", device: painter.device() });
+  early.splice(0).forEach(take);
+}
 
-const engine = await Engine.load("engine.wasm");
-painter = new Painter(engine, await device());
-reply({ kind: "ready", device: painter.device() });
-early.splice(0).forEach(take);
+if (self.name === BAND_WORKER) serveBands();
+else await servePictures();

@@ -38,20 +38,20 @@ pub(super) fn read(
 }
 
 /// The adaptive state of one band.
-struct ColorCoder {
+pub(super) struct ColorCoder {
     color_bits: u32,
     colors: SymbolCoder,
 }
 
 impl ColorCoder {
     /// Untrained models for a band of about `segments` supersegments and a palette of `colors` colors.
-    fn new(segments: usize, colors: usize) -> Self {
+    pub(super) fn new(segments: usize, colors: usize) -> Self {
         let lines = bits_for(segments).saturating_sub(3).clamp(5, 15);
         Self { color_bits: bits_for(colors), colors: SymbolCoder::new(lines, 8) }
     }
 
     /// Codes the colors of a `row`, or reads them into it. `above` is the previous row, or an empty one.
-    fn row<C: Coder>(&mut self, coder: &mut C, row: &mut RayRow, above: &RayRow) {
+    pub(super) fn row<C: Coder>(&mut self, coder: &mut C, row: &mut RayRow, above: &RayRow) {
         for x in 0..row.ends.len() - 1 {
             let left = if x > 0 { row.range(x - 1) } else { 0..0 };
             let this = row.range(x);

@@ -47,7 +47,7 @@ pub(super) fn read(
 }
 
 /// The adaptive state of one band.
-struct GeometryCoder {
+pub(super) struct GeometryCoder {
     opacity_bits: u32,
     /// Whether a ray has any supersegment, where all neighboring rays are empty.
     any: BitModel,
@@ -74,7 +74,7 @@ fn difference_bin(a: u32, b: u32) -> u32 {
 
 impl GeometryCoder {
     /// Untrained models for a band of about `segments` supersegments with `opacities` distinct opacities.
-    fn new(segments: usize, opacities: usize) -> Self {
+    pub(super) fn new(segments: usize, opacities: usize) -> Self {
         let lines = |less: u32, most: u32| bits_for(segments).saturating_sub(less).clamp(5, most);
         Self {
             opacity_bits: bits_for(opacities),
@@ -91,7 +91,7 @@ impl GeometryCoder {
     ///
     /// # Errors
     /// If `room` refuses a supersegment, or one would end beyond [`MAX_DEPTH`].
-    fn row<C: Coder>(
+    pub(super) fn row<C: Coder>(
         &mut self,
         coder: &mut C,
         resolution: usize,

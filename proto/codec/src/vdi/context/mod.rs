@@ -11,16 +11,20 @@ mod mixer;
 mod neighbors;
 mod palette;
 mod segment;
+mod stages;
 mod symbols;
 #[cfg(test)]
 mod tests;
 
 use crate::entropy::EntropyError;
 use crate::entropy::range_coder::{Decoder, Encoder};
+use crate::vdi::band::VdiBand;
 use neighbors::RayRow;
 use palette::Palette;
 use rayon::prelude::*;
 pub(super) use segment::QuantizedSegment;
+pub(super) use stages::damaged;
+pub use stages::{ColorDecoder, GeometryDecoder};
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::mpsc::channel;
@@ -74,64 +78,107 @@ pub(super) fn encode(
     lengths.chain(parts.iter().flatten().copied()).collect()
 }
 
-/// Decodes `segments` supersegments. Returns the offsets of rays as [`encode`] takes them, and `make` of each supersegment.
+/// Decodes all bands of `segments` supersegments, on all cores.
 ///
 /// # Errors
 /// If the lengths of parts do not fit the bytes, a value is impossible, or the number of supersegments differs.
-pub(super) fn decode<T: Send>(
+pub(super) fn decode(bytes: &[u8], resolution: usize, segments: usize) -> Result<Vec<VdiBand>, EntropyError> {
+    let parts = CodedBands::read(bytes, resolution, segments)?;
+    // Supersegments left for all bands together, so that corrupt bands cannot allocate more than the header states.
+    let left = AtomicUsize::new(segments);
+    let decoded = (0..parts.bands.len()).into_par_iter().map(|k| parts.band(k, &left)).collect::<Result<_, _>>()?;
+    if left.into_inner() > 0 { Err(EntropyError::InvalidValue) } else { Ok(decoded) }
+}
+
+/// The number of bytes that each band is coded in.
+///
+/// # Errors
+/// If the lengths of parts do not fit the bytes, or the palette is damaged.
+pub(super) fn coded_bytes(bytes: &[u8], resolution: usize, segments: usize) -> Result<Vec<usize>, EntropyError> {
+    let parts = CodedBands::read(bytes, resolution, segments)?;
+    Ok(parts.coded.iter().map(|[shapes, colors]| shapes.len() + colors.len()).collect())
+}
+
+/// The decoder of the geometry of band `k`.
+///
+/// # Errors
+/// As [`coded_bytes`], or if there is no such band.
+pub(super) fn geometry_decoder(
     bytes: &[u8],
     resolution: usize,
     segments: usize,
-    make: impl Fn(QuantizedSegment) -> T + Sync,
-) -> Result<(Vec<u32>, Vec<T>), EntropyError> {
-    let rays = resolution.checked_mul(resolution).ok_or(EntropyError::SizeOverflow)?;
-    let bands = bands(resolution, segments);
-    let count = 2 * bands.len() + 1;
-    let (lengths, mut rest) = bytes.split_at_checked(8 * count).ok_or(EntropyError::LengthMismatch)?;
-    let mut parts = Vec::with_capacity(count);
-    for length in lengths.as_chunks::<8>().0 {
-        let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| EntropyError::LengthMismatch)?;
-        let (part, after) = rest.split_at_checked(length).ok_or(EntropyError::LengthMismatch)?;
-        parts.push(part);
-        rest = after;
+    k: usize,
+) -> Result<GeometryDecoder, EntropyError> {
+    let parts = CodedBands::with_band(bytes, resolution, segments, k)?;
+    Ok(GeometryDecoder::of(&parts, k, segments))
+}
+
+/// The decoder of its colors.
+///
+/// # Errors
+/// As [`geometry_decoder`].
+pub(super) fn color_decoder(
+    bytes: &[u8],
+    resolution: usize,
+    segments: usize,
+    k: usize,
+) -> Result<ColorDecoder, EntropyError> {
+    Ok(ColorDecoder::of(CodedBands::with_band(bytes, resolution, segments, k)?, k))
+}
+
+/// What the rays of a VDI are coded as.
+struct CodedBands<'a> {
+    resolution: usize,
+    palette: Palette,
+    /// The rows of each band.
+    bands: Vec<Range<usize>>,
+    /// Of each band: geometry, colors.
+    coded: Vec<[&'a [u8]; 2]>,
+    /// Approximate number of supersegments of a band.
+    per_band: usize,
+}
+
+impl<'a> CodedBands<'a> {
+    fn read(bytes: &'a [u8], resolution: usize, segments: usize) -> Result<Self, EntropyError> {
+        let bands = bands(resolution, segments);
+        let count = 2 * bands.len() + 1;
+        let (lengths, mut rest) = bytes.split_at_checked(8 * count).ok_or(EntropyError::LengthMismatch)?;
+        let mut parts = Vec::with_capacity(count);
+        for length in lengths.as_chunks::<8>().0 {
+            let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| EntropyError::LengthMismatch)?;
+            let (part, after) = rest.split_at_checked(length).ok_or(EntropyError::LengthMismatch)?;
+            parts.push(part);
+            rest = after;
+        }
+        if !rest.is_empty() {
+            return Err(EntropyError::LengthMismatch);
+        }
+        let palette = Palette::read(&mut Decoder::new(parts[0]), segments)?;
+        let per_band = segments / bands.len();
+        let coded = parts[1..].as_chunks::<2>().0.to_vec();
+        Ok(Self { resolution, palette, bands, coded, per_band })
     }
-    if !rest.is_empty() {
-        return Err(EntropyError::LengthMismatch);
+
+    fn with_band(bytes: &'a [u8], resolution: usize, segments: usize, k: usize) -> Result<Self, EntropyError> {
+        let parts = Self::read(bytes, resolution, segments)?;
+        if k < parts.bands.len() { Ok(parts) } else { Err(EntropyError::InvalidValue) }
     }
-    let palette = Palette::read(&mut Decoder::new(parts[0]), segments)?;
-    let (per_band, [colors, opacities]) = (segments / bands.len(), palette.counts());
-    // Supersegments left for all bands together, so that corrupt bands cannot allocate more than the header states.
-    let left = AtomicUsize::new(segments);
-    let room = || left.fetch_update(Relaxed, Relaxed, |n| n.checked_sub(1)).is_ok();
-    let band = |(rows, parts): (&Range<usize>, &[&[u8]])| {
+
+    /// Decodes band `k`, of at most as many supersegments as are `left`.
+    fn band(&self, k: usize, left: &AtomicUsize) -> Result<VdiBand, EntropyError> {
+        let (rows, [shapes, colors], per_band) = (self.bands[k].len(), self.coded[k], self.per_band);
+        let [color_count, opacity_count] = self.palette.counts();
+        let room = || left.fetch_update(Relaxed, Relaxed, |n| n.checked_sub(1)).is_ok();
         // Colors follow as soon as a row's geometry is known, on another core if there is one. The channel is unbounded:
         // on a single thread all rows wait until the last one's geometry is known.
         let (known, next) = channel();
-        let read_shapes = || geometry::read(parts[0], [resolution, rows.len()], per_band, opacities, room, known);
-        let (mut ends, mut made) = (vec![0], Vec::new());
+        let read_shapes = || geometry::read(shapes, [self.resolution, rows], per_band, opacity_count, room, known);
+        let mut band = VdiBand::default();
         let done = |row: &RayRow| {
-            let first = made.len() as u32;
-            ends.extend(row.ends[1..].iter().map(|end| first + end));
-            for entry in &row.entries {
-                made.push(make(palette.segment(entry)?));
-            }
-            Ok(())
+            (0..row.ends.len() - 1).try_for_each(|x| band.push(row.ray(x).iter().map(|s| self.palette.segment(s))))
         };
-        let read_colors = || colors::read(parts[1], next, per_band, colors, done);
+        let read_colors = || colors::read(colors, next, per_band, color_count, done);
         let (shapes_read, colors_read) = rayon::join(read_shapes, read_colors);
-        shapes_read.and(colors_read).map(|()| (ends, made))
-    };
-    let decoded: Vec<(Vec<u32>, Vec<T>)> =
-        bands.par_iter().zip(parts[1..].par_chunks(2)).map(band).collect::<Result<_, EntropyError>>()?;
-    if left.into_inner() > 0 {
-        return Err(EntropyError::InvalidValue);
+        shapes_read.and(colors_read).map(|()| band)
     }
-    let (mut offsets, mut all) = (Vec::with_capacity(rays + 1), Vec::new());
-    offsets.push(0);
-    for (ends, made) in decoded {
-        let first = all.len() as u32;
-        offsets.extend(ends[1..].iter().map(|end| first + end));
-        if all.is_empty() { all = made } else { all.extend(made) }
-    }
-    Ok((offsets, all))
 }

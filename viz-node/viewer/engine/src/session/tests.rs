@@ -167,3 +167,53 @@ fn a_step_coded_after_one_that_is_kept_is_decoded_and_after_none_refused() {
     let units = session.get(handle).expect("kept").drawable.units().expect("a volume").1;
     assert!(units == expected.units());
 }
+
+#[test]
+fn bands_decoded_apart_make_the_same_vdi() {
+    // Enough supersegments for three bands: white noise merges into few.
+    let grid = Grid::new([96; 3], DVec3::ONE, DVec3::ZERO).expect("a grid");
+    let voxels = (0..96_u32.pow(3)).map(|n| (n.wrapping_mul(0x9E37_79B1) ^ n.wrapping_mul(0x85EB_CA6B) >> 7) >> 24);
+    let voxels = voxels.map(|n| n as u8).collect();
+    let volume = Volume::new(grid, Voxels::U8(voxels)).expect("a volume");
+    let field = Field::new(volume.clone(), &suggest(&[&volume]).expect("a scene"));
+    let params = GenerationParams::vdi(128, 0.001).expect("parameters");
+    let (made, _) =
+        lamina_raycast::Backend::cpu().represent(&field, &params, Segmentation::Fitted).expect("it is made");
+    let bytes = encode_any(&made, &EncodeOptions::default()).expect("it is encoded");
+    let sizes =
+        |bytes: &[u8]| serde_json::from_value::<Vec<usize>>(content(&band_sizes(bytes, 1 << 30)).0).expect("sizes");
+    let count = sizes(&bytes).len();
+    assert!(count > 2, "{count} bands of {} supersegments", made.elements());
+    let [mut first, mut second] = [Session::default(), Session::default()];
+    let mut band = |k| {
+        first.begin_geometry(&bytes, k, 1 << 30).expect("a band");
+        second.begin_colors(&bytes, k, 1 << 30).expect("a band");
+        loop {
+            let Message(slice) = first.geometry().expect("a slice");
+            if slice.is_empty() {
+                return second.end_colors().0;
+            }
+            second.color(&slice).expect("its colors");
+        }
+    };
+    let bands: Vec<u8> = (0..count).flat_map(&mut band).collect();
+    let mut session = Session::default();
+    let (apart, said) = session.join(&bytes, &bands, 1 << 30).expect("joined");
+    let (at_once, same) = session.open(&bytes, 1 << 30).expect("opened");
+    assert_eq!(said, same);
+    let vdi = |handle| match &session.get(handle).expect("held").drawable {
+        Drawable::Vdi(vdi) => vdi.vdi().clone(),
+        Drawable::Volume(_) => unreachable!("a VDI"),
+    };
+    assert_eq!(vdi(apart), vdi(at_once));
+    for wrong in [&bands[..bands.len() - 1], &bands[..4], &[], &[&bands[..], &bands].concat()[..]] {
+        assert!(session.join(&bytes, wrong, 1 << 30).is_err(), "{} bytes", wrong.len());
+    }
+    assert!(session.begin_geometry(&bytes, count, 1 << 30).is_err(), "no such band");
+    let [small, volume] = both();
+    assert_eq!((sizes(&small).len(), sizes(&volume).len()), (1, 0));
+    assert!(session.begin_colors(&volume, 0, 1 << 30).is_err(), "no VDI");
+    session.begin_colors(&small, 0, 1 << 30).expect("a band");
+    assert!(session.color(&bands[..7]).is_err(), "no slice");
+    assert!(session.color(&VdiBand::default().to_bytes()).is_ok(), "nothing");
+}
