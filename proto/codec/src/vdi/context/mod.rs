@@ -83,7 +83,7 @@ pub(super) fn encode(
 /// # Errors
 /// If the lengths of parts do not fit the bytes, a value is impossible, or the number of supersegments differs.
 pub(super) fn decode(bytes: &[u8], resolution: usize, segments: usize) -> Result<Vec<VdiBand>, EntropyError> {
-    let parts = CodedBands::read(bytes, resolution, segments)?;
+    let parts = CodedRays::read(bytes, resolution, segments)?;
     // Supersegments left for all bands together, so that corrupt bands cannot allocate more than the header states.
     let left = AtomicUsize::new(segments);
     let decoded = (0..parts.bands.len()).into_par_iter().map(|k| parts.band(k, &left)).collect::<Result<_, _>>()?;
@@ -95,7 +95,7 @@ pub(super) fn decode(bytes: &[u8], resolution: usize, segments: usize) -> Result
 /// # Errors
 /// If the lengths of parts do not fit the bytes, or the palette is damaged.
 pub(super) fn coded_bytes(bytes: &[u8], resolution: usize, segments: usize) -> Result<Vec<usize>, EntropyError> {
-    let parts = CodedBands::read(bytes, resolution, segments)?;
+    let parts = CodedRays::read(bytes, resolution, segments)?;
     Ok(parts.coded.iter().map(|[shapes, colors]| shapes.len() + colors.len()).collect())
 }
 
@@ -109,7 +109,7 @@ pub(super) fn geometry_decoder(
     segments: usize,
     k: usize,
 ) -> Result<GeometryDecoder, EntropyError> {
-    let parts = CodedBands::with_band(bytes, resolution, segments, k)?;
+    let parts = CodedRays::with_band(bytes, resolution, segments, k)?;
     Ok(GeometryDecoder::of(&parts, k, segments))
 }
 
@@ -123,11 +123,11 @@ pub(super) fn color_decoder(
     segments: usize,
     k: usize,
 ) -> Result<ColorDecoder, EntropyError> {
-    Ok(ColorDecoder::of(CodedBands::with_band(bytes, resolution, segments, k)?, k))
+    Ok(ColorDecoder::of(CodedRays::with_band(bytes, resolution, segments, k)?, k))
 }
 
 /// What the rays of a VDI are coded as.
-struct CodedBands<'a> {
+struct CodedRays<'a> {
     resolution: usize,
     palette: Palette,
     /// The rows of each band.
@@ -138,7 +138,7 @@ struct CodedBands<'a> {
     per_band: usize,
 }
 
-impl<'a> CodedBands<'a> {
+impl<'a> CodedRays<'a> {
     fn read(bytes: &'a [u8], resolution: usize, segments: usize) -> Result<Self, EntropyError> {
         let bands = bands(resolution, segments);
         let count = 2 * bands.len() + 1;

@@ -5,7 +5,7 @@ use super::colors::ColorCoder;
 use super::geometry::GeometryCoder;
 use super::neighbors::{PaletteSegment, RayRow};
 use super::palette::Palette;
-use super::{CodedBands, QuantizedSegment};
+use super::{CodedRays, QuantizedSegment};
 use crate::entropy::EntropyError;
 use crate::entropy::range_coder::{Decoder, Position};
 use crate::error::{CodecError, invalid};
@@ -56,7 +56,7 @@ impl fmt::Debug for GeometryDecoder {
 
 impl GeometryDecoder {
     /// The decoder of band `k` of `parts`, of at most `segments` supersegments.
-    pub(super) fn of(parts: &CodedBands<'_>, k: usize, segments: usize) -> Self {
+    pub(super) fn of(parts: &CodedRays<'_>, k: usize, segments: usize) -> Self {
         let [_, opacities] = parts.palette.counts();
         Self {
             coded: Coded::new(parts.coded[k][0]),
@@ -116,7 +116,7 @@ impl fmt::Debug for ColorDecoder {
 
 impl ColorDecoder {
     /// The decoder of band `k` of `parts`.
-    pub(super) fn of(parts: CodedBands<'_>, k: usize) -> Self {
+    pub(super) fn of(parts: CodedRays<'_>, k: usize) -> Self {
         let [colors, _] = parts.palette.counts();
         Self {
             coded: Coded::new(parts.coded[k][1]),
