@@ -117,6 +117,47 @@ fn two_steps_are_seen_side_by_side_and_their_difference() {
 }
 
 #[test]
+fn a_run_is_seen_beside_an_earlier_one_at_the_same_time() {
+    let _turn = ALONE.read();
+    let folder = tempfile::tempdir().unwrap();
+    let open = |name: &str, bound: &str| {
+        let out = folder.path().join(name).display().to_string();
+        let arguments = ["--representation", "volume", "--resolution", "32", "--gamma", bound, "--out", &out];
+        watched(&arguments, &["--disable-gpu"], "")
+    };
+    let run = "fetch('api/state').then(r => r.json()).then(s => s.run.id)";
+    let (lamina, browser, _profile) = open("first", "0.001");
+    browser.wait_js(&format!("{STILL} !== false && document.querySelector('#runs').hidden"));
+    let earlier = browser.promised(run);
+    end(&browser, lamina);
+
+    let (lamina, browser, _profile) = open("second", "0.1");
+    // As a viz-node that goes on from run to run records them.
+    let id = earlier.as_str().unwrap();
+    std::fs::rename(folder.path().join("first/vdi").join(id), folder.path().join("second/vdi").join(id)).unwrap();
+    browser.js("location.reload()");
+    look(&browser, VIEWS[1]);
+    browser.wait_js("!document.querySelector('#runs').hidden");
+    let choose = || {
+        browser.js(&format!(
+            "(e => (e.value = {earlier}, e.dispatchEvent(new Event('change'))))(document.querySelector('#other-run'))"
+        ))
+    };
+    choose();
+    let text = "document.querySelector('#compared').textContent";
+    browser.wait_js(&format!("/^blast, the other run, step 2, time [0-9.]+: [0-9.]+ dB apart$/.test({text})"));
+    browser.js("document.querySelector('#previous').click()");
+    browser.wait_js(&format!("{text}.includes('the other run, step 1,') && {STILL} !== false"));
+    browser.key("c");
+    browser.wait_js(&format!("{text}.startsWith('difference from blast, the other run')"));
+    browser.key("c");
+    browser.wait_js("document.querySelector('#beside').hidden && document.querySelector('#other-run').value === ''");
+    choose();
+    browser.wait_js(&format!("/^blast, the other run, step 1,/.test({text})"));
+    end(&browser, lamina);
+}
+
+#[test]
 fn who_flies_moves_and_looks_around() {
     let _turn = ALONE.read();
     let (lamina, browser, _profile) = watched(&["--representation", "volume"], &["--disable-gpu"], "");

@@ -1,12 +1,12 @@
 //! Steps decoded and prepared for drawing: those that were coded after others, after these.
 
 use super::decoded_steps::DecodedStep;
-use super::{Store, StoreError};
+use super::{StepRow, Store, StoreError};
 use lamina_codec::volume::{ReferenceVolume, checksum};
 use lamina_codec::{decode_any_after, sequence};
 use lamina_model::Intermediate;
 use lamina_vdi_render::Drawable;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 impl Store {
@@ -15,26 +15,8 @@ impl Store {
     /// # Errors
     /// If it, or one that it was coded after, is not held.
     pub fn self_contained(&self, step: u64) -> Result<Arc<Vec<u8>>, StoreError> {
-        let files = self.chain(step, |_| false)?.into_iter().map(|step| self.encoded(step));
-        let mut files = files.collect::<Result<Vec<_>, _>>()?;
-        if files.len() == 1 {
-            Ok(files.remove(0))
-        } else {
-            Ok(Arc::new(sequence(&files.iter().map(|f| &f[..]).collect::<Vec<_>>())))
-        }
-    }
-
-    /// `step` and those that it was coded after, the first one first: a key frame, or the first after one that `is_known`.
-    fn chain(&self, step: u64, is_known: impl Fn(u64) -> bool) -> Result<Vec<u64>, StoreError> {
-        let state = self.state();
-        let mut chain = VecDeque::from([step]);
-        let mut row = state.rows.get(&step).ok_or(StoreError::NoStep(step))?;
-        // Backwards only, so that no circle is followed.
-        while let Some(before) = row.after_step.filter(|before| *before < row.step && !is_known(*before)) {
-            row = state.rows.get(&before).ok_or(StoreError::NoStep(before))?;
-            chain.push_front(before);
-        }
-        Ok(chain.into())
+        let steps = chain(&self.state().rows, step, |_| false)?;
+        in_one_piece(steps, |step| self.encoded(step))
     }
 
     /// What stands for `step`, decoded and prepared for drawing.
@@ -47,7 +29,7 @@ impl Store {
             return Ok(known.shown.clone());
         }
         let known: Vec<u64> = self.state().decoded.of_run(&run_id).collect();
-        let chain = self.chain(step, |step| known.contains(&step))?;
+        let chain = chain(&self.state().rows, step, |step| known.contains(&step))?;
         let before = self.row(chain[0]).and_then(|row| row.after_step);
         let mut reference =
             before.and_then(|before| self.state().decoded.get(&run_id, before).and_then(DecodedStep::reference));
@@ -78,6 +60,35 @@ impl Store {
         }
         state.decoded.keep(DecodedStep { run_id, step, checksum, shown: shown.clone() });
         Ok(shown)
+    }
+}
+
+/// `step` and those that it was coded after, the first one first: a key frame, or the first after one that `is_known`.
+pub(super) fn chain(
+    rows: &BTreeMap<u64, StepRow>,
+    step: u64,
+    is_known: impl Fn(u64) -> bool,
+) -> Result<Vec<u64>, StoreError> {
+    let mut chain = VecDeque::from([step]);
+    let mut row = rows.get(&step).ok_or(StoreError::NoStep(step))?;
+    // Backwards only, so that no circle is followed.
+    while let Some(before) = row.after_step.filter(|before| *before < row.step && !is_known(*before)) {
+        row = rows.get(&before).ok_or(StoreError::NoStep(before))?;
+        chain.push_front(before);
+    }
+    Ok(chain.into())
+}
+
+/// The bytes of `steps`, of which each is coded after the one before it, in one piece.
+pub(super) fn in_one_piece(
+    steps: Vec<u64>,
+    encoded: impl Fn(u64) -> Result<Arc<Vec<u8>>, StoreError>,
+) -> Result<Arc<Vec<u8>>, StoreError> {
+    let mut files = steps.into_iter().map(encoded).collect::<Result<Vec<_>, _>>()?;
+    if files.len() == 1 {
+        Ok(files.remove(0))
+    } else {
+        Ok(Arc::new(sequence(&files.iter().map(|f| &f[..]).collect::<Vec<_>>())))
     }
 }
 

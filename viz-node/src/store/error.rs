@@ -11,6 +11,9 @@ pub enum StoreError {
         /// The system's words.
         reason: std::io::Error,
     },
+    /// No such run is recorded beside the current one.
+    #[error("run {0:?} is not recorded here; /api/runs lists those that are")]
+    NoRun(String),
     /// No such step is held.
     #[error("step {0} is not held; /api/state lists those that are")]
     NoStep(u64),

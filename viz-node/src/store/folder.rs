@@ -4,6 +4,7 @@
 use super::error::StoreError;
 use super::row::{QualityStatus, StepRow};
 use super::run::Run;
+use std::cmp::Reverse;
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -44,19 +45,7 @@ impl Folder {
     /// The run in `root` whose description is youngest; `None` if there is none.
     pub(super) fn newest(root: &Path) -> Result<Option<(Run, Self, Vec<StepRow>)>, StoreError> {
         fs::create_dir_all(root).map_err(failed(root))?;
-        let mut newest = None;
-        for entry in fs::read_dir(root).map_err(failed(root))?.flatten() {
-            let description = entry.path().join("run.json");
-            let Ok(modified) = fs::metadata(&description).and_then(|m| m.modified()) else { continue };
-            let Ok(run) = serde_json::from_slice::<Run>(&fs::read(&description).unwrap_or_default()) else {
-                tracing::warn!(file = %description.display(), "not a run's description; left alone");
-                continue;
-            };
-            if newest.as_ref().is_none_or(|(time, _)| modified > *time) {
-                newest = Some((modified, run));
-            }
-        }
-        let Some((_, run)) = newest else { return Ok(None) };
+        let Some(run) = recorded_runs(root)?.into_iter().next() else { return Ok(None) };
         let (folder, rows) = Self::open(root, &run)?;
         Ok(Some((run, folder, rows)))
     }
@@ -106,9 +95,37 @@ impl Folder {
 
     /// The step's bytes.
     pub(super) fn read(&self, step: u64) -> Result<Vec<u8>, StoreError> {
-        let path = self.vdi_path(step);
-        fs::read(&path).map_err(failed(&path))
+        recorded_bytes(&self.path, step)
     }
+}
+
+/// The runs recorded in `root`, the one whose description is youngest first.
+pub(super) fn recorded_runs(root: &Path) -> Result<Vec<Run>, StoreError> {
+    let mut runs = Vec::new();
+    for entry in fs::read_dir(root).map_err(failed(root))?.flatten() {
+        let description = entry.path().join("run.json");
+        let Ok(modified) = fs::metadata(&description).and_then(|m| m.modified()) else { continue };
+        let run = serde_json::from_slice::<Run>(&fs::read(&description).unwrap_or_default()).ok();
+        match run.filter(|run| entry.file_name() == *run.id) {
+            Some(run) => runs.push((modified, run)),
+            None => {
+                tracing::warn!(file = %description.display(), "not the description of this folder's run; left alone")
+            }
+        }
+    }
+    runs.sort_by_key(|(modified, _)| Reverse(*modified));
+    Ok(runs.into_iter().map(|(_, run)| run).collect())
+}
+
+/// The settled rows of the run in `folder`, which stays as it is.
+pub(super) fn recorded_rows(folder: &Path) -> Result<Vec<StepRow>, StoreError> {
+    Ok(read_rows(folder)?.0)
+}
+
+/// The bytes of a step recorded in `folder`.
+pub(super) fn recorded_bytes(folder: &Path, step: u64) -> Result<Vec<u8>, StoreError> {
+    let path = vdi_path(folder, step);
+    fs::read(&path).map_err(failed(&path))
 }
 
 fn vdi_path(folder: &Path, step: u64) -> PathBuf {
@@ -134,10 +151,22 @@ fn pending_rows(folder: &Path) -> Vec<StepRow> {
     rows
 }
 
-/// The rows of `folder`, and its `steps.csv` ready for more. What is in the file stays: a last line that a kill cut short is
-/// ended, a line that is no row is passed over and said. So is a row whose bytes are not there, as after a power cut: the system may
-/// write files in another order than they were written in.
+/// The rows of `folder`, and its `steps.csv` ready for more. What is in the file stays: a last line that a kill cut short is ended.
 fn open_rows(folder: &Path) -> Result<(Vec<StepRow>, File), StoreError> {
+    let (rows, bytes) = read_rows(folder)?;
+    let path = folder.join("steps.csv");
+    let mut csv = OpenOptions::new().create(true).append(true).open(&path).map_err(failed(&path))?;
+    if bytes.is_empty() {
+        csv.write_all(StepRow::csv_header().as_bytes()).map_err(failed(&path))?;
+    } else if !bytes.ends_with(b"\n") {
+        writeln!(csv).map_err(failed(&path))?;
+    }
+    Ok((rows, csv))
+}
+
+/// The rows of `folder`, and the bytes of its `steps.csv`. A line that is no row is passed over and said. So is a row whose bytes are not there, as
+/// after a power cut: the system may write files in another order than they were written in.
+fn read_rows(folder: &Path) -> Result<(Vec<StepRow>, Vec<u8>), StoreError> {
     let path = folder.join("steps.csv");
     let bytes = match fs::read(&path) {
         Ok(bytes) => bytes,
@@ -163,13 +192,7 @@ fn open_rows(folder: &Path) -> Result<(Vec<StepRow>, File), StoreError> {
     if !lost.is_empty() {
         tracing::warn!(folder = %folder.display(), steps = ?lost, "steps whose files are missing or cut short");
     }
-    let mut csv = OpenOptions::new().create(true).append(true).open(&path).map_err(failed(&path))?;
-    if bytes.is_empty() {
-        csv.write_all(StepRow::csv_header().as_bytes()).map_err(failed(&path))?;
-    } else if !bytes.ends_with(b"\n") {
-        writeln!(csv).map_err(failed(&path))?;
-    }
-    Ok((rows, csv))
+    Ok((rows, bytes))
 }
 
 /// Writes a file beside its name, then gives it the name: a reader sees all of it or the old one.

@@ -4,6 +4,7 @@
 
 mod decoded_steps;
 mod decoding;
+mod earlier_run;
 mod error;
 mod folder;
 mod request_log;

@@ -53,6 +53,8 @@ impl Web {
             .route("/api/contract", post(requests::contract))
             .route("/api/steer", post(requests::steer))
             .route("/api/show", post(requests::show))
+            .route("/api/runs", get(runs))
+            .route("/api/runs/{run}", get(run_steps))
             .route("/api/step/{step}", get(step))
             .route("/api/image", get(image))
             .route("/api/transfer", get(transfer))
@@ -158,12 +160,46 @@ async fn events(State(web): State<Web>) -> Sse<impl Stream<Item = Result<sse::Ev
     Sse::new(events.map(to_sse)).keep_alive(sse::KeepAlive::default())
 }
 
+/// The runs recorded beside the current one.
+async fn runs(State(web): State<Web>) -> Response {
+    match web.store.earlier_runs() {
+        Ok(runs) => Json(runs).into_response(),
+        Err(e) => (StatusCode::INTERNAL_SERVER_ERROR, e.to_string()).into_response(),
+    }
+}
+
+/// One of them, and when its steps were.
+#[derive(Serialize)]
+struct RunSteps {
+    run: Run,
+    steps: Vec<StepTime>,
+}
+
+#[derive(Serialize)]
+struct StepTime {
+    step: u64,
+    /// Of the simulation.
+    time: f64,
+}
+
+async fn run_steps(State(web): State<Web>, Path(run): Path<String>) -> Response {
+    match web.store.earlier_run(&run) {
+        Ok(run) => {
+            let steps = run.rows().map(|row| StepTime { step: row.step, time: row.time }).collect();
+            Json(RunSteps { run: run.run().clone(), steps }).into_response()
+        }
+        Err(e) => (StatusCode::NOT_FOUND, e.to_string()).into_response(),
+    }
+}
+
 /// The encoded bytes of a step, with those it was coded after: pages decode and draw it themselves.
 async fn step(State(web): State<Web>, Path(step): Path<u64>, Query(query): Query<StepQuery>) -> Response {
-    if query.run.is_some_and(|run| web.store.run().is_none_or(|current| current.id != run)) {
-        return (StatusCode::NOT_FOUND, "another run has begun").into_response();
-    }
-    let bytes = if query.alone { web.store.encoded(step) } else { web.store.self_contained(step) };
+    let current = web.store.run().map(|run| run.id);
+    let bytes = match query.run.filter(|run| Some(run) != current.as_ref()) {
+        Some(run) => web.store.earlier_run(&run).and_then(|run| run.self_contained(step)),
+        None if query.alone => web.store.encoded(step),
+        None => web.store.self_contained(step),
+    };
     match bytes {
         Ok(bytes) => {
             let headers = [(header::CONTENT_TYPE, "application/octet-stream"), (header::CACHE_CONTROL, "no-store")];
@@ -175,7 +211,7 @@ async fn step(State(web): State<Web>, Path(step): Path<u64>, Query(query): Query
 
 #[derive(Deserialize)]
 struct StepQuery {
-    /// Refused unless it is the current run's.
+    /// Of the current run, or one recorded beside it; the current one's where it is not said.
     run: Option<String>,
     /// Without those it was coded after, which the page holds.
     #[serde(default)]

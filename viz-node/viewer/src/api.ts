@@ -50,6 +50,12 @@ export interface Run {
   dims: [number, number, number];
 }
 
+/** A run recorded beside the current one, and when its steps were. */
+export interface RunSteps {
+  run: Run;
+  steps: { step: number; time: number }[];
+}
+
 export interface Study {
   step: number;
   first: boolean;

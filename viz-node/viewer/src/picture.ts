@@ -1,13 +1,13 @@
 // The picture on the stage: which one is wanted, and who draws it.
 
 import { wishedAppearance } from "./appearance";
-import { comparison, showBeside } from "./compare";
+import { showBeside, stepBeside } from "./compare";
 import { DraftSize } from "./draft_size";
 import { BrowserPainter, type Picture, Refused } from "./engine/painter";
 import type { Description } from "./engine/wasm";
 import { refresh, refreshStatus } from "./frame";
 import { serverPicture } from "./server_picture";
-import { LARGEST_SIZE, RETRY_MS, type Shown, type Wanted, byId, clamp, link, motion, picture, rowOf, shownRow, store, view } from "./state";
+import { LARGEST_SIZE, RETRY_MS, type Shown, type StepOf, type Wanted, byId, clamp, link, motion, picture, rowOf, shownRow, store, view } from "./state";
 
 const draftSize = new DraftSize();
 
@@ -68,14 +68,16 @@ function stillSize(): number {
   return clamp(Math.round(Math.sqrt(BRIEF_STILL_MS / stillCost)), Math.min(LEAST_STILL, full), full);
 }
 
+const same = (a: StepOf | null, b: StepOf | null) => a?.run === b?.run && a?.step === b?.step;
+
 const inMotion = () => Boolean(motion.held || motion.timer);
 
 function wantedPicture(): Wanted | null {
   const row = shownRow();
   if (!row || !store.run) return null;
-  const [appearance, beside] = [wishedAppearance(), comparison.step];
+  const [appearance, beside] = [wishedAppearance(), stepBeside(row.time)];
   const { shown } = picture;
-  const other = shown === null || shown.step !== row.step || shown.appearance !== appearance || shown.beside !== beside;
+  const other = shown === null || shown.step !== row.step || shown.appearance !== appearance || !same(shown.beside, beside);
   // An empty stage is filled by a draft first, and one that shows something else where a still takes its time.
   const draft = inMotion() || shown === null || (other && !follows() && stillCost * fullSize() ** 2 > SLOW_STILL_MS);
   return {
@@ -97,7 +99,7 @@ function wantedPicture(): Wanted | null {
 function satisfies(have: Wanted | null, want: Wanted): boolean {
   if (have === null) return false;
   const sameStep = have.step === want.step || (want.live && have.step > want.step);
-  const sameView = have.run === want.run && have.appearance === want.appearance && have.pose === want.pose && have.beside === want.beside;
+  const sameView = have.run === want.run && have.appearance === want.appearance && have.pose === want.pose && same(have.beside, want.beside);
   // The cost of a still is never quite the last one's: the same step is not drawn again for a few more pixels.
   const large = have.size >= (follows() ? 0.7 : 1) * want.size;
   return sameStep && sameView && (!have.draft || want.draft) && (want.draft || large);
@@ -155,7 +157,7 @@ async function bringPicture(want: Wanted): Promise<void> {
   showBusy();
   try {
     const drawn = await drawnPicture(want, stop.signal);
-    const beside = drawn && want.beside !== null ? await drawnPicture({ ...want, step: want.beside, live: false }, stop.signal) : null;
+    const beside = drawn && want.beside !== null ? await drawnPicture({ ...want, ...want.beside, live: false }, stop.signal) : null;
     if (drawn && (beside || want.beside === null)) {
       // A new run may have begun meanwhile, and this picture would pass for its step.
       if (want.run === store.run?.id) {

@@ -1,9 +1,10 @@
 // Pictures that the server draws, for browsers that cannot.
 
 import { type Picture, Refused } from "./engine/painter";
-import type { Wanted } from "./state";
+import { type Wanted, store } from "./state";
 
 export async function serverPicture(want: Wanted, signal: AbortSignal): Promise<Picture> {
+  if (want.run !== store.run?.id) throw new Refused("the viz-node draws the current run's steps only");
   const { azimuth, elevation, zoom } = want.pose;
   const query = new URLSearchParams({
     // An appearance is for the step it was chosen for, or one like it: the newest may be a VDI.

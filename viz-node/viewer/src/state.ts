@@ -11,6 +11,12 @@ export const RETRY_MS = 2000;
 export const QUIET_MS = 10_000;
 export const ZOOM_RANGE: [number, number] = [0.25, 8];
 
+/** A step of a run. */
+export interface StepOf {
+  run: string;
+  step: number;
+}
+
 /** A picture that is asked for: `appearance` is JSON, or null for the recorded one. */
 export interface Wanted {
   run: string;
@@ -21,7 +27,7 @@ export interface Wanted {
   size: number;
   appearance: string | null;
   /** The step that is drawn beside it. */
-  beside: number | null;
+  beside: StepOf | null;
   /** Drawn fast rather than well. */
   draft: boolean;
 }
