@@ -11,7 +11,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 ROOT = Path(__file__).resolve().parents[2]
 NATIVES = ["lamina", "generator-node", "viz-node", "tuner", "liblamina_c.so", "liblamina_python.so"]
-VIEWER = ["embed.js", "engine.wasm.gz"]
+VIEWER = ["embed.js", "widget.js", "engine.wasm.gz"]
 
 
 def newest_glibc(files):

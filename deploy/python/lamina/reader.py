@@ -98,10 +98,10 @@ class _Opened:
         _check(self._library, self._library.lamina_read_picture(self._handle, of, width, height, picture.ctypes.data))
         return picture
 
-    def _repr_html_(self) -> str:
+    def _repr_mimebundle_(self, **options: Any) -> Any:
         from .notebook import view
 
-        return view(self)._repr_html_()
+        return view(self)._repr_mimebundle_(**options)  # type: ignore[arg-type]
 
 
 class Volume(_Opened):
@@ -149,7 +149,16 @@ class Volume(_Opened):
         return options
 
 
-class Reduced(_Opened):
+class _Recorded(_Opened):
+    """A recorded step."""
+
+    @property
+    def encoded(self) -> bytes:
+        """Its bytes, with those of the steps that it was coded after: they decode without any other file."""
+        return self._array("encoded").tobytes()
+
+
+class Reduced(_Recorded):
     """A recorded step that is a reduced volume."""
 
     @property
@@ -178,7 +187,7 @@ class Reduced(_Opened):
         return self.description["params"]
 
 
-class Vdi(_Opened):
+class Vdi(_Recorded):
     """A recorded step that is a Volumetric Depth Image: for each of r x r rays a list of supersegments, nearest first."""
 
     @property
@@ -241,8 +250,10 @@ class Run:
     def __len__(self) -> int:
         return len(self._files)
 
-    def _repr_html_(self) -> str:
-        return self[self.steps[-1]]._repr_html_()
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        from .notebook import view
+
+        return view(self)._repr_mimebundle_(**options)
 
 
 def read(

@@ -423,6 +423,10 @@ def check_doors():
             off = numpy.abs(step.array - blob(STEPS - 1)).max() if step.units.shape == DIMS else math.nan
         else:
             off = math.nan
+        # What a notebook is sent needs no other file.
+        alone = FOLDER / "alone.vdi"
+        alone.write_bytes(step.encoded)
+        assert numpy.array_equal(lamina.read(alone).render(azimuth=25, size=256), picture), name
         same = psnr(picture, reference)
         print(f"{name:12} {len(run):5} {first:14.1f} {max(sizes) / 1e3:11.1f} {off:9.5f} {same:13.1f}", flush=True)
         assert same >= 60, (name, same)
@@ -465,6 +469,8 @@ def check_reader():
     assert "lamina-step" in page.html and "<iframe" in page._repr_html_()
     page.save(FOLDER / "view.html")
     assert "lamina-engine" in lamina.view(path).html
+    widget = lamina.view(vdi, size=300).widget
+    assert (widget.encoded, widget.steps, widget.size) == (vdi.encoded, [0], 300) and "application/vnd.jupyter.widget-view+json" in vdi._repr_mimebundle_()[0]
     for broken, words in ((FOLDER / "none.vti", "none.vti"), (FOLDER / "bad.vdi", "bad.vdi")):
         (FOLDER / "bad.vdi").write_bytes(b"LVDI and then nothing")
         try:

@@ -2,7 +2,7 @@
 
 use crate::ReadError;
 use lamina_codec::volume::{ReferenceVolume, coded_after, decode_after};
-use lamina_codec::{CodecError, DecodeLimits, decode_any, decode_any_after};
+use lamina_codec::{CodecError, DecodeLimits, decode_any, decode_any_after, sequence};
 use lamina_model::Intermediate;
 use std::ffi::OsStr;
 use std::fs::{self, File};
@@ -19,13 +19,7 @@ pub fn read_recorded(path: &Path) -> Result<Intermediate, ReadError> {
         let path = path.to_owned();
         move |source| ReadError::Recorded { path, source }
     };
-    let mut chain = vec![(path.to_owned(), read(path)?)];
-    while let Some((file, bytes)) = chain.last() {
-        let Some(checksum) = coded_after(bytes) else { break };
-        let before = beside(file, checksum, &chain)?;
-        let bytes = read(&before)?;
-        chain.push((before, bytes));
-    }
+    let chain = chain(path)?;
     let mut reference = None;
     for (file, bytes) in chain.iter().skip(1).rev() {
         let volume = decode_after(bytes, &limits, reference.as_ref()).map_err(failed(file))?;
@@ -33,6 +27,28 @@ pub fn read_recorded(path: &Path) -> Result<Intermediate, ReadError> {
     }
     let (file, bytes) = &chain[0];
     decode_any_after(bytes, &limits, |_| reference).map_err(failed(file))
+}
+
+/// The bytes of the step recorded in `path`, with those of the ones that it was coded after: they decode without any other file.
+///
+/// # Errors
+/// As [`read_recorded`], but nothing is decoded.
+pub fn read_self_contained(path: &Path) -> Result<Vec<u8>, ReadError> {
+    let mut files: Vec<Vec<u8>> = chain(path)?.into_iter().map(|(_, bytes)| bytes).collect();
+    files.reverse();
+    Ok(if files.len() == 1 { files.remove(0) } else { sequence(&files) })
+}
+
+/// The file `path` and its bytes, then what it was coded after, back to a key frame.
+fn chain(path: &Path) -> Result<Vec<(PathBuf, Vec<u8>)>, ReadError> {
+    let mut chain = vec![(path.to_owned(), read(path)?)];
+    while let Some((file, bytes)) = chain.last() {
+        let Some(checksum) = coded_after(bytes) else { break };
+        let before = beside(file, checksum, &chain)?;
+        let bytes = read(&before)?;
+        chain.push((before, bytes));
+    }
+    Ok(chain)
 }
 
 /// All of a file, unless its first bytes are of no recorded step: something else may be large.

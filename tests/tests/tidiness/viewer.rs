@@ -41,7 +41,8 @@ fn is_built_of(now: &BTreeMap<String, String>, file: &str, command: &str) {
 
 #[test]
 fn the_built_page_is_of_these_sources() {
-    let configuration = ["package-lock.json", "tsconfig.json", "vite.config.ts", "vite.embed.config.ts"];
+    let configuration =
+        ["package-lock.json", "tsconfig.json", "vite.config.ts", "vite.embed.config.ts", "vite.widget.config.ts"];
     let now = sums(&[&["src", "public", "index.html"], &configuration[..]].concat(), |_| true);
     is_built_of(&now, "viewer.sha256", "build");
 }

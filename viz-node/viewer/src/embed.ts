@@ -1,113 +1,11 @@
-// One step that can be turned in a file of its own, without a server: engine and step are in the document, in base64. WebGL2 draws,
-// which browsers give to files too, or the processor.
+// One step that can be turned in a file of its own: engine and step are in the document, in base64.
 
-import { DraftSize } from "./draft_size";
-import type { Renderer } from "./engine/renderer";
-import { type Description, Engine, FRONT, type Pose } from "./engine/wasm";
+import { Engine } from "./engine/wasm";
 import { WebGl } from "./engine/webgl";
-
-const STILL_AFTER_MS = 150;
-const LARGEST_SIZE = 768;
+import { Turntable, unpacked } from "./turntable";
 
 const content = (id: string): Uint8Array<ArrayBuffer> =>
   Uint8Array.from(atob(document.getElementById(id)?.textContent ?? ""), (c) => c.charCodeAt(0));
-
-const unpacked = async (packed: Uint8Array<ArrayBuffer>): Promise<ArrayBuffer> =>
-  new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
-
-class Turntable {
-  private pose: Pose = FRONT;
-  private readonly draft = new DraftSize();
-  private timer = 0;
-  private frame = 0;
-  /** Counts pictures begun: a still gives way to whatever comes after it. */
-  private drawn = 0;
-
-  constructor(
-    private readonly canvas: HTMLCanvasElement,
-    private readonly engine: Engine,
-    private readonly handle: number,
-    private readonly description: Description,
-    private readonly gpu: Renderer | null,
-  ) {
-    this.listen();
-    this.move(FRONT);
-  }
-
-  private move(pose: Pose): void {
-    const { azimuth, elevation, zoom } = pose;
-    this.pose = { ...pose, azimuth, elevation: Math.min(Math.max(elevation, -89), 89), zoom: Math.min(Math.max(zoom, 0.25), 8) };
-    // One draft at a time: else each would give way to the next in motion, and none be seen.
-    this.frame ||= requestAnimationFrame(() => void this.draw(this.draft.side, false).finally(() => (this.frame = 0)));
-    clearTimeout(this.timer);
-    const side = Math.min(Math.round(this.canvas.clientWidth * devicePixelRatio), LARGEST_SIZE);
-    this.timer = setTimeout(() => void this.draw(side, true), STILL_AFTER_MS);
-  }
-
-  private async draw(side: number, still: boolean): Promise<void> {
-    const picture = ++this.drawn;
-    const begun = performance.now();
-    const wanted = () => picture === this.drawn;
-    const byGpu = await this.onGpu(side, still, wanted);
-    const bitmap = byGpu ?? (wanted() ? await this.onProcessor(side, still, wanted) : null);
-    if (!bitmap) return;
-    [this.canvas.width, this.canvas.height] = [side, side];
-    this.canvas.getContext("2d")!.drawImage(bitmap, 0, 0);
-    bitmap.close();
-    Object.assign(this.canvas.dataset, { still, azimuth: this.pose.azimuth, drawnBy: byGpu ? "gpu" : "cpu" });
-    if (!still) this.draft.record(side, performance.now() - begun);
-  }
-
-  /** Null where there is no GPU that can, or the picture is no longer wanted. */
-  private async onGpu(side: number, still: boolean, wanted: () => boolean): Promise<ImageBitmap | null> {
-    const { gpu, handle, description, pose } = this;
-    if (!gpu || gpu.lost !== null || !description.visible) return null;
-    try {
-      const ready = gpu.ready(handle, description, () => this.move(this.pose));
-      return ready ? await gpu.draw(handle, pose, side, still, wanted) : null;
-    } catch {
-      // The processor draws what the device failed at.
-      return null;
-    }
-  }
-
-  private async onProcessor(side: number, still: boolean, wanted: () => boolean): Promise<ImageBitmap | null> {
-    this.engine.begin(this.handle, this.pose, side, side, still);
-    for (;;) {
-      const pixels = this.engine.advance();
-      if (pixels) return createImageBitmap(new ImageData(pixels, side, side));
-      await new Promise((resolve) => setTimeout(resolve));
-      if (!wanted()) return null;
-    }
-  }
-
-  private listen(): void {
-    const { canvas } = this;
-    canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));
-    canvas.addEventListener("pointermove", (event) => {
-      if (event.buttons === 0) return;
-      const scale = 180 / canvas.clientWidth;
-      const { azimuth, elevation } = this.pose;
-      this.move({ ...this.pose, azimuth: azimuth - event.movementX * scale, elevation: elevation + event.movementY * scale });
-    });
-    canvas.addEventListener("dblclick", () => this.move(FRONT));
-    canvas.addEventListener(
-      "wheel",
-      (event) => {
-        event.preventDefault();
-        this.move({ ...this.pose, zoom: this.pose.zoom * Math.exp(-event.deltaY * 0.0015) });
-      },
-      { passive: false },
-    );
-    canvas.addEventListener("keydown", (event) => {
-      const turns: Record<string, [number, number]> = { ArrowLeft: [-5, 0], ArrowRight: [5, 0], ArrowUp: [0, 5], ArrowDown: [0, -5] };
-      const turn = turns[event.key];
-      if (!turn) return;
-      event.preventDefault();
-      this.move({ ...this.pose, azimuth: this.pose.azimuth + turn[0], elevation: this.pose.elevation + turn[1] });
-    });
-  }
-}
 
 async function start(): Promise<void> {
   const canvas = document.getElementById("turntable") as HTMLCanvasElement;
@@ -115,8 +13,7 @@ async function start(): Promise<void> {
     // `?webgl`: also in software.
     const software = new URLSearchParams(location.search).has("webgl");
     const engine = await Engine.of(await WebAssembly.compile(await unpacked(content("lamina-engine"))));
-    const { handle, description } = engine.open(content("lamina-step"));
-    new Turntable(canvas, engine, handle, description, WebGl.open(engine, software));
+    new Turntable(canvas, engine, WebGl.open(engine, software)).show(content("lamina-step"));
   } catch (error) {
     const sentence = document.createElement("p");
     sentence.textContent = `It cannot be drawn here: ${error instanceof Error ? error.message : String(error)}`;

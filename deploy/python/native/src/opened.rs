@@ -6,7 +6,7 @@ use lamina_model::{
 };
 use lamina_raycast::Field;
 use lamina_vdi_render::{Backend, Detail, Drawable};
-use lamina_volume_io::{Options, RawSpec, Series, read_recorded};
+use lamina_volume_io::{Options, RawSpec, Series, read_recorded, read_self_contained};
 use serde::{Deserialize, Serialize};
 use std::error::Error;
 use std::ffi::CString;
@@ -66,6 +66,8 @@ enum Content {
 pub struct OpenedFile {
     content: Content,
     description: CString,
+    /// Of a recorded step: its bytes, which decode without any other file.
+    encoded: Vec<u8>,
     drawable: Option<Drawable>,
 }
 
@@ -81,7 +83,8 @@ impl OpenedFile {
 
     /// A recorded step.
     fn step(path: &Path) -> Result<Self, Box<dyn Error>> {
-        let decoded = read_recorded(path)?;
+        let (decoded, encoded) = (read_recorded(path)?, read_self_contained(path)?);
+        let bytes = ("encoded", "|u1", vec![encoded.len()]);
         let params = Some(decoded.params());
         let (content, description) = match decoded {
             Intermediate::Vdi(vdi) => {
@@ -95,6 +98,7 @@ impl OpenedFile {
                         ("offsets", "<u4", vec![side * side + 1]),
                         ("depths", "<u4", vec![segments, 2]),
                         ("colors", "<f4", vec![segments, 4]),
+                        bytes,
                     ],
                     ..Description::of("vdi", header.camera, header.bounds)
                 };
@@ -103,16 +107,17 @@ impl OpenedFile {
             }
             Intermediate::Volume(volume) => {
                 let scene = volume.scene();
-                let description = Description {
+                let mut description = Description {
                     params,
                     scene: Some(scene),
                     ..Description::of("volume", scene.camera, volume.grid().bounds()).on(volume.grid(), VoxelType::F32)
                 };
+                description.arrays.push(bytes);
                 let description = serde_json::to_vec(&description)?;
                 (Content::Reduced(volume), description)
             }
         };
-        Ok(Self { content, description: CString::new(description)?, drawable: None })
+        Ok(Self { content, description: CString::new(description)?, encoded, drawable: None })
     }
 
     /// A step of a volume file.
@@ -130,7 +135,8 @@ impl OpenedFile {
                 .on(volume.grid(), volume.voxels().voxel_type())
         };
         let description = CString::new(serde_json::to_vec(&description)?)?;
-        Ok(Self { content: Content::File(Box::new(volume), Box::new(scene)), description, drawable: None })
+        let content = Content::File(Box::new(volume), Box::new(scene));
+        Ok(Self { content, description, encoded: Vec::new(), drawable: None })
     }
 
     /// JSON.
@@ -141,6 +147,7 @@ impl OpenedFile {
     /// Copies one of the arrays.
     pub fn copy(&self, name: &str, to: &mut [u8]) -> Result<(), Box<dyn Error>> {
         match (&self.content, name) {
+            (Content::Vdi(_) | Content::Reduced(_), "encoded") => fill(to, self.encoded.iter().map(|&byte| [byte])),
             (Content::Vdi(vdi), "offsets") => fill(to, vdi.offsets().iter().map(|o| o.to_le_bytes())),
             (Content::Vdi(vdi), "depths") => {
                 fill(to, vdi.segments().iter().flat_map(|s| [s.start, s.end]).map(u32::to_le_bytes))
@@ -224,9 +231,9 @@ fn unfit(room: usize, needed: usize) -> Box<dyn Error> {
     format!("room for {room} bytes; the array has {needed}").into()
 }
 
-/// Writes all `numbers` of four bytes to `to`, which they fill.
-fn fill(to: &mut [u8], numbers: impl Iterator<Item = [u8; 4]>) -> Result<(), Box<dyn Error>> {
-    let (room, (slots, rest), mut count) = (to.len(), to.as_chunks_mut::<4>(), 0);
+/// Writes all `numbers` of `N` bytes to `to`, which they fill.
+fn fill<const N: usize>(to: &mut [u8], numbers: impl Iterator<Item = [u8; N]>) -> Result<(), Box<dyn Error>> {
+    let (room, (slots, rest), mut count) = (to.len(), to.as_chunks_mut::<N>(), 0);
     if !rest.is_empty() {
         return Err(unfit(room, room - rest.len()));
     }
@@ -236,5 +243,5 @@ fn fill(to: &mut [u8], numbers: impl Iterator<Item = [u8; 4]>) -> Result<(), Box
         }
         count += 1;
     }
-    if count == slots.len() { Ok(()) } else { Err(unfit(room, 4 * count)) }
+    if count == slots.len() { Ok(()) } else { Err(unfit(room, N * count)) }
 }
