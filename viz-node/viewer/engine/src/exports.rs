@@ -70,7 +70,7 @@ pub unsafe extern "C" fn lamina_open(start: *mut u8, length: usize, max_decoded_
     answer(|session| session.open(&bytes, max_decoded_bytes as u64))
 }
 
-/// The bytes of each of its bands: [`session::band_sizes`].
+/// The bytes of each of its bands whose geometry and colors can be decoded apart, as JSON.
 ///
 /// # Safety
 /// `start` must be what [`lamina_room`] gave for `length`, and not taken before.

@@ -1,7 +1,7 @@
 // One VDI decoded by several workers, which share no memory: one decodes the geometry of a band slice by slice and hands each to another,
 // which decodes its colors meanwhile. The worker that draws is among the latter, and joins the bands.
 
-import { Engine } from "./wasm";
+import { Engine, MAX_DECODED_BYTES } from "./wasm";
 
 /** What a worker that decodes is named: it runs the same script. */
 export const BAND_WORKER = "bands";
@@ -29,10 +29,16 @@ const reasonOf = (error: unknown) => (error instanceof Error ? error.message : S
 
 function sendGeometry(engine: Engine, bytes: Bytes, bands: number[], port: MessagePort): void {
   const send = (slice: Slice, transfer: Transferable[] = []) => port.postMessage(slice, transfer);
+  let sent = 0;
   try {
     for (const band of bands) {
       engine.beginGeometry(bytes, band);
-      for (let slice = engine.geometry(); slice; slice = engine.geometry()) send({ bytes: slice }, [slice.buffer]);
+      for (let slice = engine.geometry(); slice; slice = engine.geometry()) {
+        sent += slice.length;
+        // Each band alone may hold what all may hold together.
+        if (sent > MAX_DECODED_BYTES) throw new Error("its bands hold more than its header states");
+        send({ bytes: slice }, [slice.buffer]);
+      }
       send({ bytes: null });
     }
   } catch (error) {

@@ -119,7 +119,7 @@ interface Exports {
 }
 
 /** The most that a decoded step may take, bytes: what a tab can be asked for. */
-const MAX_DECODED_BYTES = 1 << 29;
+export const MAX_DECODED_BYTES = 1 << 29;
 
 const numbers = (pose: Pose) => [pose.azimuth, pose.elevation, pose.zoom, pose.right, pose.up, pose.ahead, pose.roll];
 
