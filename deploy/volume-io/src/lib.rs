@@ -25,6 +25,6 @@ mod xml;
 
 pub use error::ReadError;
 pub use raw::RawSpec;
-pub use recorded::{read_recorded, read_self_contained};
+pub use recorded::{read_recorded, read_with_bytes};
 pub use series::{Options, Series};
 pub use write::{write_pvd, write_vti};

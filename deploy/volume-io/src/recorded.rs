@@ -14,12 +14,27 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// If a file cannot be read or is no recorded step, or the one that a step was coded after is not in its folder.
 pub fn read_recorded(path: &Path) -> Result<Intermediate, ReadError> {
+    decoded(&chain(path)?)
+}
+
+/// The step as [`read_recorded`] gives it, and its bytes with those of the ones that it was coded after: they decode without any other file.
+///
+/// # Errors
+/// As [`read_recorded`].
+pub fn read_with_bytes(path: &Path) -> Result<(Intermediate, Vec<u8>), ReadError> {
+    let chain = chain(path)?;
+    let step = decoded(&chain)?;
+    let mut files: Vec<Vec<u8>> = chain.into_iter().rev().map(|(_, bytes)| bytes).collect();
+    Ok((step, if files.len() == 1 { files.remove(0) } else { sequence(&files) }))
+}
+
+/// The first step of a chain.
+fn decoded(chain: &[(PathBuf, Vec<u8>)]) -> Result<Intermediate, ReadError> {
     let limits = DecodeLimits::default();
     let failed = |path: &Path| {
         let path = path.to_owned();
         move |source| ReadError::Recorded { path, source }
     };
-    let chain = chain(path)?;
     let mut reference = None;
     for (file, bytes) in chain.iter().skip(1).rev() {
         let volume = decode_after(bytes, &limits, reference.as_ref()).map_err(failed(file))?;
@@ -27,16 +42,6 @@ pub fn read_recorded(path: &Path) -> Result<Intermediate, ReadError> {
     }
     let (file, bytes) = &chain[0];
     decode_any_after(bytes, &limits, |_| reference).map_err(failed(file))
-}
-
-/// The bytes of the step recorded in `path`, with those of the ones that it was coded after: they decode without any other file.
-///
-/// # Errors
-/// As [`read_recorded`], but nothing is decoded.
-pub fn read_self_contained(path: &Path) -> Result<Vec<u8>, ReadError> {
-    let mut files: Vec<Vec<u8>> = chain(path)?.into_iter().map(|(_, bytes)| bytes).collect();
-    files.reverse();
-    Ok(if files.len() == 1 { files.remove(0) } else { sequence(&files) })
 }
 
 /// The file `path` and its bytes, then what it was coded after, back to a key frame.

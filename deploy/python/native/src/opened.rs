@@ -6,7 +6,7 @@ use lamina_model::{
 };
 use lamina_raycast::Field;
 use lamina_vdi_render::{Backend, Detail, Drawable};
-use lamina_volume_io::{Options, RawSpec, Series, read_recorded, read_self_contained};
+use lamina_volume_io::{Options, RawSpec, Series, read_with_bytes};
 use serde::{Deserialize, Serialize};
 use std::error::Error;
 use std::ffi::CString;
@@ -83,7 +83,7 @@ impl OpenedFile {
 
     /// A recorded step.
     fn step(path: &Path) -> Result<Self, Box<dyn Error>> {
-        let (decoded, encoded) = (read_recorded(path)?, read_self_contained(path)?);
+        let (decoded, encoded) = read_with_bytes(path)?;
         let bytes = ("encoded", "|u1", vec![encoded.len()]);
         let params = Some(decoded.params());
         let (content, description) = match decoded {
