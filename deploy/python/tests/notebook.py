@@ -56,15 +56,27 @@ class Browser:
         return ask(f"{self.session}/execute/sync", {"script": f"return {expression}", "args": []})["value"]
 
     def wait(self, expression):
-        return wait(lambda: self.js(expression), expression)
+        try:
+            return wait(lambda: self.js(expression), expression)
+        except AssertionError as error:
+            error.add_note("the notebook reads: " + self.js("document.querySelector('.jp-Notebook')?.innerText ?? document.body.innerText"))
+            raise
 
     def key(self, *keys):
         actions = [{"type": "keyDown", "value": key} for key in keys] + [{"type": "keyUp", "value": key} for key in reversed(keys)]
         ask(f"{self.session}/actions", {"actions": [{"type": "key", "id": "keys", "actions": actions}]})
 
     def run_cell(self, number):
-        self.js(f"document.querySelectorAll('.jp-CodeCell .cm-content')[{number}].focus()")
-        self.key(SHIFT, ENTER)
+        """Presses the keys until they are heard: while JupyterLab loads, it moves the focus."""
+        cell = f"document.querySelectorAll('.jp-CodeCell')[{number}]"
+
+        def heard():
+            self.js(f"{cell}.querySelector('.cm-content').focus()")
+            self.key(SHIFT, ENTER)
+            time.sleep(2)
+            return self.js(f"{cell}.querySelector('.jp-InputPrompt').textContent") not in ("", "[ ]:")
+
+        wait(heard, f"cell {number} to run")
 
     def picture(self):
         return base64.b64decode(ask(f"{self.session}/screenshot")["value"])
@@ -118,6 +130,9 @@ def main(run, screenshots):
             browser.run_cell(2)
             browser.wait(f"{CANVAS}.dataset.azimuth === '-60' && {STATUS}.includes('step {steps[-1]}') && {slider}.value === '{len(steps) - 1}'")
             (screenshots / "notebook.png").write_bytes(browser.picture())
+        except AssertionError as error:
+            error.add_note("JupyterLab's log ends: " + (Path(folder) / "jupyter.log").read_text()[-3000:])
+            raise
         finally:
             if browser:
                 browser.close()
