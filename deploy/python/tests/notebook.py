@@ -4,6 +4,7 @@ Needs jupyterlab in this environment, chromium and chromedriver."""
 
 import base64
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -102,8 +103,10 @@ def main(run, screenshots):
         (Path(folder) / "run.ipynb").write_text(json.dumps(notebook))
         port = free_port()
         options = ["--no-browser", "--allow-root", f"--port={port}", "--ServerApp.token=", "--ServerApp.password=", f"--notebook-dir={folder}"]
+        # Settings and kernels of whoever runs this are left alone.
+        own = {name: f"{folder}/{name.lower()}" for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR")}
         with open(Path(folder) / "jupyter.log", "w") as log:
-            jupyter = subprocess.Popen([sys.executable, "-m", "jupyterlab", *options], stdout=log, stderr=log)
+            jupyter = subprocess.Popen([sys.executable, "-m", "jupyterlab", *options], stdout=log, stderr=log, env=os.environ | own)
         browser = None
         try:
             wait(lambda: ask(f"http://127.0.0.1:{port}/api"), "JupyterLab")
