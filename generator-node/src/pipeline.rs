@@ -14,7 +14,7 @@ use lamina_codec::EncodedStep;
 use lamina_compute::{Activity, Laps, Priority};
 use lamina_model::suggest::{suggest, suggest_camera};
 use lamina_model::{
-    Cost, Effects, GenerationParams, Grid, Invalid, RunInfo, Scene, Steering, SteeringRequest, StepReport, Voxels,
+    Cost, GenerationParams, Grid, Invalid, RunInfo, Scene, Steering, SteeringRequest, StepReport, Voxels,
 };
 use lamina_raycast::Field;
 use parking_lot::Mutex;
@@ -278,7 +278,7 @@ impl Pipeline {
             }
         };
         if is_new {
-            self.settings.steering.begin(&info, &spec, &scene.transfer);
+            self.settings.steering.begin(&info, &spec, &scene);
         }
         self.run = Some(ShownRun { id, info: info.clone(), changes: changes.count, scene });
         let empty = source.empty_voxels();
@@ -326,8 +326,7 @@ impl Pipeline {
 /// A scene chosen for another field of a run, seen as the one `before` was: of its effects without those that are of its values.
 fn beside(chosen: Scene, before: Option<&Scene>) -> Scene {
     let Some(Scene { camera, background, step_voxels, effects, .. }) = before.cloned() else { return chosen };
-    let effects = Effects { isosurfaces: Vec::new(), color_field: None, ..effects };
-    Scene { camera, background, step_voxels, effects, ..chosen }
+    Scene { camera, background, step_voxels, effects: effects.of_any_field(), ..chosen }
 }
 
 /// A scene chosen from a coarse volume, with a camera that sees all of `grid`, of which the coarse one may lack the last points; its

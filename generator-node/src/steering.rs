@@ -2,7 +2,7 @@
 
 use crate::ingest::{IngestError, RunSpec};
 use lamina_field_expression::ShownFields;
-use lamina_model::{Invalid, RunInfo, SceneChange, Steerable, SteerableNumber, Steering, TransferFunction};
+use lamina_model::{Invalid, RunInfo, Scene, SceneChange, Steerable, SteerableNumber, Steering};
 use parking_lot::Mutex;
 use std::pin::Pin;
 use std::sync::Arc;
@@ -26,6 +26,8 @@ pub(crate) struct SteeringRelay {
 struct ShownSpec {
     run_id: String,
     spec: RunSpec,
+    /// As its last step was shown.
+    scene: Scene,
     changes: Changes,
 }
 
@@ -67,12 +69,12 @@ impl SteeringRelay {
         Listening { requests, relay: self.clone() }
     }
 
-    /// From now on the field of `info` is shown of the simulation's run that `spec` describes, in the colors of `transfer`.
-    pub(crate) fn begin(&self, info: &RunInfo, spec: &RunSpec, transfer: &TransferFunction) {
+    /// From now on the field of `info` is shown of the simulation's run that `spec` describes, under `scene`.
+    pub(crate) fn begin(&self, info: &RunInfo, spec: &RunSpec, scene: &Scene) {
         let mut shown = self.shown.lock();
-        if shown.as_ref().is_none_or(|shown| !RunInfo::is_same_simulation(&shown.run_id, &info.id)) {
-            *shown = Some(ShownSpec { run_id: info.id.clone(), spec: spec.clone(), changes: Changes::default() });
-        }
+        let before = shown.take().filter(|shown| RunInfo::is_same_simulation(&shown.run_id, &info.id));
+        let changes = before.map(|shown| shown.changes).unwrap_or_default();
+        *shown = Some(ShownSpec { run_id: info.id.clone(), spec: spec.clone(), scene: scene.clone(), changes });
         self.steerable.send_modify(|now| {
             // A simulation that began after this run's last steps listens.
             if now.listens && !RunInfo::is_same_simulation(&now.run_id, &info.id) {
@@ -80,7 +82,8 @@ impl SteeringRelay {
             }
             info.id.clone_into(&mut now.run_id);
             now.fields = spec.fields().map(|(name, _)| name.to_owned()).collect();
-            (now.shown, now.transfer) = (info.field.clone(), Some(transfer.clone()));
+            (now.shown, now.transfer) = (info.field.clone(), Some(scene.transfer.clone()));
+            now.effects = Some(scene.effects.clone());
         });
     }
 
@@ -93,7 +96,7 @@ impl SteeringRelay {
     /// Remembers `change` for the pipeline's next step, if `has_memory` for the run and what it then reads.
     ///
     /// # Errors
-    /// If run `run_id` has ended, has no such field, or there is not the memory that it takes.
+    /// If run `run_id` has ended, has no such field, cannot be drawn so, or there is not the memory that it takes.
     pub(crate) fn show(
         &self,
         run_id: &str,
@@ -106,8 +109,9 @@ impl SteeringRelay {
         if let Some(field) = &change.field {
             has_memory(&of_run.spec, &of_run.spec.shown_fields(field, None)?)?;
         }
-        let Changes { count, all } = std::mem::take(&mut of_run.changes);
-        of_run.changes = Changes { count: count + 1, all: all.then(change) };
+        let all = of_run.changes.all.clone().then(change);
+        all.apply(of_run.scene.clone()).check()?;
+        of_run.changes = Changes { count: of_run.changes.count + 1, all };
         Ok(())
     }
 
@@ -168,7 +172,45 @@ impl Drop for Listening {
 mod tests {
     use super::*;
     use futures::StreamExt;
-    use lamina_model::SteeringRequest;
+    use glam::DVec3;
+    use lamina_model::suggest::suggest;
+    use lamina_model::{Effects, FullPolicy, Grid, SteeringRequest, Volume, VoxelType, Voxels};
+
+    #[test]
+    fn what_cannot_be_drawn_so_is_refused_and_changes_nothing() {
+        let grid = Grid::new([8; 3], DVec3::ONE, DVec3::ZERO).unwrap();
+        let values = (0..512).map(|n| n as f32).collect();
+        let scene = suggest(&[&Volume::new(grid, Voxels::F32(values)).unwrap()]).unwrap();
+        let spec = RunSpec {
+            name: "r".into(),
+            field: "f".into(),
+            grid,
+            voxel_type: VoxelType::F32,
+            color_field: None,
+            more_fields: Vec::new(),
+            shown: None,
+            ranks: 1,
+            full_policy: FullPolicy::Block,
+            scene: None,
+            members: 1,
+        };
+        let relay = SteeringRelay::default();
+        relay.begin(&RunInfo { id: "r-1".into(), name: "r".into(), field: "f".into(), grid }, &spec, &scene);
+        assert_eq!(relay.steerable().borrow().effects, Some(scene.effects));
+        let ask = |effects: Effects| {
+            let change = SceneChange { effects: Some(effects), ..SceneChange::default() };
+            relay.show("r-1", change, |_, _| Ok(()))
+        };
+        let shadows = Effects { shadows: Some(0.5), ..Effects::default() };
+        let refused = ask(shadows.clone()).unwrap_err().to_string();
+        assert!(refused.contains("effects.light"), "{refused}");
+        assert_eq!(relay.changes("r-1").unwrap().count, 0);
+        ask(Effects { light: Some(DVec3::X), ..shadows }).unwrap();
+        // What is asked for next leaves what was asked for before.
+        relay.show("r-1", SceneChange { camera: Some(scene.camera), ..SceneChange::default() }, |_, _| Ok(())).unwrap();
+        let Changes { count, all } = relay.changes("r-1").unwrap();
+        assert_eq!((count, all.camera, all.effects.unwrap().shadows), (2, Some(scene.camera), Some(0.5)));
+    }
 
     fn steering(request: SteeringRequest) -> Steering {
         Steering { request, asked_by: "a test".to_owned() }

@@ -206,7 +206,7 @@ fn another_field_is_chosen_or_written_on_the_page_and_tuned_anew() {
 }
 
 #[test]
-fn vdis_come_from_where_the_reader_looks_and_in_the_colors_asked_for() {
+fn vdis_come_from_where_the_reader_looks_in_the_colors_and_light_asked_for() {
     // So small that the nodes keep up and measure some of them.
     let arguments = ["--cells", "32", "--pace", "2", "--cpu-share", "100%", "--representation", "vdi"];
     let (lamina, browser, _profile) = watched(&[&arguments[..], &["--contract", "size <= 40kB"]].concat());
@@ -246,6 +246,24 @@ fn vdis_come_from_where_the_reader_looks_and_in_the_colors_asked_for() {
     browser.wait_js(&is_run(4));
     let transfer = "fetch('api/state').then(r => r.json()).then(s => s.steerable.transfer)";
     browser.wait_js(&format!("{transfer}.then(t => t.points[t.points.length - 1].opacity === 0)"));
+    browser.wait_js(DRAWN);
+
+    // Light and surfaces, which a VDI cannot be given afterwards.
+    browser.js("document.querySelector('#effects').open = true");
+    browser.wait_js("!document.querySelector('#add-surface').disabled");
+    assert_eq!(browser.js("document.querySelector('#ask-effects').disabled"), json!(true));
+    browser.js("document.querySelector('#add-surface').click()");
+    browser.js("(() => { const s = document.querySelector('#occlusion'); s.value = '0.8'; \
+         s.dispatchEvent(new Event('input', {bubbles: true})) })()");
+    browser.js("document.querySelector('#ask-effects').click()");
+    browser.wait_js(&is_run(5));
+    let effects = "fetch('api/state').then(r => r.json()).then(s => s.steerable.effects)";
+    browser.wait_js(&format!("{effects}.then(e => e.ambient_occlusion === 0.8 && e.isosurfaces.length === 1)"));
+    // The panel shows what the steps are now generated with.
+    browser.wait_js(
+        "document.querySelector('#ask-effects').disabled && document.querySelector('#occlusion').value === '0.8' \
+         && document.querySelector('#surfaces').childElementCount === 1",
+    );
     browser.wait_js(DRAWN);
     end(&browser, lamina);
 }

@@ -242,8 +242,29 @@ impl Member {
             fields.push(Field::part(volume, (preparation.grid, part), &preparation.scene)?);
         }
         let Preparation { grid, scene, .. } = preparation;
-        self.fields.insert(step, PartFields { grid, scene, parts: fields });
+        let parts = if scene.effects.needs_light_volume() { self.light(sequence, fields)? } else { fields };
+        self.fields.insert(step, PartFields { grid, scene, parts });
         Ok([&empty_voxels.to_le_bytes()[..], &[u8::from(empty_seen)]].concat())
+    }
+
+    /// Its parts, in the light that all members' parts let through.
+    fn light(&mut self, sequence: u64, parts: Vec<Field>) -> Result<Vec<Field>, Invalid> {
+        let (me, mut own) = (self.outbox.rank(), Vec::new());
+        parts.iter().filter_map(Field::extinction_sums).for_each(|part| sums::write(&part, &mut own));
+        let others: Vec<u32> = (0..self.outbox.size()).filter(|&other| other != me).collect();
+        others.iter().for_each(|&other| send(&self.outbox, other, sequence, Kind::Extinction(own.clone())));
+        let mut gathered = self.gather(sequence, others, extinction_sums)?;
+        gathered.push((me, own));
+        // In one order at all members, so that all have the same light.
+        gathered.sort_by_key(|(from, _)| *from);
+        let mut all = Vec::new();
+        for (_, bytes) in &gathered {
+            let mut rest = &bytes[..];
+            while !rest.is_empty() {
+                all.push(sums::read(&mut rest)?);
+            }
+        }
+        Field::lit(parts, &all)
     }
 
     /// Makes the lists of its boxes, and of all boxes those of its tile.
@@ -342,8 +363,12 @@ fn lists_of_tile(kind: &Kind) -> Option<&[u8]> {
     if let Kind::Lists(bytes) = kind { Some(bytes) } else { None }
 }
 
+fn extinction_sums(kind: &Kind) -> Option<&[u8]> {
+    if let Kind::Extinction(bytes) = kind { Some(bytes) } else { None }
+}
+
 fn is_between_members(message: &v1::GroupMessage) -> bool {
-    matches!(message.kind, Some(Kind::Ghost(_) | Kind::Lists(_) | Kind::Failed(_)))
+    matches!(message.kind, Some(Kind::Ghost(_) | Kind::Lists(_) | Kind::Extinction(_) | Kind::Failed(_)))
 }
 
 /// Points of a box whose index is a multiple of `stride` on all axes, x fastest.

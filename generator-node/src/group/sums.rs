@@ -1,4 +1,4 @@
-//! What parts give to a reduced volume, as bytes between members: plain records, little-endian.
+//! What parts give to a reduced volume, or to the extinction that light meets, as bytes between members: plain records, little-endian.
 
 use lamina_model::Invalid;
 use lamina_raycast::PartSums;

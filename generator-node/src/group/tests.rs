@@ -4,7 +4,7 @@ use super::*;
 use crate::ingest::{GridBox, RunSpec};
 use glam::DVec3;
 use lamina_model::{
-    FullPolicy, Grid, Intermediate, SamplePlan, Scene, Segmentation, SquaredError, Vdi, VdiParams, Volume,
+    Effects, FullPolicy, Grid, Intermediate, SamplePlan, Scene, Segmentation, SquaredError, Vdi, VdiParams, Volume,
     VolumeParams, VoxelType, Voxels, suggest::suggest,
 };
 use lamina_raycast::{Backend, Field, reduce};
@@ -132,6 +132,29 @@ fn a_group_makes_the_vdi_of_one_node() {
                 let (a, b) = (alone.segments().len(), together.segments().len());
                 assert!(a > 500 && a.abs_diff(b) * 50 < a, "{a} and {b} supersegments");
                 assert!(gamma > 0.0 || together == alone, "samples differ");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_group_casts_the_shadows_of_one_node() {
+    let effects = Effects { light: Some(DVec3::new(-1.0, 2.0, 0.5)), shadows: Some(0.8), ..Effects::default() };
+    for effects in [effects.clone(), Effects { ambient_occlusion: Some(0.7), ..effects }] {
+        let lit = Scene { effects, ..scene() };
+        let plan = SamplePlan { image_size: 96, tile: 8, batches: 3, angles_deg: vec![10.0, 70.0, 200.0] };
+        let alone = Backend::cpu().reference_slice(&whole(&lit), &plan, 0, 0..3).unwrap();
+        let unlit = Backend::cpu().reference_slice(&whole(&scene()), &plan, 0, 0..3).unwrap();
+        for layout in layouts() {
+            let root = group(&layout, 1);
+            let field = GroupField::prepare(&root, 0, (&spec(), "f"), lit.clone(), layout).unwrap();
+            let together = field.reference_slice(&plan, 0..3).unwrap();
+            for ((a, b), unlit) in alone.colors.iter().zip(&together.colors).zip(&unlit.colors) {
+                let [mut error, mut darkness] = [SquaredError::default(); 2];
+                error.add_all(a, b);
+                darkness.add_all(unlit, b);
+                assert!(error.psnr_db() > 90.0, "{} dB", error.psnr_db());
+                assert!(darkness.psnr_db() < 40.0, "{} dB from the unlit picture", darkness.psnr_db());
             }
         }
     }

@@ -126,6 +126,36 @@ impl Effects {
         *self == Self { light: self.light, ..Self::default() }
     }
 
+    /// What there is, for people to read: `shading, shadows 0.5, isosurfaces 2`.
+    pub(crate) fn listed(&self) -> String {
+        let share = |name: &str, share: Option<f64>| share.map(|share| format!("{name} {share}"));
+        let count = |name: &str, count: usize| (count > 0).then(|| format!("{name} {count}"));
+        let listed = [
+            self.shading.map(|_| "shading".to_owned()),
+            share("shadows", self.shadows),
+            share("ambient occlusion", self.ambient_occlusion),
+            count("isosurfaces", self.isosurfaces.len()),
+            count("clip planes", self.clip_planes.len()),
+            self.clip_box.map(|_| "clip box".to_owned()),
+            self.pre_integrated.then(|| "pre-integrated".to_owned()),
+            share("depth cue", self.depth_cue.map(|cue| cue.strength)),
+            self.color_field.as_ref().map(|field| format!("colors of {}", field.name)),
+        ];
+        let listed: Vec<String> = listed.into_iter().flatten().collect();
+        if listed.is_empty() { "none".to_owned() } else { listed.join(", ") }
+    }
+
+    /// These without those that are of one field's values.
+    #[must_use]
+    pub fn of_any_field(self) -> Self {
+        Self { isosurfaces: Vec::new(), color_field: None, ..self }
+    }
+
+    /// True if light is to be followed through the whole field: there are shadows or ambient occlusion.
+    pub fn needs_light_volume(&self) -> bool {
+        self.shadows.unwrap_or(0.0) > 0.0 || self.ambient_occlusion.unwrap_or(0.0) > 0.0
+    }
+
     /// These and those of `other`; where both have one, the first.
     #[must_use]
     pub fn and(&self, other: &Self) -> Self {

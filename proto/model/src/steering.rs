@@ -1,6 +1,6 @@
 //! Steering: what people who watch a run may ask its simulation for.
 
-use crate::{Invalid, TransferFunction};
+use crate::{Effects, Invalid, TransferFunction};
 use serde::{Deserialize, Serialize};
 
 /// A number of a simulation that may be changed while it runs.
@@ -99,6 +99,8 @@ pub struct Steerable {
     pub shown: String,
     /// Its colors and opacities, and the range of its values that has them.
     pub transfer: Option<TransferFunction>,
+    /// The effects that it is shown with.
+    pub effects: Option<Effects>,
 }
 
 impl Steerable {

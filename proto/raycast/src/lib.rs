@@ -32,4 +32,5 @@ pub use vdi::compositing::Compositor;
 pub use volume::downsample::{most_points, reduce};
 pub use volume::field::Field;
 pub use volume::part::GridPart;
-pub use volume::part_reduction::{PartReduction, PartSums};
+pub use volume::part_reduction::PartReduction;
+pub use volume::part_sums::PartSums;

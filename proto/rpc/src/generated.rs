@@ -579,6 +579,9 @@ pub struct ShowRequest {
     /// Colors of the field that is shown.
     #[prost(message, optional, tag = "5")]
     pub transfer: ::core::option::Option<::lamina_message::v1::TransferFunction>,
+    /// In place of all that are shown but a color field, which is the simulation's; isosurfaces are of the field that is shown.
+    #[prost(message, optional, tag = "6")]
+    pub effects: ::core::option::Option<::lamina_message::v1::Effects>,
 }
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct ShowReply {}
@@ -600,13 +603,15 @@ pub struct Steerable {
     /// With the values asked for last.
     #[prost(message, repeated, tag = "5")]
     pub numbers: ::prost::alloc::vec::Vec<SteerableNumber>,
-    /// The run's fields, and what is shown of them, in which colors.
+    /// The run's fields, and what is shown of them, in which colors and with which effects.
     #[prost(string, repeated, tag = "6")]
     pub fields: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
     #[prost(string, tag = "7")]
     pub shown: ::prost::alloc::string::String,
     #[prost(message, optional, tag = "8")]
     pub transfer: ::core::option::Option<::lamina_message::v1::TransferFunction>,
+    #[prost(message, optional, tag = "9")]
+    pub effects: ::core::option::Option<::lamina_message::v1::Effects>,
 }
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
 #[repr(i32)]
@@ -3701,7 +3706,7 @@ pub struct GroupSample {
     #[prost(uint32, tag = "2")]
     pub stride: u32,
 }
-/// Members exchange ghost points and make a field of each of their boxes. Answer: the number of its own points that are not finite,
+/// Members exchange ghost points, and what light meets where the scene has shadows or ambient occlusion, and make a field of each of their boxes. Answer: the number of its own points that are not finite,
 /// u64, and whether there are any in all that it has, u8.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct GroupPrepare {
@@ -3784,7 +3789,7 @@ pub struct GroupMessage {
     pub sequence: u64,
     #[prost(
         oneof = "group_message::Kind",
-        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15"
+        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 16, 13, 14, 15"
     )]
     pub kind: ::core::option::Option<group_message::Kind>,
 }
@@ -3810,12 +3815,14 @@ pub mod group_message {
         Release(super::GroupRelease),
         #[prost(message, tag = "10")]
         Reply(super::GroupReply),
-        /// Between members: ghost points, and lists of a tile.
+        /// Between members: ghost points, lists of a tile, and, as those of `GroupReduce`, sums of extinction on the grid of the light volume.
         #[prost(bytes, tag = "11")]
         Ghost(::prost::alloc::vec::Vec<u8>),
         #[prost(bytes, tag = "12")]
         Lists(::prost::alloc::vec::Vec<u8>),
-        /// Instead of either: why there is none.
+        #[prost(bytes, tag = "16")]
+        Extinction(::prost::alloc::vec::Vec<u8>),
+        /// Instead of any: why there is none.
         #[prost(string, tag = "13")]
         Failed(::prost::alloc::string::String),
         #[prost(message, tag = "14")]

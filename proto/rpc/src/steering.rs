@@ -63,10 +63,10 @@ impl TryFrom<v1::Steering> for Steering {
 
 impl From<Steerable> for v1::Steerable {
     fn from(of: Steerable) -> Self {
-        let Steerable { run_id, listens, paused, stopping, numbers, fields, shown, transfer } = of;
+        let Steerable { run_id, listens, paused, stopping, numbers, fields, shown, transfer, effects } = of;
         let numbers = numbers.into_iter().map(Into::into).collect();
-        let transfer = transfer.as_ref().map(Into::into);
-        Self { run_id, listens, paused, stopping, numbers, fields, shown, transfer }
+        let (transfer, effects) = (transfer.as_ref().map(Into::into), effects.as_ref().map(Into::into));
+        Self { run_id, listens, paused, stopping, numbers, fields, shown, transfer, effects }
     }
 }
 
@@ -74,26 +74,35 @@ impl TryFrom<v1::Steerable> for Steerable {
     type Error = Invalid;
 
     fn try_from(of: v1::Steerable) -> Result<Self, Invalid> {
-        let v1::Steerable { run_id, listens, paused, stopping, numbers: given, fields, shown, transfer } = of;
+        let v1::Steerable { run_id, listens, paused, stopping, numbers: given, fields, shown, transfer, effects } = of;
         let transfer = transfer.map(TryInto::try_into).transpose()?;
-        Ok(Self { run_id, listens, paused, stopping, numbers: numbers(given)?, fields, shown, transfer })
+        let effects = effects.map(TryInto::try_into).transpose()?;
+        Ok(Self { run_id, listens, paused, stopping, numbers: numbers(given)?, fields, shown, transfer, effects })
     }
 }
 
 /// The request for `change` of run `run_id`.
 pub fn show_request(run_id: String, change: &SceneChange, asked_by: String) -> v1::ShowRequest {
-    let SceneChange { field, camera, transfer } = change;
+    let SceneChange { field, camera, transfer, effects } = change;
     let (camera, transfer) = (camera.as_ref().map(Into::into), transfer.as_ref().map(Into::into));
-    v1::ShowRequest { run_id, field: field.clone(), asked_by, camera, transfer }
+    v1::ShowRequest {
+        run_id,
+        field: field.clone(),
+        asked_by,
+        camera,
+        transfer,
+        effects: effects.as_ref().map(Into::into),
+    }
 }
 
 impl TryFrom<v1::ShowRequest> for SceneChange {
     type Error = Invalid;
 
     fn try_from(request: v1::ShowRequest) -> Result<Self, Invalid> {
-        let v1::ShowRequest { field, camera, transfer, .. } = request;
+        let v1::ShowRequest { field, camera, transfer, effects, .. } = request;
         let camera = camera.map(TryInto::try_into).transpose()?;
         let transfer = transfer.map(TryInto::try_into).transpose()?;
-        Self { field: field.map(|field| field.trim().to_owned()), camera, transfer }.check()
+        let effects = effects.map(TryInto::try_into).transpose()?;
+        Self { field: field.map(|field| field.trim().to_owned()), camera, transfer, effects }.check()
     }
 }

@@ -214,12 +214,22 @@ impl Caller {
             up: vector(values),
             fov_y_deg: values.real(),
         };
+        let surface = v1::Isosurface { value: values.real(), opacity: Some(values.real()), ..Default::default() };
+        let plane = v1::ClipPlane { normal: vector(values), offset: values.real() };
+        let effects = v1::Effects {
+            light: vector(values),
+            shadows: Some(values.real()),
+            isosurfaces: vec![surface; values.of(&[0, 1, 4, 5])],
+            clip_planes: vec![plane],
+            ..Default::default()
+        };
         let request = v1::ShowRequest {
             run_id,
             field: values.rarely(2).then(|| values.word()),
             asked_by: values.word(),
             camera: values.rarely(2).then_some(camera),
             transfer: None,
+            effects: values.rarely(2).then_some(effects),
         };
         frames.show(request).await.is_ok()
     }

@@ -7,7 +7,7 @@ use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
-use lamina_model::{ControlPoint, Invalid, SceneChange, Steering, SteeringRequest, TransferFunction};
+use lamina_model::{ControlPoint, Effects, Invalid, SceneChange, Steering, SteeringRequest, TransferFunction};
 use lamina_rpc::daemon::Peer;
 use serde::Deserialize;
 use tonic::Status;
@@ -78,6 +78,8 @@ pub(super) struct ShowAsked {
     view: Option<ViewAsked>,
     /// Colors and opacities over the range of the values shown.
     points: Option<Vec<ControlPoint>>,
+    /// Effects in place of all that are shown.
+    effects: Option<Effects>,
 }
 
 #[derive(Deserialize)]
@@ -101,7 +103,7 @@ impl ShowAsked {
             TransferFunction::new(*shown.range(), shown.stated_unit_length(), points).map_err(refused)
         };
         let (camera, transfer) = (self.view.map(from).transpose()?, self.points.map(recolored).transpose()?);
-        Ok(SceneChange { field: self.field, camera, transfer })
+        Ok(SceneChange { field: self.field, camera, transfer, effects: self.effects })
     }
 }
 

@@ -1,6 +1,6 @@
 // What the server answers, as JSON.
 
-import type { TransferFunction } from "./engine/wasm";
+import type { Effects, TransferFunction } from "./engine/wasm";
 
 export type { ControlPoint } from "./engine/wasm";
 
@@ -91,7 +91,9 @@ export interface Steerable {
   /** The run's fields, and what is to be shown of them. */
   fields: string[];
   shown: string;
+  /** In which colors, and with which effects. */
   transfer: TransferFunction | null;
+  effects: Effects | null;
 }
 
 export interface PageState {

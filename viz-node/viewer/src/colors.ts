@@ -8,10 +8,10 @@ import { keepHistory, mayRedo, mayUndo, redo, remember, undo } from "./history";
 import { painter } from "./picture";
 import { type Point, GUTTER, gridLine, pathOf, significant } from "./plots";
 import { RETRY_MS, byId, clamp, link, motion, picture, shownRow, store } from "./state";
-import { post } from "./post";
 import { PRESETS } from "./presets";
 import { fromHex, hex } from "./rgb";
-import { drawMessage, setText } from "./status";
+import { type Asked, askToShow, drawAsked } from "./show";
+import { setText } from "./status";
 import { classified, valueAt } from "./transfer";
 
 /** `recorded`: what the server said of run `run`; `points: null` draws as recorded; `selected` is a position in `points`. */
@@ -33,8 +33,7 @@ type Points = ControlPoint[] | null;
 /** Colors of a link, until it is known what was recorded. */
 const linked: { points: Points } = { points: null };
 
-/** What became of the colors that were asked for. */
-const asked: { message: string; refused: boolean } = { message: "", refused: false };
+const asked: Asked = { message: "", refused: false };
 
 const CURVE_BOTTOM = 92;
 const CURVE_TOP = 8;
@@ -95,12 +94,6 @@ function stateColors(): void {
   Object.assign(colors, { run: run.id, recorded, points: null, selected: 0, stated: true });
 }
 
-async function askForColors(): Promise<void> {
-  const refusal = await post("api/show", { points: editedPoints() });
-  Object.assign(asked, { message: refusal ?? "from the next step on", refused: refusal !== null });
-  refresh();
-}
-
 // ---- Drawing ---------------------------------------------------------------------------------------------------------
 
 function curveScale() {
@@ -136,7 +129,7 @@ export function drawColors() {
   ask.disabled = colors.points === null;
   byId<HTMLButtonElement>("undo-colors").disabled = !mayUndo();
   byId<HTMLButtonElement>("redo-colors").disabled = !mayRedo();
-  drawMessage("colors-message", asked.message, asked.refused);
+  drawAsked("colors-message", asked);
 }
 
 function drawCurve() {
@@ -325,7 +318,7 @@ export function listenToColors() {
     preset.value = "";
   });
   byId("recorded-colors").addEventListener("click", () => setPoints(null));
-  byId("ask-colors").addEventListener("click", () => void askForColors());
+  byId("ask-colors").addEventListener("click", () => void askToShow({ points: editedPoints() }, asked));
   byId("undo-colors").addEventListener("click", undo);
   byId("redo-colors").addEventListener("click", redo);
   keepHistory({ get: () => colors.points, put });

@@ -1,4 +1,4 @@
-// Light, surfaces and clipping of a volume, chosen on the page in place of the recorded ones.
+// Light, surfaces and clipping: of a volume, chosen on the page in place of the recorded ones; of a VDI, to be asked for.
 
 import { moving } from "./camera";
 import { drawClip, listenToClip, statedBox, takeBox } from "./clip";
@@ -9,13 +9,26 @@ import { painter, shownDescription } from "./picture";
 import { significant } from "./plots";
 import { axesOf } from "./projection";
 import { fromHex, hex } from "./rgb";
+import { type Asked, askToShow, drawAsked } from "./show";
 import { byId, clamp, motion, shownRow, store } from "./state";
 import { setText } from "./status";
 import { classified, positionOf, valueAt } from "./transfer";
 import { type Vector, add, dot, scaled, unit } from "./vector";
 
-/** Of run `run`: its first volume's description, and what is wished in place of its effects; null: as recorded. */
-const chosen: { run: string | null; description: Description | null; wished: Effects | null } = { run: null, description: null, wished: null };
+/**
+ * Of run `run`: its first volume's description, and what is wished in place of its effects; null: as recorded.
+ * Where VDIs are shown: that of one with what the generator-node draws with, of which `stated` has the effects as JSON.
+ */
+interface Chosen {
+  run: string | null;
+  description: Description | null;
+  wished: Effects | null;
+  stated: string | null;
+}
+
+const chosen: Chosen = { run: null, description: null, wished: null, stated: null };
+
+const asked: Asked = { message: "", refused: false };
 
 const MOST_SURFACES = 4;
 /** Beside the end of a part that was not recorded, in shares of the range. */
@@ -30,12 +43,12 @@ const linked: { effects: Effects | null } = { effects: null };
 /** Effects to draw the shown step with, or none: as recorded, or not a volume. */
 export function wishedEffects(): Effects | null {
   if (shownRow()?.representation !== "volume") return null;
-  return chosen.run === store.run?.id ? chosen.wished : linked.effects;
+  return chosen.run === store.run?.id ? (chosen.stated === null ? chosen.wished : null) : linked.effects;
 }
 
 /** Draws with the effects of a link; null: with those that were recorded. */
 export function takeEffects(effects: Effects | null): void {
-  if (chosen.run !== null && chosen.run === store.run?.id) put(effects);
+  if (chosen.run !== null && chosen.run === store.run?.id && chosen.stated === null) put(effects);
   else linked.effects = effects;
 }
 
@@ -170,25 +183,50 @@ function put(wished: Effects | null): void {
 /** The camera's drafts serve here too. */
 function draw(wished: Effects | null): void {
   chosen.wished = wished;
+  asked.message = "";
   moving();
   refresh();
 }
 
+/** Takes a volume's recorded effects, once a run. */
+function takeRecorded(description: Description): void {
+  if (chosen.run === store.run?.id && chosen.stated === null) return;
+  Object.assign(chosen, { run: store.run!.id, description, wished: linked.effects, stated: null });
+  linked.effects = null;
+  showEffects(description, chosen.wished);
+}
+
+/** Takes those that VDIs are generated with, whenever they change. A run whose volumes were seen keeps what is chosen for these. */
+function takeStated(vdi: Description): void {
+  const { transfer, effects } = store.steerable;
+  const stated = JSON.stringify(effects);
+  if (chosen.run === store.run?.id && (chosen.stated === null || chosen.stated === stated)) return;
+  const description = { ...vdi, transfer, effects };
+  Object.assign(chosen, { run: store.run!.id, description, wished: null, stated });
+  showEffects(description, null);
+}
+
 export function drawEffects(): void {
   const details = byId<HTMLDetailsElement>("effects");
-  details.hidden = painter === null || shownRow()?.representation !== "volume";
+  const row = shownRow();
+  const isVolume = row?.representation === "volume";
+  const mayAsk = store.maySteer && store.steerable.transfer !== null && store.steerable.effects !== null;
+  details.hidden = painter === null || !row || !(isVolume || mayAsk);
   const description = shownDescription();
-  if (!details.hidden && chosen.run !== store.run?.id && description?.transfer) {
-    Object.assign(chosen, { run: store.run!.id, description, wished: linked.effects });
-    linked.effects = null;
-    showEffects(description, chosen.wished);
+  if (!details.hidden && description) {
+    if (isVolume && description.transfer) takeRecorded(description);
+    else if (!isVolume && !description.transfer) takeStated(description);
   }
-  const known = chosen.run === store.run?.id && chosen.description !== null;
+  const known = chosen.run === store.run?.id && chosen.description !== null && isVolume === (chosen.stated === null);
   drawClip(!details.hidden && details.open && known);
   byId<HTMLButtonElement>("add-surface").disabled = !known || byId("surfaces").childElementCount >= MOST_SURFACES;
   byId<HTMLButtonElement>("recorded-effects").disabled = chosen.wished === null;
   byId<HTMLButtonElement>("undo-effects").disabled = !mayUndo();
   byId<HTMLButtonElement>("redo-effects").disabled = !mayRedo();
+  const ask = byId<HTMLButtonElement>("ask-effects");
+  ask.hidden = !mayAsk;
+  ask.disabled = !known || chosen.wished === null;
+  drawAsked("effects-message", asked);
 }
 
 export function listenToEffects(): void {
@@ -208,6 +246,7 @@ export function listenToEffects(): void {
   window.addEventListener("pointerup", release);
   window.addEventListener("pointercancel", release);
   byId("add-surface").addEventListener("click", addSurface);
+  byId("ask-effects").addEventListener("click", () => void askToShow({ effects: chosen.wished }, asked));
   byId("recorded-effects").addEventListener("click", backToRecorded);
   byId("undo-effects").addEventListener("click", undo);
   byId("redo-effects").addEventListener("click", redo);

@@ -26,8 +26,8 @@ pub struct FieldEffects {
     pub shadows: f64,
     /// Darkness of full occlusion, 0 to 1.
     pub ambient_occlusion: f64,
-    /// Transmittance and openness of each point; present if either of the above is positive.
-    pub volume: Option<LightVolume>,
+    /// Transmittance and openness of each point, if either of the above is positive; of a part of a field they come with its light.
+    pub volume: Option<Arc<LightVolume>>,
     /// Isosurfaces by rising value.
     pub surfaces: Vec<Surface>,
     /// Clip half spaces: points with `normal` . index <= `offset` for all of them are kept.
@@ -52,14 +52,8 @@ pub struct Surface {
 }
 
 impl FieldEffects {
-    /// The effects of `scene` on `grid`, with color field `colors`; `None` if it has none. `extinction` gives the field's
-    /// extinction at an index, per world length.
-    pub fn new(
-        scene: &Scene,
-        grid: &Grid,
-        colors: Option<Arc<ColorChannel>>,
-        extinction: impl Fn(DVec3) -> f64 + Sync,
-    ) -> Option<Self> {
+    /// The effects of `scene` on `grid`, with color field `colors`, and no light volume yet; `None` if it has none.
+    pub fn new(scene: &Scene, grid: &Grid, colors: Option<Arc<ColorChannel>>) -> Option<Self> {
         let asked = &scene.effects;
         if asked.is_none() {
             return None;
@@ -80,24 +74,29 @@ impl FieldEffects {
             (normal / scale, (p.offset - p.normal.dot(grid.origin())) / scale)
         };
         let half_spaces: Vec<(DVec3, f64)> = asked.half_spaces().into_iter().map(half_space).collect();
-        // Clipped parts cast no shadow.
-        let left = |p: DVec3| half_spaces.iter().all(|(normal, offset)| normal.dot(p) <= *offset);
-        let volume = (shadows > 0.0 || ambient_occlusion > 0.0).then(|| {
-            let toward = (shadows > 0.0).then_some(light);
-            LightVolume::new(grid, toward, ambient_occlusion > 0.0, |p| if left(p) { extinction(p) } else { 0.0 })
-        });
         Some(Self {
             light,
             shading: asked.shading,
             shadows,
             ambient_occlusion,
-            volume,
+            volume: None,
             surfaces,
             half_spaces,
             pre_integrated: asked.pre_integrated,
             cue: asked.depth_cue,
             colors,
         })
+    }
+
+    /// The light volume of the field on `grid` with this `extinction` on its points.
+    pub(super) fn light_volume(&self, grid: &Grid, extinction: Vec<f32>) -> Arc<LightVolume> {
+        let toward = (self.shadows > 0.0).then_some(self.light);
+        Arc::new(LightVolume::new(grid, toward, self.ambient_occlusion > 0.0, extinction))
+    }
+
+    /// Whether clipping leaves the place at an index.
+    pub(super) fn keeps(&self, index: DVec3) -> bool {
+        self.half_spaces.iter().all(|(normal, offset)| normal.dot(index) <= *offset)
     }
 
     /// True if kernels need the scalars at the ends of steps.

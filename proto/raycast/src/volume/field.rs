@@ -6,8 +6,10 @@
 use super::color_channel::ColorChannel;
 use super::effects::FieldEffects;
 use super::interpolate::trilinear;
+use super::light_volume;
 use super::occupancy::EmptySpaceMap;
 use super::part::GridPart;
+use super::part_sums::PartSums;
 use super::stored::{StoredVoxels, for_stored, stored};
 use glam::DVec3;
 use lamina_model::{Grid, Invalid, ReducedVolume, Scene, Volume};
@@ -40,18 +42,15 @@ impl Field {
         Self::of_part(volume, (grid, whole), scene)
     }
 
-    /// The same of a part of a grid: `stored` holds its sample points, `grid` is the whole one.
+    /// The same of a part of a grid: `stored` holds its sample points, `grid` is the whole one. Shadows and ambient occlusion come with
+    /// [`Field::lit`].
     ///
     /// # Errors
-    /// If `stored` has other points than the part, or the scene has shadows or ambient occlusion, which need the whole field.
+    /// If `stored` has other points than the part.
     pub fn part(stored: Volume, (grid, part): (Grid, GridPart), scene: &Scene) -> Result<Self, Invalid> {
         if stored.grid().dims() != part.dims() {
             let (have, need) = (stored.grid().dims(), part.dims());
             return Err(Invalid::new("part", format!("{have:?} sample points are stored where it has {need:?}")));
-        }
-        if !part.is_whole() && (scene.effects.shadows.is_some() || scene.effects.ambient_occlusion.is_some()) {
-            let reason = "shadows and ambient occlusion need the whole field on one node; leave them out";
-            return Err(Invalid::new("scene.effects", reason));
         }
         Ok(Self::of_part(stored, (grid, part), scene))
     }
@@ -110,8 +109,37 @@ impl Field {
         }));
         let mut field =
             Self { id, grid, part, scene, stored, scale, offset, empty_voxels: 0, empty_space, effects: None };
-        field.effects = FieldEffects::new(&field.scene, &grid, colors, |p| field.extinction(p));
+        field.effects = FieldEffects::new(&field.scene, &grid, colors);
+        let of_all = field.part.is_whole().then(|| field.extinction_sums()).flatten();
+        if let Some((effects, PartSums { sums, .. })) = field.effects.as_mut().zip(of_all) {
+            effects.volume = Some(effects.light_volume(&grid, sums));
+        }
         field
+    }
+
+    /// What this part's own cells give to the extinction that light passes; `None` if the scene has neither shadows nor ambient
+    /// occlusion.
+    pub fn extinction_sums(&self) -> Option<PartSums> {
+        let effects = self.effects.as_ref().filter(|_| self.scene.effects.needs_light_volume())?;
+        // Clipped parts cast no shadow.
+        let extinction = |p: DVec3| if effects.keeps(p) { self.extinction(p) } else { 0.0 };
+        Some(light_volume::extinction_sums(&self.grid, &self.part, extinction))
+    }
+
+    /// Parts of one field in the light that it lets through: `sums` are those of all its parts, also of those that are not among these.
+    ///
+    /// # Errors
+    /// If the sums are of other points.
+    pub fn lit(mut parts: Vec<Self>, sums: &[PartSums]) -> Result<Vec<Self>, Invalid> {
+        let mut shared = None;
+        for Self { grid, scene, effects, .. } in &mut parts {
+            let Some(effects) = effects.as_mut().filter(|_| scene.effects.needs_light_volume()) else { continue };
+            if shared.is_none() {
+                shared = Some(effects.light_volume(grid, light_volume::added_up(grid, sums)?));
+            }
+            effects.volume.clone_from(&shared);
+        }
+        Ok(parts)
     }
 
     /// Identity of the field, unique within the process.
@@ -162,7 +190,7 @@ impl Field {
         self.scene.transfer.unit_length(&self.grid)
     }
 
-    /// Extinction at `index`, per world length.
+    /// Extinction at `index`, per world length; 0 outside of its own cells.
     fn extinction(&self, index: DVec3) -> f64 {
         if !self.is_visible(index) {
             return 0.0;

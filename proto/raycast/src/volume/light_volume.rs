@@ -6,9 +6,12 @@
 //! parts cast no shadow.
 
 use super::interpolate::trilinear;
+use super::part::GridPart;
+use super::part_sums::PartSums;
 use glam::DVec3;
-use lamina_model::Grid;
+use lamina_model::{Grid, Invalid};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// The most points per side.
 const MAX_POINTS: usize = 129;
@@ -39,26 +42,73 @@ struct CoarseGrid {
     extinction: Vec<f32>,
 }
 
-impl LightVolume {
-    /// The light volume of a field on `grid`, with shadows of the light in direction `light` (unit vector towards it) if one is
-    /// given, and openness if `occluded`. `extinction` gives the field's at an index, per world length.
-    pub fn new(grid: &Grid, light: Option<DVec3>, occluded: bool, extinction: impl Fn(DVec3) -> f64 + Sync) -> Self {
+/// The grid of a light volume: points per side, and scale and offset from units of sample points.
+struct LightGrid {
+    dims: [usize; 3],
+    scale: [f64; 3],
+    offset: [f64; 3],
+}
+
+impl LightGrid {
+    fn of(grid: &Grid) -> Self {
         let dims = grid.dims().map(|n| ((n - 1).div_ceil(2) + 1).clamp(2, MAX_POINTS));
-        let scale: [f64; 3] = std::array::from_fn(|a| (dims[a] - 1) as f64 / (grid.dims()[a] - 1).max(1) as f64);
+        let scale = std::array::from_fn(|a| (dims[a] - 1) as f64 / (grid.dims()[a] - 1).max(1) as f64);
         let offset = grid.dims().map(|n| if n == 1 { 0.5 } else { 0.0 });
-        let (per_cell, first) = (DVec3::from_array(scale.map(f64::recip)), DVec3::from_array(offset));
-        let most = 1e4 / grid.voxel_length();
-        // Average the extinction of eight places a quarter of a cell away from each point.
-        let mean = |p: DVec3| {
-            let place = |n: u32| p + DVec3::from_array([0, 1, 2].map(|a| if n >> a & 1 == 0 { -0.25 } else { 0.25 }));
-            (0..8).map(|n| extinction((place(n) - first) * per_cell).min(most)).sum::<f64>() / 8.0
-        };
-        let point = |n: usize| DVec3::from_array(coordinates(dims, n).map(|c| c as f64));
-        let count = dims.iter().product();
-        let extinction = (0..count).into_par_iter().map(|n| mean(point(n)) as f32).collect();
-        let coarse = CoarseGrid { dims, spacing: grid.spacing() * per_cell, extinction };
+        Self { dims, scale, offset }
+    }
+
+    /// Units of sample points in one of this grid.
+    fn per_cell(&self) -> DVec3 {
+        DVec3::from_array(self.scale.map(f64::recip))
+    }
+}
+
+/// What `part` of `grid` gives to the mean extinction around the points of the light volume: of eight places a quarter of a cell away
+/// from each, those in its own cells. `extinction` gives the part's at an index, per world length, and 0 outside of its cells.
+pub(super) fn extinction_sums(grid: &Grid, part: &GridPart, extinction: impl Fn(DVec3) -> f64 + Sync) -> PartSums {
+    let light = LightGrid::of(grid);
+    let (per_cell, first) = (light.per_cell(), DVec3::from_array(light.offset));
+    let most = 1e4 / grid.voxel_length();
+    let reached = [0, 1, 2].map(|a| {
+        let place = |cell: usize| cell as f64 * light.scale[a] + light.offset[a];
+        let Range { start, end } = part.cells()[a].clone();
+        // Places beyond the grid's ends are those at its ends.
+        let least = if start == 0 { 0 } else { (place(start) - 0.25).floor() as usize };
+        let end = if end + 1 >= grid.dims()[a] { light.dims[a] } else { (place(end) + 0.25).ceil() as usize + 1 };
+        least..end.min(light.dims[a])
+    });
+    let (start, dims) = ([0, 1, 2].map(|a| reached[a].start), [0, 1, 2].map(|a| reached[a].len()));
+    let mean = |p: DVec3| {
+        let place = |n: u32| p + DVec3::from_array([0, 1, 2].map(|a| if n >> a & 1 == 0 { -0.25 } else { 0.25 }));
+        (0..8).map(|n| extinction((place(n) - first) * per_cell).min(most)).sum::<f64>() / 8.0
+    };
+    let begin = DVec3::from_array(start.map(|c| c as f64));
+    let point = |n: usize| begin + DVec3::from_array(coordinates(dims, n).map(|c| c as f64));
+    let sums = (0..dims.iter().product()).into_par_iter().map(|n| mean(point(n)) as f32).collect();
+    PartSums { start, dims, sums, shares: Vec::new() }
+}
+
+/// The extinction on the light volume's grid of a field on `grid` whose parts gave these sums.
+///
+/// # Errors
+/// If the sums are of other points.
+pub(super) fn added_up(grid: &Grid, sums: &[PartSums]) -> Result<Vec<f32>, Invalid> {
+    let dims = LightGrid::of(grid).dims;
+    let mut extinction = vec![0.0; dims.iter().product()];
+    sums.iter().try_for_each(|part| part.add_to(dims, &mut extinction, &mut Vec::new()))?;
+    Ok(extinction)
+}
+
+impl LightVolume {
+    /// The light volume of a field on `grid` with this `extinction` on its points, with shadows of the light in direction `light` (unit
+    /// vector towards it) if one is given, and openness if `occluded`.
+    pub fn new(grid: &Grid, light: Option<DVec3>, occluded: bool, extinction: Vec<f32>) -> Self {
+        let of_grid = LightGrid::of(grid);
+        let spacing = grid.spacing() * of_grid.per_cell();
+        let LightGrid { dims, scale, offset } = of_grid;
+        let coarse = CoarseGrid { dims, spacing, extinction };
         let open = |n: usize| coarse.openness(coordinates(dims, n));
-        let openness = occluded.then(|| (0..count).into_par_iter().map(open).collect());
+        let openness = occluded.then(|| (0..coarse.extinction.len()).into_par_iter().map(open).collect());
         let transmittance = light.map(|light| coarse.transmittance(light));
         Self { dims, scale, offset, transmittance, openness }
     }
@@ -159,14 +209,18 @@ mod tests {
     #[test]
     fn a_homogeneous_box_has_closed_forms() {
         let grid = Grid::new([17, 9, 33], DVec3::new(0.5, 1.0, 0.25), DVec3::ZERO).unwrap();
-        let light = LightVolume::new(&grid, Some(DVec3::Z), true, |_| 0.3);
+        let lit = |light, occluded| {
+            let sums = extinction_sums(&grid, &GridPart::whole(&grid), |_| 0.3);
+            LightVolume::new(&grid, light, occluded, sums.sums)
+        };
+        let light = lit(Some(DVec3::Z), true);
         for k in 0..=32 {
             let depth = 0.25 * f64::from(32 - k);
             let t = light.at(light.transmittance.as_ref().unwrap(), DVec3::new(8.0, 4.0, f64::from(k)));
             // Linear between points half a unit apart: off by (0.3 / 2)^2 / 8 of the value at most.
             assert!((t / (-0.3 * depth).exp() - 1.0).abs() < 2.9e-3, "{k}: {t}");
         }
-        let slanted = LightVolume::new(&grid, Some(DVec3::new(3.0, 0.0, 4.0) / 5.0), false, |_| 0.3);
+        let slanted = lit(Some(DVec3::new(3.0, 0.0, 4.0) / 5.0), false);
         assert!(slanted.openness.is_none());
         let t = slanted.at(slanted.transmittance.as_ref().unwrap(), DVec3::new(0.0, 4.0, 28.0));
         assert!((t - (-0.3 * 1.0 / 0.8_f64).exp()).abs() < 5e-3, "{t}");

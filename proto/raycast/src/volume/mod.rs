@@ -9,6 +9,7 @@ pub(crate) mod light_volume;
 pub(crate) mod occupancy;
 pub(crate) mod part;
 pub(crate) mod part_reduction;
+pub(crate) mod part_sums;
 mod resample;
 pub(crate) mod stored;
 pub(crate) mod transfer_lut;

@@ -2,25 +2,13 @@
 //! parts are added up.
 
 use super::downsample::{check_reducible, drop_missing, fewer, is_there, reduced, taps, unit_of};
+use super::part_sums::PartSums;
 use super::resample::{Taps, keys, shrink, tent, within};
 use super::stored::{Scalar as _, StoredVoxels, for_stored};
 use crate::Field;
 use lamina_model::{Grid, Invalid, ReducedVolume, Scene, VolumeParams, inpaint};
 use rayon::prelude::*;
 use std::ops::Range;
-
-/// What the own points of one part give to a box of the reduced volume's points.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PartSums {
-    /// First point of the box.
-    pub start: [usize; 3],
-    /// Points per axis.
-    pub dims: [usize; 3],
-    /// Weighted sums of positions in the range, x fastest.
-    pub sums: Vec<f32>,
-    /// The share of each point's surroundings that is there; empty where no voxel of the whole field is missing.
-    pub shares: Vec<f32>,
-}
 
 impl PartSums {
     /// The sums of `part`; `is_masked` says that voxels of the whole field are missing.
@@ -103,25 +91,7 @@ impl PartReduction {
     /// # Errors
     /// If its box does not lie in the reduced volume, or it has other numbers of values.
     pub fn add(&mut self, part: &PartSums) -> Result<(), Invalid> {
-        let [fx, fy, _] = self.fewer;
-        let count = part.dims.iter().try_fold(1_usize, |n, d| n.checked_mul(*d));
-        let lies_in = (0..3).all(|a| part.start[a].checked_add(part.dims[a]).is_some_and(|end| end <= self.fewer[a]));
-        if !lies_in || count != Some(part.sums.len()) || ![0, part.sums.len()].contains(&part.shares.len()) {
-            return Err(Invalid::new("group", "sums of other points arrived"));
-        }
-        if !part.shares.is_empty() && self.shares.is_empty() {
-            self.shares = vec![0.0; self.sums.len()];
-        }
-        let [nx, ny, nz] = part.dims;
-        for (row, (y, z)) in (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z))).enumerate() {
-            let at = ((part.start[2] + z) * fy + part.start[1] + y) * fx + part.start[0];
-            let add = |to: &mut [f32], from: &[f32]| to.iter_mut().zip(from).for_each(|(to, from)| *to += from);
-            add(&mut self.sums[at..at + nx], &part.sums[row * nx..(row + 1) * nx]);
-            if !part.shares.is_empty() {
-                add(&mut self.shares[at..at + nx], &part.shares[row * nx..(row + 1) * nx]);
-            }
-        }
-        Ok(())
+        part.add_to(self.fewer, &mut self.sums, &mut self.shares)
     }
 
     /// The reduced volume of all parts.

@@ -6,7 +6,7 @@ use lamina_model::effects::{ClipPlane, Isosurface, Shading};
 use lamina_model::{
     Effects, Grid, Scale, Scene, Segmentation, Supersegment, Vdi, VdiParams, Volume, Voxels, composite::Accumulator,
 };
-use lamina_raycast::{Backend, Compositor, Field, GridPart, RowBand, reference};
+use lamina_raycast::{Backend, Compositor, Field, GridPart, PartSums, RowBand, reference};
 
 type PointBox = ([usize; 3], [usize; 3]);
 
@@ -92,8 +92,10 @@ impl World {
         generate: impl Fn(&Field, &VdiParams) -> Vdi,
     ) -> (Vdi, Vec<usize>) {
         let compositor = Compositor::new(&self.grid, &self.scene, params, segmentation).unwrap();
-        let parts = boxes.iter().filter_map(|b| self.part(*b, ghost));
-        let lists: Vec<Vdi> = parts.map(|field| generate(&field, compositor.part_params())).collect();
+        let parts: Vec<Field> = boxes.iter().filter_map(|b| self.part(*b, ghost)).collect();
+        let sums: Vec<PartSums> = parts.iter().filter_map(Field::extinction_sums).collect();
+        let lit = Field::lit(parts, &sums).unwrap();
+        let lists: Vec<Vdi> = lit.iter().map(|field| generate(field, compositor.part_params())).collect();
         let r = params.resolution();
         // Every third row.
         let tile = |n: u32| {
@@ -185,6 +187,37 @@ fn effects_that_look_beside_a_sample_need_more_ghost_layers_and_then_are_exact()
 }
 
 #[test]
+fn light_passes_from_part_to_part() {
+    let lit = |shadows, ambient_occlusion| Effects {
+        light: Some(DVec3::new(1.0, 2.0, 0.5)),
+        shadows,
+        ambient_occlusion,
+        clip_planes: vec![ClipPlane { normal: DVec3::new(1.0, 1.0, 0.0), offset: 110.0 }],
+        ..Effects::default()
+    };
+    let params = VdiParams::new(40, 0.0).unwrap().with_step_voxels(0.37).unwrap();
+    let unlit = on_the_processor(&World::new(Scale::Linear, lit(None, None)).whole(), &params);
+    for effects in [lit(Some(0.9), None), lit(None, Some(0.9)), lit(Some(0.6), Some(0.8))] {
+        let world = World::new(Scale::Linear, effects);
+        let whole = on_the_processor(&world.whole(), &params);
+        let farthest = |a: &Vdi, b: &Vdi| {
+            let of_pair = |(a, b): (&Supersegment, &Supersegment)| {
+                assert_eq!((a.start, a.end, a.optical_depth), (b.start, b.end, b.optical_depth));
+                a.color.iter().zip(b.color).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+            };
+            a.segments().iter().zip(b.segments()).map(of_pair).fold(0.0, f32::max)
+        };
+        assert!(farthest(&whole, &unlit) > 0.2, "nothing is dark");
+        for (name, boxes) in cuts() {
+            let (together, _) = world.together(&boxes, 3, &params, Segmentation::Greedy, on_the_processor);
+            // Sums of several parts are rounded otherwise than those of one.
+            let off = farthest(&whole, &together);
+            assert!(off < if boxes.len() == 1 { f32::MIN_POSITIVE } else { 1e-5 }, "{name}: {off}");
+        }
+    }
+}
+
+#[test]
 fn parts_that_cannot_be_are_refused_by_name() {
     let world = World::new(Scale::Linear, Effects::default());
     let compositor = Compositor::new(&world.grid, &world.scene, &VdiParams::new(4, 0.1).unwrap(), Segmentation::Greedy);
@@ -204,14 +237,15 @@ fn parts_that_cannot_be_are_refused_by_name() {
     assert!(compositor.rows(&[1], &[short]).unwrap_err().reason.contains("ends early"));
     assert!(compositor.finish([RowBand::default()]).is_err(), "rows are missing");
 
-    let shadows = Scene { effects: Effects { shadows: Some(0.5), ..Effects::default() }, ..world.scene.clone() };
     let part = GridPart::of_points(&world.grid, [0; 3], [17, 16, 9], 1).unwrap().unwrap();
     let stored = |dims| {
         let grid = Grid::new(dims, DVec3::ONE, DVec3::ZERO).unwrap();
         Volume::new(grid, Voxels::U8(vec![0; dims.iter().product()])).unwrap()
     };
-    let refused = Field::part(stored(part.dims()), (world.grid, part.clone()), &shadows).unwrap_err();
-    assert!(refused.reason.contains("shadows"), "{refused}");
+    let shadows = Effects { light: Some(DVec3::X), shadows: Some(0.5), ..Effects::default() };
+    let shadowed = World::new(Scale::Linear, shadows).part(([0; 3], [17, 16, 9]), 3).unwrap();
+    let elsewhere = PartSums { start: [8, 0, 0], dims: [2, 1, 1], sums: vec![0.0; 2], shares: Vec::new() };
+    assert!(Field::lit(vec![shadowed], &[elsewhere]).unwrap_err().reason.contains("other points"));
     let refused = Field::part(stored([17, 16, 9]), (world.grid, part), &world.scene).unwrap_err();
     assert!(refused.reason.contains("[17, 16, 9]") && refused.reason.contains("[17, 17, 9]"), "{refused}");
 }
