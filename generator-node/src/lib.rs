@@ -17,6 +17,7 @@ mod pipeline;
 mod publish;
 mod rate_control;
 mod schedule;
+mod spans;
 mod steering;
 mod step;
 mod subscribers;
@@ -31,7 +32,7 @@ use lamina_compute::CpuShare;
 use lamina_mpi::{Inbox, Outbox};
 use lamina_raycast::Backend;
 use lamina_rpc::credentials::Role;
-use lamina_rpc::daemon::{Access, AllowRoles, NodeError, Running, Shutdown, serve_grpc};
+use lamina_rpc::daemon::{Access, AllowRoles, NodeError, Running, Shutdown, collect_traces, serve_grpc};
 use lamina_rpc::v1::group_message::Kind;
 use lamina_rpc::{MAX_MESSAGE_BYTES, v1};
 use lamina_shared_memory::{Receiver, Rings};
@@ -168,6 +169,7 @@ async fn run_pipeline(
     (listener, access): (TcpListener, Access),
     shutdown: Shutdown,
 ) -> Result<(), NodeError> {
+    let _traces = collect_traces(Role::Generator);
     let config = settings.borrow().clone();
     let publisher = Arc::new(publish::Publisher::new(config.history_bytes));
     tokio::spawn(adopt(settings.clone(), share.clone(), ingest.clone(), Some(publisher.clone())));

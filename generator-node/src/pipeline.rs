@@ -7,6 +7,7 @@ use crate::key_frames::{KeyFrames, SentStep};
 use crate::node_state::NodeState;
 use crate::overhead::Coupling;
 use crate::rate_control::{GeneratedStep, Rungs, generate_within, start_params};
+use crate::spans;
 use crate::steering::{Changes, SteeringRelay};
 use crate::step::{FieldSource, Purpose, Step};
 use crate::triggers::{Action, Fired, Statistics, Triggers, write_raw};
@@ -17,11 +18,13 @@ use lamina_model::{
     Cost, GenerationParams, Grid, Invalid, RunInfo, Scene, Steering, SteeringRequest, StepReport, Voxels,
 };
 use lamina_raycast::Field;
+use lamina_rpc::credentials::Role;
+use lamina_rpc::daemon::{Timeline, Trace};
 use parking_lot::Mutex;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 use tokio::sync::watch;
 
 /// What the configuration says of the pipeline.
@@ -111,6 +114,14 @@ impl Arrived {
         }
     }
 
+    /// When it was whole; now, if that is not known.
+    fn completed(&self) -> SystemTime {
+        match self {
+            Self::Own(step) => SystemTime::now() - step.completed.elapsed(),
+            Self::Group(..) => SystemTime::now(),
+        }
+    }
+
     fn spec(&self) -> &RunSpec {
         match self {
             Self::Own(step) => &step.spec,
@@ -149,7 +160,10 @@ pub(crate) async fn run(steps: Steps, node: Arc<NodeState>, settings: Settings, 
 impl Pipeline {
     fn process(&mut self, step: Arrived, laps: &mut Laps) -> Result<(), Invalid> {
         let (_, number, _, dropped_steps) = step.numbers();
+        let mut timeline = Timeline::since(step.completed());
+        timeline.lap("wait", []);
         let (step, seen) = self.prepare(step)?;
+        timeline.lap("prepare", []);
         let step = Arc::new(step);
         let setting = self.node.begin(&step);
         let coupling = self.node.coupling();
@@ -165,6 +179,7 @@ impl Pipeline {
         let searched = (&mut *laps, &mut self.rungs);
         let made = generate_within(&step, wanted, &setting, before.as_ref(), &self.node.options, searched)?;
         let GeneratedStep { params, encoded: EncodedStep { bytes, cost, reference }, fell_back } = made;
+        timeline.lap("generate and encode", spans::of_generated(&params, &cost));
         let before = before.map(|before| before.step);
         let has_predecessor = before.is_some();
         let sent =
@@ -183,6 +198,7 @@ impl Pipeline {
                 Ok(reference) => {
                     items.push(reference);
                     has_reference = true;
+                    timeline.lap("reference", []);
                 }
                 Err(error) => tracing::error!(step = number, %error, "no reference samples"),
             }
@@ -192,6 +208,13 @@ impl Pipeline {
         let purpose = Purpose::Live { after_step, dropped_steps, setting: &setting, overhead, throttle, triggers };
         items.push(step.frame(&params, cost, bytes, purpose));
         self.node.publisher.publish(items);
+        timeline.lap("publish", []);
+        let traced = Trace::of_step(Role::Generator, &step.run.id, number);
+        timeline.send_first(
+            traced,
+            "step",
+            [("lamina.run_id", step.run.id.clone().into()), ("lamina.step", (number as i64).into())],
+        );
         let counters = &self.node.counters;
         counters.size_bytes.observe(cost.size_bytes as f64);
         counters.generation_secs.observe(cost.generation.as_secs_f64());

@@ -1,12 +1,14 @@
 //! One stream of trials: candidate after candidate measured on one step, each VDI to the viewer that is to look at it.
 
 use crate::node_state::NodeState;
+use crate::spans;
 use crate::step::{Purpose, Step};
 use lamina_codec::encode_timed;
 use lamina_compute::{Activity, Laps, Permit, Priority};
 use lamina_model::{Cost, GenerationParams, Invalid};
 use lamina_rpc::Bytes;
-use lamina_rpc::daemon::with_heartbeat;
+use lamina_rpc::credentials::Role;
+use lamina_rpc::daemon::{Timeline, Trace, with_heartbeat};
 use lamina_rpc::{required, v1};
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
@@ -86,7 +88,10 @@ impl TrialSession {
             }
             let mut reply = v1::TrialReply { trial_id: request.trial_id, ..greeting.clone() };
             let at_work = v1::TrialReply { trial_id: request.trial_id, at_work: true, ..Default::default() };
-            match with_heartbeat(self.answer(&request, &mut reply), at_work, answers).await {
+            let mut timeline = Timeline::begin();
+            let answered = with_heartbeat(self.answer(&request, &mut reply, &mut timeline), at_work, answers).await;
+            timeline.send(Trace::of_trial(Role::Generator, request.trial_id));
+            match answered {
                 Some(Ok(())) => {}
                 Some(Err(Failure::Refused(invalid))) => reply.refusal = invalid.to_string(),
                 Some(Err(Failure::Broken(status))) => return Err(status),
@@ -100,12 +105,18 @@ impl TrialSession {
     }
 
     /// Fills in `reply`.
-    async fn answer(&mut self, request: &v1::TrialRequest, reply: &mut v1::TrialReply) -> Result<(), Failure> {
+    async fn answer(
+        &mut self,
+        request: &v1::TrialRequest,
+        reply: &mut v1::TrialReply,
+        timeline: &mut Timeline,
+    ) -> Result<(), Failure> {
         let params: GenerationParams = required(request.params, "params")?.try_into()?;
         let priority = Priority::of_trial(request.first_study);
         if !request.gammas.is_empty() {
             let costs = self.costs(params, &request.gammas, priority).await?;
             reply.costs = costs.into_iter().map(Into::into).collect();
+            timeline.lap("costs of several gammas", [("lamina.gammas", (request.gammas.len() as i64).into())]);
             return Ok(());
         }
         if request.time_alone {
@@ -114,9 +125,11 @@ impl TrialSession {
             self.timed.truncate(TIMED - 1);
             self.timed.insert(0, (params, cost));
             reply.cost = Some(cost.into());
+            timeline.lap("generate", []);
             return Ok(());
         }
         let (bytes, cost) = self.encoded(params, priority).await?;
+        timeline.lap("generate and encode", spans::of_generated(&params, &cost));
         reply.cost = Some(cost.into());
         if !request.viewer.is_empty() {
             let frame = self.held.frame(&params, cost, bytes, Purpose::Trial(request.trial_id));
@@ -131,6 +144,7 @@ impl TrialSession {
                 self.informed.insert(request.viewer.clone());
                 reply.viewer.clone_from(&request.viewer);
             }
+            timeline.lap("publish", []);
         }
         Ok(())
     }

@@ -28,7 +28,7 @@ pub use contract::Contract;
 pub use utility::Utility;
 
 use lamina_rpc::credentials::Role;
-use lamina_rpc::daemon::{Access, AllowRoles, Running, Shutdown, serve_grpc};
+use lamina_rpc::daemon::{Access, AllowRoles, Running, Shutdown, collect_traces, serve_grpc};
 use lamina_rpc::v1::tuning_server::TuningServer;
 use std::sync::Arc;
 use tokio::net::TcpListener;
@@ -42,6 +42,7 @@ use tonic::service::Routes;
 /// If the configuration cannot be used or the transport fails.
 pub fn run(settings: watch::Receiver<Config>, listener: TcpListener, shutdown: Shutdown) -> Running {
     Box::pin(async move {
+        let _traces = collect_traces(Role::Tuner);
         let config = settings.borrow().clone();
         let base = config.base()?;
         let address = listener.local_addr().unwrap_or(config.listen);

@@ -150,8 +150,10 @@ impl Remote {
     async fn ask(&mut self, request: v1::TrialRequest) -> Result<v1::TrialReply, TrialError> {
         self.settle().await?;
         let request = v1::TrialRequest { first_study: self.progress.get().is_urgent(), ..request };
-        self.generator.ask(request).await?;
-        self.generator.reply().await
+        let trial_id = self.generator.ask(request).await?;
+        let reply = self.generator.reply().await?;
+        round::send(trial_id, self.generator.timeline(), self.generator.step());
+        Ok(reply)
     }
 
     /// Takes the answer that a study given up has left behind.

@@ -6,7 +6,8 @@ use crate::trials::{Arrived, ArrivedTrial, ShownTrials};
 use lamina_codec::DecodeLimits;
 use lamina_compute::{Activity, CpuShare, Priority};
 use lamina_model::{Frame, Invalid, ReferenceSamples, RunInfo};
-use lamina_rpc::daemon::Histogram;
+use lamina_rpc::credentials::Role;
+use lamina_rpc::daemon::{Histogram, Timeline, Trace};
 use lamina_rpc::reference;
 use lamina_rpc::v1::{self, delivery::Part};
 use lamina_vdi_render::{Backend, Detail};
@@ -65,6 +66,7 @@ impl Default for Counters {
 /// Recorded, and to be decoded and measured.
 #[derive(Clone)]
 struct LiveStep {
+    run_id: String,
     step: u64,
     reference: Option<Arc<ReferenceSamples>>,
 }
@@ -144,12 +146,18 @@ impl Intake {
             },
             Part::Reference(announcement) => self.log(keep(&self.live_references, announcement, &payload)),
             Part::Frame(frame) => {
-                let step = frame.step;
+                let (step, mut timeline) = (frame.step, Timeline::begin());
                 let checked = Frame::try_from(frame).map_err(|e| e.to_string()).and_then(|frame| {
                     lamina_codec::check_any(&payload, &self.limits).map(|_| frame).map_err(|e| e.to_string())
                 });
                 match checked {
-                    Ok(frame) => return self.record(&frame, payload).map_err(|e| unrecorded(&e)),
+                    Ok(frame) => {
+                        let size = [("lamina.size_bytes", (payload.len() as i64).into())];
+                        self.record(&frame, payload).map_err(|e| unrecorded(&e))?;
+                        timeline.lap("record", size);
+                        timeline.send(Trace::of_step(Role::Viewer, &frame.run_id, step));
+                        return Ok(());
+                    }
                     Err(error) => self.log(Err(format!("step {step}: {error}"))),
                 }
             }
@@ -205,7 +213,7 @@ impl Intake {
         self.counters.frames.fetch_add(1, Ordering::Relaxed);
         self.counters.frame_bytes.fetch_add(bytes, Ordering::Relaxed);
         tracing::info!(step, bytes, "recorded");
-        self.newest.send_replace(Some(LiveStep { step, reference }));
+        self.newest.send_replace(Some(LiveStep { run_id: frame.run_id.clone(), step, reference }));
         Ok(())
     }
 
@@ -213,9 +221,11 @@ impl Intake {
     pub(crate) async fn follow_newest(self: Arc<Self>) {
         let mut newest = self.newest.subscribe();
         while newest.changed().await.is_ok() {
+            let mut timeline = Timeline::begin();
             let permit = self.share.acquire(Priority::LiveStep).await;
             // By now a newer one may be there.
-            let Some(LiveStep { step, reference }) = newest.borrow_and_update().clone() else { continue };
+            let Some(LiveStep { run_id, step, reference }) = newest.borrow_and_update().clone() else { continue };
+            timeline.lap("wait", []);
             self.pass_over(step);
             let store = self.store.clone();
             let decoded = permit.run(Activity::Decode, move |_| store.prepared(step)).await;
@@ -230,7 +240,11 @@ impl Intake {
                     continue;
                 }
             };
+            timeline.lap("decode", []);
+            let trace = Trace::of_step(Role::Viewer, &run_id, step);
+            timeline.send(trace);
             let Some(reference) = reference else { continue };
+            let mut timeline = Timeline::begin();
             let permit = tokio::select! {
                 biased;
                 permit = self.share.acquire(Priority::Quality) => permit,
@@ -241,12 +255,15 @@ impl Intake {
                     continue;
                 }
             };
+            timeline.lap("wait", []);
             let backend = self.backend.clone();
             let measure = move |_: &mut _| backend.estimate(&shown, &reference, Detail::Cubic);
             match permit.run(Activity::Measure, measure).await {
                 Ok(Ok(estimate)) => {
                     tracing::info!(step, psnr_db = estimate.quality.psnr_db(), "measured");
                     self.counters.psnr_db.observe(estimate.quality.psnr_db());
+                    timeline.lap("measure", [("lamina.psnr_db", estimate.quality.psnr_db().into())]);
+                    timeline.send(trace);
                     self.log(self.store.measured(step, &estimate).map_err(|e| e.to_string()));
                 }
                 Ok(Err(error)) => self.log(Err(format!("step {step}: {error}"))),

@@ -21,7 +21,9 @@ pub use web::assets::{EMBED, ENGINE};
 use lamina_codec::DecodeLimits;
 use lamina_compute::CpuShare;
 use lamina_rpc::credentials::Role;
-use lamina_rpc::daemon::{Access, AllowRoles, Refusals, Running, Shutdown, diagnosis, metrics_route, nowhere, serve};
+use lamina_rpc::daemon::{
+    Access, AllowRoles, Refusals, Running, Shutdown, collect_traces, diagnosis, metrics_route, nowhere, serve,
+};
 use lamina_rpc::v1::quality_server::QualityServer;
 use lamina_vdi_render::Backend;
 use std::io::Write as _;
@@ -65,6 +67,7 @@ pub fn run(
     shutdown: Shutdown,
 ) -> Running {
     Box::pin(async move {
+        let _traces = collect_traces(Role::Viewer);
         let config = settings.borrow().clone();
         let address = listener.local_addr().unwrap_or(config.listen);
         let (access, credentials) = Access::of(address, config.credentials.as_deref(), config.insecure)?;

@@ -2,6 +2,8 @@
 
 use crate::store::{Store, StoreError};
 use lamina_model::{Appearance, Image, Invalid};
+use lamina_rpc::credentials::Role;
+use lamina_rpc::daemon::{Timeline, Trace};
 use lamina_vdi_render::{Backend, Detail, Drawable};
 use parking_lot::{Mutex, MutexGuard};
 use std::sync::Arc;
@@ -86,13 +88,15 @@ impl Painter {
         }
         let mut shown = self.store.prepared(step)?;
         let camera = shown.camera().orbit(orbit.azimuth_deg, orbit.elevation_deg, orbit.zoom)?;
-        let start = Instant::now();
+        let (start, mut timeline) = (Instant::now(), Timeline::begin());
         match appearance {
             Some(appearance) => shown = self.changed(shown, appearance)?,
             None => *self.last() = None,
         }
         let image = self.backend.render_while(&shown, &camera, [orbit.size; 2], orbit.detail, wanted)?;
         let render_time = start.elapsed();
+        timeline.lap("draw", [("lamina.side_px", i64::from(orbit.size).into())]);
+        timeline.send(self.store.run().and_then(|run| Trace::of_step(Role::Viewer, &run.id, step)));
         image.map(|image| Ok(PaintedPicture { step, png: png(&image)?, render_time })).transpose()
     }
 

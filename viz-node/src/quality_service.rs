@@ -7,7 +7,8 @@ use crate::trials::StudyStatus;
 use futures::{Stream, StreamExt};
 use lamina_compute::{Activity, Laps, Priority};
 use lamina_model::Quality;
-use lamina_rpc::daemon::with_heartbeat;
+use lamina_rpc::credentials::Role;
+use lamina_rpc::daemon::{Timeline, Trace, with_heartbeat};
 use lamina_rpc::v1::{self, quality_server};
 use lamina_vdi_render::Detail;
 use std::pin::Pin;
@@ -81,6 +82,7 @@ impl quality_server::Quality for QualityService {
 
 async fn measure(intake: Arc<Intake>, request: v1::QualityRequest) -> Result<Quality, Status> {
     let v1::QualityRequest { trial_id, first_batch, batches, study } = request;
+    let mut timeline = Timeline::begin();
     let trial = intake.trials.find(trial_id).await?;
     let study = study.unwrap_or_default();
     let priority = Priority::of_trial(study.is_urgent());
@@ -95,7 +97,10 @@ async fn measure(intake: Arc<Intake>, request: v1::QualityRequest) -> Result<Qua
         quality.map_err(|e| lamina_rpc::invalid(&e))
     };
     let permit = intake.share.acquire(priority).await;
+    timeline.lap("wait", []);
     let quality = permit.run(Activity::Measure, work).await.map_err(|e| Status::internal(e.to_string()))??;
+    timeline.lap("decode and measure", [("lamina.psnr_db", quality.psnr_db().into())]);
+    timeline.send(Trace::of_trial(Role::Viewer, trial_id));
     intake.trials.remember(&trial.frame, &quality);
     intake.store.announce(Event::Trial);
     intake.counters.trials.fetch_add(1, Ordering::Relaxed);

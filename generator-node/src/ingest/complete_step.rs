@@ -23,7 +23,7 @@ pub struct CompleteStep {
     /// Ranks whose bricks it lacks, because they fell silent.
     pub lost_ranks: Vec<u32>,
     /// When its last brick came in.
-    pub(super) completed: Instant,
+    pub completed: Instant,
     pub(super) bricks: Vec<(GridBox, BrickBytes)>,
 }
 

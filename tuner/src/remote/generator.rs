@@ -2,6 +2,7 @@
 
 use super::error::{node_error, words};
 use crate::evaluator::TrialError;
+use lamina_rpc::daemon::Timeline;
 use lamina_rpc::v1::{self, control_client::ControlClient};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -24,6 +25,8 @@ pub(super) struct Generator {
     replies: Streaming<v1::TrialReply>,
     /// The question that is not answered yet, and until when something has to be heard of it.
     asked: Option<(u64, Instant)>,
+    /// The last question's.
+    timeline: Timeline,
     step: u64,
     batches: u32,
     longest_side: u32,
@@ -43,7 +46,16 @@ impl Generator {
         let greeting = greeting.filter(|g| g.trial_id == 0 && g.batches > 0);
         let v1::TrialReply { step, batches, longest_side, .. } =
             greeting.ok_or_else(|| node_error(NODE, address, "named no step; are all nodes of one version?"))?;
-        Ok(Self { address: address.to_owned(), requests, replies, asked: None, step, batches, longest_side })
+        Ok(Self {
+            address: address.to_owned(),
+            requests,
+            replies,
+            asked: None,
+            timeline: Timeline::begin(),
+            step,
+            batches,
+            longest_side,
+        })
     }
 
     /// The step that all trials are of.
@@ -75,6 +87,7 @@ impl Generator {
         let sent = self.requests.send(v1::TrialRequest { trial_id, ..request }).await;
         sent.map_err(|_| self.failed("ended the stream of trials; its log says why".to_owned()))?;
         self.asked = Some((trial_id, Instant::now() + SILENCE));
+        self.timeline = Timeline::begin();
         Ok(trial_id)
     }
 
@@ -101,6 +114,13 @@ impl Generator {
                 Err(status) => return Err(self.failed(words(&status))),
             }
         }
+    }
+
+    /// What was waited for until the last answer, which has just come.
+    pub(super) fn timeline(&mut self) -> Timeline {
+        let mut timeline = std::mem::replace(&mut self.timeline, Timeline::begin());
+        timeline.lap("generator-node", []);
+        timeline
     }
 
     /// The error of an answer without a cost.

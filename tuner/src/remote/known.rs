@@ -2,6 +2,7 @@
 
 use crate::evaluator::Measurement;
 use lamina_model::{Cost, GenerationParams, Invalid, Quality};
+use lamina_rpc::daemon::Timeline;
 
 /// What is known of one set of parameters.
 #[derive(Debug)]
@@ -13,13 +14,15 @@ pub(super) struct Known {
     pub(super) refusal: Option<Invalid>,
     /// Which viewer has its VDI, as which trial.
     pub(super) held: Option<(String, u64)>,
+    /// The trial that it was asked for as, until a viewer has answered.
+    pub(super) timeline: Option<Timeline>,
     /// How often in a row a viewer did not have what it was to have.
     pub(super) missed: u32,
 }
 
 impl Known {
     pub(super) fn new(params: GenerationParams) -> Self {
-        Self { params, cost: None, quality: Quality::default(), refusal: None, held: None, missed: 0 }
+        Self { params, cost: None, quality: Quality::default(), refusal: None, held: None, timeline: None, missed: 0 }
     }
 
     /// True while there is something to find out.

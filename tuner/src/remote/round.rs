@@ -9,6 +9,8 @@ use futures::StreamExt;
 use futures::future::BoxFuture;
 use futures::stream::FuturesUnordered;
 use lamina_model::{Invalid, ParamsKey, Quality};
+use lamina_rpc::credentials::Role;
+use lamina_rpc::daemon::{Timeline, Trace};
 use lamina_rpc::v1;
 use std::collections::{HashMap, HashSet, VecDeque};
 use tokio::time::{Instant, sleep_until};
@@ -49,6 +51,13 @@ pub(super) struct Round<'a> {
     /// Viewers that measure.
     pub(super) busy: HashSet<String>,
     pub(super) measuring: FuturesUnordered<BoxFuture<'static, Answer>>,
+}
+
+/// Sends the trace of a trial on `step`, from the request to the last number, to a collector if there is one.
+pub(super) fn send(trial_id: u64, timeline: Timeline, step: u64) {
+    let number = |n: u64| (n as i64).into();
+    let said = [("lamina.trial_id", number(trial_id)), ("lamina.step", number(step))];
+    timeline.send_first(Trace::of_trial(Role::Tuner, trial_id), "trial", said);
 }
 
 impl<'a> Round<'a> {
@@ -173,6 +182,7 @@ impl<'a> Round<'a> {
     /// If it says nothing.
     pub(super) fn generated(&mut self, reply: v1::TrialReply) -> Result<(), TrialError> {
         let Some(Generating { key, viewer }) = self.generating.take() else { return Ok(()) };
+        let timeline = self.generator.timeline();
         let Some(known) = self.known.get_mut(&key) else { return Ok(()) };
         if !reply.refusal.is_empty() {
             known.refusal = Some(Invalid::new("candidate", reply.refusal));
@@ -184,9 +194,12 @@ impl<'a> Round<'a> {
         if let Some(viewer) = viewer {
             if reply.viewer == viewer {
                 known.held = Some((viewer, reply.trial_id));
+                known.timeline = Some(timeline);
             } else {
                 self.viewers.gone(&viewer);
             }
+        } else {
+            send(reply.trial_id, timeline, self.generator.step());
         }
         self.place(key);
         Ok(())
@@ -199,6 +212,10 @@ impl<'a> Round<'a> {
         match outcome.and_then(|q| known.quality.extend(&q).map_err(|e| Fault::Failed(format!("measured {e}")))) {
             Ok(()) => {
                 known.missed = 0;
+                if let (Some((_, trial_id)), Some(mut timeline)) = (&known.held, known.timeline.take()) {
+                    timeline.lap("viz-node", []);
+                    send(*trial_id, timeline, self.generator.step());
+                }
                 if let Some(viewer) = self.viewers.get(&viewer) {
                     viewer.stalled = false;
                 }

@@ -23,6 +23,8 @@ use futures::{Stream, StreamExt};
 use guard::Rights;
 use lamina_compute::{Activity, Priority};
 use lamina_model::{Appearance, Steerable, TransferFunction};
+use lamina_rpc::credentials::Role;
+use lamina_rpc::daemon::{Timeline, Trace};
 use lamina_vdi_render::Detail;
 use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
@@ -194,7 +196,9 @@ async fn run_steps(State(web): State<Web>, Path(run): Path<String>) -> Response 
 
 /// The encoded bytes of a step, with those it was coded after: pages decode and draw it themselves.
 async fn step(State(web): State<Web>, Path(step): Path<u64>, Query(query): Query<StepQuery>) -> Response {
+    let mut timeline = Timeline::begin();
     let current = web.store.run().map(|run| run.id);
+    let trace = Trace::of_step(Role::Viewer, query.run.as_ref().or(current.as_ref()).map_or("", |run| run), step);
     let bytes = match query.run.filter(|run| Some(run) != current.as_ref()) {
         Some(run) => web.store.earlier_run(&run).and_then(|run| run.self_contained(step)),
         None if query.alone => web.store.encoded(step),
@@ -203,6 +207,8 @@ async fn step(State(web): State<Web>, Path(step): Path<u64>, Query(query): Query
     match bytes {
         Ok(bytes) => {
             let headers = [(header::CONTENT_TYPE, "application/octet-stream"), (header::CACHE_CONTROL, "no-store")];
+            timeline.lap("give to a page", [("lamina.size_bytes", (bytes.len() as i64).into())]);
+            timeline.send(trace);
             (headers, bytes.to_vec()).into_response()
         }
         Err(e) => (StatusCode::NOT_FOUND, e.to_string()).into_response(),

@@ -12,6 +12,7 @@ mod rate_limit;
 mod reload;
 mod serve;
 mod server_tls;
+mod traces;
 
 pub use access::{Access, AllowRoles, Identity, Peer, peer_of};
 pub use config::{check_log, exit_code, load_config, log_to_stderr};
@@ -24,6 +25,7 @@ pub use random::random;
 pub use rate_limit::Refusals;
 pub use reload::ConfigSource;
 pub use serve::{Running, Shutdown, listen, nowhere, serve, serve_grpc, stop_signal};
+pub use traces::{Attributes, Timeline, Trace, Traces, collect_traces};
 
 use std::net::SocketAddr;
 
