@@ -49,7 +49,7 @@ class Browser:
         self.driver = subprocess.Popen(["chromedriver", f"--port={port}"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         base = f"http://127.0.0.1:{port}"
         wait(lambda: ask(f"{base}/status")["value"]["ready"], "chromedriver")
-        arguments = ["--headless", "--no-sandbox", "--disable-gpu", "--window-size=1100,1000", f"--user-data-dir={profile}"]
+        arguments = ["--headless", "--no-sandbox", "--no-first-run", "--window-size=1100,1000", f"--user-data-dir={profile}"]
         asked = {"capabilities": {"alwaysMatch": {"goog:chromeOptions": {"args": arguments}}}}
         self.session = f"{base}/session/{ask(f'{base}/session', asked)['value']['sessionId']}"
 
@@ -60,7 +60,11 @@ class Browser:
         try:
             return wait(lambda: self.js(expression), expression)
         except AssertionError as error:
-            error.add_note("the notebook reads: " + self.js("document.querySelector('.jp-Notebook')?.innerText ?? document.body.innerText"))
+            try:
+                shown = self.js("(document.querySelector('.jp-Notebook') ?? document.body).innerText")
+            except OSError as no_answer:
+                shown = f"nothing: {no_answer}"
+            error.add_note(f"the notebook reads: {shown}")
             raise
 
     def key(self, *keys):
