@@ -174,26 +174,14 @@ mod tests {
     use futures::StreamExt;
     use glam::DVec3;
     use lamina_model::suggest::suggest;
-    use lamina_model::{Effects, FullPolicy, Grid, SteeringRequest, Volume, VoxelType, Voxels};
+    use lamina_model::{Effects, Grid, SteeringRequest, Volume, Voxels};
 
     #[test]
     fn what_cannot_be_drawn_so_is_refused_and_changes_nothing() {
         let grid = Grid::new([8; 3], DVec3::ONE, DVec3::ZERO).unwrap();
         let values = (0..512).map(|n| n as f32).collect();
         let scene = suggest(&[&Volume::new(grid, Voxels::F32(values)).unwrap()]).unwrap();
-        let spec = RunSpec {
-            name: "r".into(),
-            field: "f".into(),
-            grid,
-            voxel_type: VoxelType::F32,
-            color_field: None,
-            more_fields: Vec::new(),
-            shown: None,
-            ranks: 1,
-            full_policy: FullPolicy::Block,
-            scene: None,
-            members: 1,
-        };
+        let spec = RunSpec::of_one_rank("f", grid);
         let relay = SteeringRelay::default();
         relay.begin(&RunInfo { id: "r-1".into(), name: "r".into(), field: "f".into(), grid }, &spec, &scene);
         assert_eq!(relay.steerable().borrow().effects, Some(scene.effects));

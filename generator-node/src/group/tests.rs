@@ -4,8 +4,8 @@ use super::*;
 use crate::ingest::{GridBox, RunSpec};
 use glam::DVec3;
 use lamina_model::{
-    Effects, FullPolicy, Grid, Intermediate, SamplePlan, Scene, Segmentation, SquaredError, Vdi, VdiParams, Volume,
-    VolumeParams, VoxelType, Voxels, suggest::suggest,
+    Effects, Grid, Intermediate, SamplePlan, Scene, Segmentation, SquaredError, Vdi, VdiParams, Volume, VolumeParams,
+    VoxelType, Voxels, suggest::suggest,
 };
 use lamina_raycast::{Backend, Field, reduce};
 use std::sync::Arc;
@@ -32,19 +32,7 @@ fn bytes_of(b: &GridBox) -> Vec<u8> {
 }
 
 fn spec() -> RunSpec {
-    RunSpec {
-        name: "group".into(),
-        field: "f".into(),
-        grid: grid(),
-        voxel_type: VoxelType::F32,
-        color_field: None,
-        more_fields: Vec::new(),
-        shown: None,
-        ranks: 1,
-        full_policy: FullPolicy::Block,
-        scene: None,
-        members: 1,
-    }
+    RunSpec::of_one_rank("f", grid())
 }
 
 fn at(start: [usize; 3], dims: [usize; 3]) -> GridBox {

@@ -35,6 +35,24 @@ pub struct RunSpec {
 }
 
 impl RunSpec {
+    /// A run of one rank, of one field in single precision on `grid`.
+    #[cfg(test)]
+    pub(crate) fn of_one_rank(field: &str, grid: Grid) -> Self {
+        Self {
+            name: "run".into(),
+            field: field.into(),
+            grid,
+            voxel_type: VoxelType::F32,
+            color_field: None,
+            more_fields: Vec::new(),
+            shown: None,
+            ranks: 1,
+            full_policy: FullPolicy::Block,
+            scene: None,
+            members: 1,
+        }
+    }
+
     /// All fields, in the order of a brick's bytes.
     pub fn fields(&self) -> impl Iterator<Item = (&str, VoxelType)> {
         let others = self.color_field.iter().chain(&self.more_fields).map(|(name, t)| (name.as_str(), *t));

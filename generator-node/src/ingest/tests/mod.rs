@@ -22,19 +22,8 @@ const IDLE: Duration = Duration::from_secs(30);
 
 fn spec(ranks: u32, full_policy: FullPolicy) -> RunSpec {
     let grid = Grid::new(DIMS.map(|d| d as usize), DVec3::ONE, DVec3::ZERO).unwrap();
-    RunSpec {
-        name: "blast".into(),
-        field: "density".into(),
-        grid,
-        voxel_type: VoxelType::U16,
-        ranks,
-        full_policy,
-        scene: None,
-        color_field: None,
-        more_fields: Vec::new(),
-        shown: None,
-        members: 1,
-    }
+    let (name, voxel_type) = ("blast".into(), VoxelType::U16);
+    RunSpec { name, voxel_type, ranks, full_policy, ..RunSpec::of_one_rank("density", grid) }
 }
 
 /// What the run shows of a step.
