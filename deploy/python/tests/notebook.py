@@ -31,7 +31,7 @@ def ask(url, body=None, method=None):
         return json.load(answer)
 
 
-def wait(condition, what, seconds=120):
+def wait(condition, what, seconds=300):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         try:
