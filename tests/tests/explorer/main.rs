@@ -113,6 +113,14 @@ fn a_vdi_of_many_supersegments_is_decoded_by_several_workers() {
     let workers = browser.js("Number(document.querySelector('#picture').dataset.decoders)");
     let available = browser.js("navigator.hardwareConcurrency");
     assert!(workers.as_u64() > Some(1) || available == json!(1), "{workers} of {available}");
+    // The page answers meanwhile: no task of its own takes a good part of the time that decoding does.
+    let longest = "new Promise(told => { const longest = list => Math.max(0, ...list.map(task => task.duration)); \
+        new PerformanceObserver(list => told(longest(list.getEntries()))).observe({type: 'longtask', buffered: true}); \
+        setTimeout(() => told(0), 1000) })";
+    let blocked = browser.promised(longest).as_f64().unwrap();
+    let decoding = browser.js("Number(document.querySelector('#picture').dataset.decodeMs)").as_f64().unwrap();
+    eprintln!("decoded in {decoding:.0} ms, the page's longest task {blocked:.0} ms");
+    assert!(blocked < decoding / 2.0, "{blocked} ms, decoding {decoding} ms");
     assert_eq!(difference(&browser, VIEWS[0]), 0.0);
     end(&browser, lamina);
 }
