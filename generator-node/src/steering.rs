@@ -26,7 +26,7 @@ pub(crate) struct SteeringRelay {
 struct ShownSpec {
     run_id: String,
     spec: RunSpec,
-    /// As its last step was shown.
+    /// What it began to be shown under.
     scene: Scene,
     changes: Changes,
 }

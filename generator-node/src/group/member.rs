@@ -107,9 +107,14 @@ impl Member {
         send(&self.outbox, from, sequence, Kind::Reply(reply));
     }
 
+    /// All members but this one.
+    fn others(&self) -> Vec<u32> {
+        (0..self.outbox.size()).filter(|&other| other != self.outbox.rank()).collect()
+    }
+
     /// Tells the other members, which may wait for what comes of command `sequence`, why nothing does.
     fn give_up(&self, sequence: u64, error: Invalid) -> Invalid {
-        for other in (0..self.outbox.size()).filter(|&other| other != self.outbox.rank()) {
+        for other in self.others() {
             send(&self.outbox, other, sequence, Kind::Failed(error.to_string()));
         }
         error
@@ -249,21 +254,15 @@ impl Member {
 
     /// Its parts, in the light that all members' parts let through.
     fn light(&mut self, sequence: u64, parts: Vec<Field>) -> Result<Vec<Field>, Invalid> {
-        let (me, mut own) = (self.outbox.rank(), Vec::new());
+        let mut own = Vec::new();
         parts.iter().filter_map(Field::extinction_sums).for_each(|part| sums::write(&part, &mut own));
-        let others: Vec<u32> = (0..self.outbox.size()).filter(|&other| other != me).collect();
+        let others = self.others();
         others.iter().for_each(|&other| send(&self.outbox, other, sequence, Kind::Extinction(own.clone())));
         let mut gathered = self.gather(sequence, others, extinction_sums)?;
-        gathered.push((me, own));
+        gathered.push((self.outbox.rank(), own));
         // In one order at all members, so that all have the same light.
         gathered.sort_by_key(|(from, _)| *from);
-        let mut all = Vec::new();
-        for (_, bytes) in &gathered {
-            let mut rest = &bytes[..];
-            while !rest.is_empty() {
-                all.push(sums::read(&mut rest)?);
-            }
-        }
+        let all = gathered.iter().map(|(_, bytes)| sums::read_all(bytes)).collect::<Result<Vec<_>, _>>()?.concat();
         Field::lit(parts, &all)
     }
 
@@ -279,7 +278,7 @@ impl Member {
         let generate = |field: &Field| self.backend.generate(field, compositor.part_params(), Segmentation::Greedy);
         let made = fields.parts.iter().map(|f| Ok(generate(f)?.0)).collect::<Result<Vec<_>, Invalid>>()?;
         let (me, members) = (self.outbox.rank(), self.outbox.size());
-        for other in (0..members).filter(|&other| other != me) {
+        for other in self.others() {
             let rows = tile(params.resolution(), other, members);
             let mut bytes = Vec::new();
             let bands = made.iter().map(|vdi| RowBand::of_rows(vdi, &rows));
@@ -290,8 +289,7 @@ impl Member {
         let rows = tile(params.resolution(), me, members);
         let mut bands: Vec<RowBand> = made.iter().map(|vdi| RowBand::of_rows(vdi, &rows)).collect();
         drop(made);
-        let others = (0..members).filter(|&other| other != me).collect();
-        for (_, bytes) in self.gather(sequence, others, lists_of_tile)? {
+        for (_, bytes) in self.gather(sequence, self.others(), lists_of_tile)? {
             let mut rest = &bytes[..];
             while !rest.is_empty() {
                 bands.push(lists::read(&mut rest)?);

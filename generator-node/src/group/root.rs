@@ -175,10 +175,7 @@ impl GroupField {
         let (answers, slowest) = self.root.ask(&Kind::Reduce(command))?;
         let mut whole = PartReduction::new(&self.grid, &self.scene, params);
         for answer in answers {
-            let mut rest = &answer.payload[..];
-            while !rest.is_empty() {
-                whole.add(&sums::read(&mut rest)?)?;
-            }
+            sums::read_all(&answer.payload)?.iter().try_for_each(|part| whole.add(part))?;
         }
         Ok((whole.finish(&self.grid, &self.scene, params)?, slowest))
     }

@@ -15,8 +15,17 @@ pub(super) fn write(part: &PartSums, out: &mut Vec<u8>) {
     out.extend(part.sums.iter().chain(&part.shares).flat_map(|x| x.to_le_bytes()));
 }
 
+/// Those of all parts in `bytes`.
+pub(super) fn read_all(mut bytes: &[u8]) -> Result<Vec<PartSums>, Invalid> {
+    let mut parts = Vec::new();
+    while !bytes.is_empty() {
+        parts.push(read(&mut bytes)?);
+    }
+    Ok(parts)
+}
+
 /// Takes a part's off the front of `bytes`.
-pub(super) fn read(bytes: &mut &[u8]) -> Result<PartSums, Invalid> {
+fn read(bytes: &mut &[u8]) -> Result<PartSums, Invalid> {
     let (head, rest) = bytes.split_first_chunk::<28>().ok_or_else(short)?;
     let word = |n: usize| u32::from_le_bytes([0, 1, 2, 3].map(|k| head[4 * n + k])) as usize;
     let (start, dims) = ([0, 1, 2].map(word), [3, 4, 5].map(word));
@@ -39,8 +48,7 @@ mod tests {
         let masked = PartSums { shares: vec![0.0, 0.25, 1.0, 0.5], ..plain.clone() };
         let mut bytes = Vec::new();
         [&plain, &masked].into_iter().for_each(|part| write(part, &mut bytes));
-        let mut rest = &bytes[..];
-        assert_eq!((read(&mut rest).unwrap(), read(&mut rest).unwrap(), rest.len()), (plain, masked, 0));
+        assert_eq!(read_all(&bytes).unwrap(), [plain, masked]);
         assert!((0..28 + 16).all(|n| read(&mut &bytes[..n]).is_err()));
         assert!(read(&mut &[0xff; 28][..]).is_err());
     }
