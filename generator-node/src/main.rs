@@ -1,6 +1,7 @@
 //! The generator-node as a daemon.
 
 use clap::Parser;
+use lamina_codec::Codec;
 use lamina_compute::CpuShare;
 use lamina_compute::gpu::Choice;
 use lamina_generator_node::{Config, run, run_member};
@@ -39,6 +40,20 @@ async fn main() -> std::process::ExitCode {
     exit_code(start().await)
 }
 
+/// Whether the members of a group can do what `config` asks for.
+///
+/// # Errors
+/// If not.
+fn can_be_shared(config: &Config) -> anyhow::Result<()> {
+    if !config.trigger.is_empty() {
+        anyhow::bail!("trigger: a group has no step in one place to look at; leave [[trigger]] out, or use one node");
+    }
+    if config.encode_options().codec != Codec::ContextMixing {
+        anyhow::bail!("codec: the members of a group code by context-mixing; leave codec out, or use one node");
+    }
+    Ok(())
+}
+
 async fn start() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
     log_to_stderr("info");
@@ -51,10 +66,10 @@ async fn start() -> anyhow::Result<()> {
         ..config
     }
     .check()?;
-    let mesh = arguments.group.then(|| lamina_mpi::join(launched_rank().map(|(_, ranks)| ranks))).transpose()?;
-    if mesh.is_some() && !config.trigger.is_empty() {
-        anyhow::bail!("trigger: a group has no step in one place to look at; leave [[trigger]] out, or use one node");
+    if arguments.group {
+        can_be_shared(&config)?;
     }
+    let mesh = arguments.group.then(|| lamina_mpi::join(launched_rank().map(|(_, ranks)| ranks))).transpose()?;
     let config = match &mesh {
         Some((outbox, _)) if outbox.rank() > 0 => Config { listen: SocketAddr::new(config.listen.ip(), 0), ..config },
         _ => config,

@@ -1,7 +1,7 @@
 //! One time step, prepared: its volumes and VDIs, their costs, its reference samples.
 
 use crate::delivery::Delivery;
-use crate::group::GroupField;
+use crate::group::{GroupField, GroupVdi};
 use lamina_codec::volume::ReferenceVolume;
 use lamina_codec::{EncodeOptions, EncodedStep, encode_timed};
 use lamina_compute::{Activity, Laps};
@@ -22,20 +22,61 @@ pub(crate) enum FieldSource {
     Group(Box<GroupField>),
 }
 
+/// A step generated.
+pub(crate) enum Generated {
+    /// Here, to be encoded.
+    Here(Intermediate),
+    /// By the members of a group, which have encoded it.
+    Encoded(GroupVdi),
+}
+
+impl Generated {
+    /// The step encoded, a volume after `before` if that saves bytes, and what it cost where generation took `generation`.
+    pub(crate) fn encode(
+        self,
+        generation: Duration,
+        options: &EncodeOptions,
+        before: Option<&ReferenceVolume>,
+    ) -> Result<EncodedStep, Invalid> {
+        match self {
+            Self::Here(intermediate) => Ok(encode_timed(&intermediate, generation, options, before)?),
+            Self::Encoded(GroupVdi { bytes, segments, encoding, .. }) => {
+                let cost = Cost { size_bytes: bytes.len() as u64, generation, encode: encoding, elements: segments };
+                Ok(EncodedStep { bytes, cost, reference: None })
+            }
+        }
+    }
+}
+
 impl FieldSource {
     /// The step generated, and the time that took: of a group that of its slowest member.
     fn represent(
         &self,
         params: &GenerationParams,
         segmentation: Segmentation,
-    ) -> Result<(Intermediate, Duration), Invalid> {
+    ) -> Result<(Generated, Duration), Invalid> {
         match (self, params) {
-            (Self::Own(backend, field), _) => backend.represent(field, params, segmentation),
-            (Self::Group(group), GenerationParams::Vdi(params)) => group.generate(params, segmentation),
+            (Self::Own(backend, field), _) => {
+                let (made, time) = backend.represent(field, params, segmentation)?;
+                Ok((Generated::Here(made), time))
+            }
+            (Self::Group(group), GenerationParams::Vdi(params)) => {
+                let made = group.generate(params, segmentation)?;
+                let time = made.generation;
+                Ok((Generated::Encoded(made), time))
+            }
             (Self::Group(group), GenerationParams::Volume(params)) => {
                 let (volume, time) = group.reduce(params)?;
-                Ok((Intermediate::Volume(Box::new(volume)), time))
+                Ok((Generated::Here(Intermediate::Volume(Box::new(volume))), time))
             }
+        }
+    }
+
+    /// The time that generation takes.
+    fn time(&self, params: &GenerationParams, segmentation: Segmentation) -> Result<Duration, Invalid> {
+        match (self, params) {
+            (Self::Group(group), GenerationParams::Vdi(params)) => group.time(params, segmentation),
+            _ => Ok(self.represent(params, segmentation)?.1),
         }
     }
 
@@ -44,14 +85,17 @@ impl FieldSource {
         params: &GenerationParams,
         gammas: &[f64],
         segmentation: Segmentation,
-    ) -> Result<Vec<Intermediate>, Invalid> {
+    ) -> Result<Vec<Generated>, Invalid> {
         match (self, params) {
-            (Self::Own(backend, field), _) => backend.represent_all(field, params, gammas, segmentation),
+            (Self::Own(backend, field), _) => {
+                let all = backend.represent_all(field, params, gammas, segmentation)?;
+                Ok(all.into_iter().map(Generated::Here).collect())
+            }
             // A volume does not depend on its error bound before it is encoded.
             (Self::Group(group), GenerationParams::Volume(params)) => {
                 let (volume, _) = group.reduce(params)?;
                 let bounded = |&gamma: &f64| volume.clone().with_error_bound(gamma);
-                gammas.iter().map(|gamma| Ok(Intermediate::Volume(Box::new(bounded(gamma)?)))).collect()
+                gammas.iter().map(|g| Ok(Generated::Here(Intermediate::Volume(Box::new(bounded(g)?))))).collect()
             }
             (Self::Group(_), GenerationParams::Vdi(_)) => {
                 gammas.iter().map(|&g| Ok(self.represent(&params.with_gamma(g)?, segmentation)?.0)).collect()
@@ -121,10 +165,6 @@ impl Step {
         Self { derivation, ..self }
     }
 
-    fn represent(&self, params: &GenerationParams) -> Result<(Intermediate, Duration), Invalid> {
-        self.source.represent(params, self.segmentation)
-    }
-
     /// The step generated and encoded, a volume after `before` if that saves bytes, and what that cost.
     pub(crate) fn measure(
         &self,
@@ -133,11 +173,11 @@ impl Step {
         before: Option<&ReferenceVolume>,
         laps: &mut Laps,
     ) -> Result<EncodedStep, Invalid> {
-        let (intermediate, generation_time) = self.represent(params)?;
+        let (made, generation_time) = self.source.represent(params, self.segmentation)?;
         laps.lap(Activity::Generate);
-        let encoded = encode_timed(&intermediate, generation_time, options, before);
+        let encoded = made.encode(generation_time, options, before);
         laps.lap(Activity::Encode);
-        Ok(encoded?)
+        encoded
     }
 
     /// The same as a trial, whose time decides what many steps are generated with: a quick generation is timed three times,
@@ -149,27 +189,23 @@ impl Step {
         known: Option<Duration>,
         laps: &mut Laps,
     ) -> Result<EncodedStep, Invalid> {
-        let (intermediate, generation_time) = match known {
-            Some(time) => (self.represent(params)?.0, time),
-            None => self.timed(params)?,
-        };
+        let (made, first) = self.source.represent(params, self.segmentation)?;
+        let generation_time = known.map_or_else(|| self.median_time(params, first), Ok)?;
         laps.lap(Activity::Generate);
-        let encoded = encode_timed(&intermediate, generation_time, options, None);
+        let encoded = made.encode(generation_time, options, None);
         laps.lap(Activity::Encode);
-        Ok(encoded?)
+        encoded
     }
 
     /// What generation alone takes as a trial.
     pub(crate) fn time(&self, params: &GenerationParams) -> Result<Cost, Invalid> {
-        let (_, generation_time) = self.timed(params)?;
-        Ok(Cost { generation: generation_time, ..Cost::default() })
+        let first = self.source.time(params, self.segmentation)?;
+        Ok(Cost { generation: self.median_time(params, first)?, ..Cost::default() })
     }
 
-    fn timed(&self, params: &GenerationParams) -> Result<(Intermediate, Duration), Invalid> {
-        let represent = || self.represent(params);
-        let (intermediate, first) = represent()?;
-        let time = median_of_three(first, || represent().map(|(_, time)| time))?;
-        Ok((intermediate, time))
+    /// What generation takes that took `first` at first.
+    fn median_time(&self, params: &GenerationParams, first: Duration) -> Result<Duration, Invalid> {
+        median_of_three(first, || self.source.time(params, self.segmentation))
     }
 
     /// The step generated with each of `gammas`, and the time that making them all took.
@@ -177,7 +213,7 @@ impl Step {
         &self,
         params: &GenerationParams,
         gammas: &[f64],
-    ) -> Result<(Vec<Intermediate>, Duration), Invalid> {
+    ) -> Result<(Vec<Generated>, Duration), Invalid> {
         let start = Instant::now();
         let all = self.source.represent_all(params, gammas, self.segmentation)?;
         Ok((all, start.elapsed()))

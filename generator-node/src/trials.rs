@@ -3,7 +3,6 @@
 use crate::node_state::NodeState;
 use crate::spans;
 use crate::step::{Purpose, Step};
-use lamina_codec::encode_timed;
 use lamina_compute::{Activity, Laps, Permit, Priority};
 use lamina_model::{Cost, GenerationParams, Invalid};
 use lamina_rpc::Bytes;
@@ -181,8 +180,8 @@ impl TrialSession {
             let some = move |laps: &mut Laps| {
                 let (mut some, begun) = (Vec::new(), Instant::now());
                 while begun.elapsed() < TURN {
-                    let Some(intermediate) = all.next() else { break };
-                    some.push(encode_timed(&intermediate, march_time, &options, None)?.cost);
+                    let Some(made) = all.next() else { break };
+                    some.push(made.encode(march_time, &options, None)?.cost);
                 }
                 laps.lap(Activity::Encode);
                 Ok((some, all))

@@ -7,7 +7,7 @@
 //! what members of a group do (`generator-node/src/group`), without the messages.
 
 use glam::DVec3;
-use lamina_codec::{EncodeOptions, encode};
+use lamina_codec::{BandStatistics, EncodeOptions, VdiBand, encode};
 use lamina_model::psnr::psnr;
 use lamina_model::{
     Camera, Grid, Image, Intermediate, Scene, Segmentation, Vdi, VdiParams, Volume, Voxels, suggest::suggest,
@@ -15,6 +15,7 @@ use lamina_model::{
 use lamina_raycast::{Backend, Compositor, Field, GridPart, RowBand};
 use lamina_vdi_render::{Backend as Viewer, Detail, Drawable};
 use lamina_volume_io::{Options, Series};
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::time::Instant;
 
@@ -116,10 +117,12 @@ struct Together {
     /// Seconds of each member: generation, compositing.
     generation: Vec<f64>,
     compositing: Vec<f64>,
-    /// Bytes that each member sends to others.
+    /// Of encoding: quantization, what is to be known of the whole, and the bands that the member codes.
+    encoding: Vec<f64>,
+    /// Bytes that each member sends to others: lists of tiles, and quantized rows of bands.
     sent: Vec<f64>,
-    /// Seconds and bytes at the root: tiles received and put together.
-    root: (f64, f64),
+    /// Bytes of the VDI.
+    coded: usize,
 }
 
 fn rows_of(resolution: u32, member: usize, members: usize) -> Vec<u32> {
@@ -168,12 +171,47 @@ fn together(
         tiles.push(compositor.rows(&rows, &bands)?);
         compositing.push(start.elapsed().as_secs_f64());
     }
-    let gathered: f64 = tiles.iter().skip(1).map(bytes_of).sum();
+    let gamma = params.gamma();
+    let timed = |tile: &RowBand| {
+        let start = Instant::now();
+        let quantized = VdiBand::quantized(tile.lists(), gamma);
+        let statistics = BandStatistics::of(&quantized);
+        (quantized, statistics, start.elapsed().as_secs_f64())
+    };
+    let (mut quantized, mut statistics, mut encoding) = (Vec::new(), Vec::new(), Vec::new());
+    for (band, of_band, seconds) in tiles.iter().map(timed) {
+        quantized.push(band);
+        statistics.push(of_band);
+        encoding.push(seconds);
+    }
     let start = Instant::now();
+    let statistics = BandStatistics::union(&statistics);
+    encoding[0] += start.elapsed().as_secs_f64();
+    let (bands, row) = (statistics.bands(r), r as usize);
+    let mut coded = vec![<[Vec<u8>; 2]>::default(); bands.len()];
+    for (number, rows) in bands.iter().enumerate() {
+        let owners = [number % count, (number + bands.len()) % count];
+        let mut band = VdiBand::default();
+        for n in rows.clone() {
+            let (member, nth) = (n % count, n / count);
+            let of_row = quantized[member].slice(nth * row..(nth + 1) * row);
+            let receivers =
+                owners.iter().collect::<BTreeSet<_>>().into_iter().filter(|owner| **owner != member).count();
+            sent[member] += (of_row.to_bytes().len() * receivers) as f64;
+            band.append(&of_row);
+        }
+        let start = Instant::now();
+        coded[number][0] = statistics.encode_geometry(r, &band)?;
+        encoding[owners[0]] += start.elapsed().as_secs_f64();
+        let start = Instant::now();
+        coded[number][1] = statistics.encode_colors(r, &band)?;
+        encoding[owners[1]] += start.elapsed().as_secs_f64();
+    }
+    let coded = statistics.encoded(compositor.header(), &coded)?.len();
     let mut tiles: Vec<_> = tiles.into_iter().map(|tile| tile.into_rows(r)).collect();
     let rows = (0..r as usize).filter_map(|row| tiles[row % count].next());
     let vdi = compositor.finish(rows)?;
-    Ok(Together { vdi, met, generation, compositing, sent, root: (start.elapsed().as_secs_f64(), gathered) })
+    Ok(Together { vdi, met, generation, compositing, encoding, sent, coded })
 }
 
 fn picture(vdi: &Vdi, camera: &Camera) -> Result<Image, Failure> {
@@ -249,9 +287,7 @@ fn scale(volume: &Volume) -> Result<(), Failure> {
     println!(
         "64^3 points a member, rays so that a member takes about as many samples as one alone; milliseconds of the slowest and of the mean member, kB that a member sends at most"
     );
-    println!(
-        "members    rays  generation: slowest, mean  compositing: slowest  sent   root: gathered, put together  encoded"
-    );
+    println!("members    rays  generation: slowest, mean  compositing  encoding: slowest, all, one node    sent   VDI");
     let mut first = None;
     for members in [1, 2, 4, 8, 16, 27, 64] {
         let whole = repeated(&volume, counts(members))?;
@@ -263,20 +299,21 @@ fn scale(volume: &Volume) -> Result<(), Failure> {
         let (slowest, mean) = (most(&made.generation), made.generation.iter().sum::<f64>() / members as f64);
         let (compositing, sent) = (most(&made.compositing), most(&made.sent));
         let start = Instant::now();
-        let bytes = encode(&made.vdi, &EncodeOptions::default())?.len();
-        let encoding = start.elapsed().as_secs_f64();
+        let alone = encode(&made.vdi, &EncodeOptions::default())?.len();
+        let encoding = [most(&made.encoding), made.encoding.iter().sum(), start.elapsed().as_secs_f64()];
+        assert_eq!(made.coded, alone, "members code the bytes of one node");
         let one = *first.get_or_insert([slowest, slowest + compositing]);
         let network = sent / NETWORK + (members - 1) as f64 * LATENCY;
         println!(
-            "{members:7} {rays:5}^2 {:12.1} {:8.1} {:18.1} {:12.0} {:14.0} kB {:6.1} ms {:10} in {:6.1} ms   efficiency {:.2} by itself, {:.2} with compositing and the network",
+            "{members:7} {rays:5}^2 {:12.1} {:8.1} {:16.1} {:12.1} {:9.1} {:9.1} {:8.0} kB {:6.0} kB   efficiency {:.2} by itself, {:.2} with compositing and the network",
             1e3 * slowest,
             1e3 * mean,
             1e3 * compositing,
+            1e3 * encoding[0],
+            1e3 * encoding[1],
+            1e3 * encoding[2],
             sent / 1e3,
-            made.root.1 / 1e3,
-            1e3 * made.root.0,
-            bytes,
-            1e3 * encoding,
+            made.coded as f64 / 1e3,
             one[0] / slowest,
             one[1] / (slowest + compositing + network),
         );

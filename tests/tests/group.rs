@@ -245,6 +245,21 @@ fn without_mpi_a_group_is_refused_with_the_remedy() {
 }
 
 #[test]
+fn what_a_group_cannot_do_is_refused_before_it_joins() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("generator-node.toml");
+    let trigger = "[[trigger]]\nname = \"keep\"\nwhen = \"max >= min\"\ndo = [\"raw\"]\n";
+    for (text, key) in [("codec = \"bzip2\"\n", "codec"), (trigger, "trigger")] {
+        std::fs::write(&file, text).unwrap();
+        let mut command = Command::new(binary("generator-node"));
+        command.args(["--group", "--config"]).arg(&file).env("LAMINA_MPI_LIBRARY", "/nonexistent/libmpi.so");
+        let ended = command.output().unwrap();
+        let said = String::from_utf8_lossy(&ended.stderr);
+        assert!(!ended.status.success() && said.contains(key) && said.contains("use one node"), "{said}");
+    }
+}
+
+#[test]
 fn a_rank_that_falls_silent_leaves_a_hole_and_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let (config, port, store) = (config(folder.path(), 0.02), free_port(), folder.path().join("runs"));

@@ -1,12 +1,12 @@
 //! A member at work: carries out the root's commands on the bricks of its own ranks.
 
-use super::convert::{Preparation, read_cast, tile};
-use super::{Kind, lists, send, sums, window};
+use super::convert::{Preparation, read_cast};
+use super::{Kind, send, sums, window};
 use crate::ingest::{BrickBytes, GridBox, RunSpec};
 use glam::DVec3;
-use lamina_model::{GenerationParams, Grid, Invalid, Scene, Segmentation, VoxelType, Voxels};
+use lamina_model::{GenerationParams, Grid, Invalid, Scene, VoxelType, Voxels};
 use lamina_mpi::Outbox;
-use lamina_raycast::{Backend, Compositor, Field, GridPart, PartSums, RowBand};
+use lamina_raycast::{Backend, Field, GridPart, PartSums};
 use lamina_rpc::v1;
 use parking_lot::Mutex;
 use std::collections::{BTreeMap, VecDeque};
@@ -30,24 +30,24 @@ pub(crate) struct HeldStep {
 pub(crate) type HeldSteps = Arc<Mutex<BTreeMap<u64, HeldStep>>>;
 
 /// The fields of a step, one for each of its parts.
-struct PartFields {
-    grid: Grid,
-    scene: Scene,
-    parts: Vec<Field>,
+pub(super) struct PartFields {
+    pub grid: Grid,
+    pub scene: Scene,
+    pub parts: Vec<Field>,
 }
 
 /// The executor.
 pub(crate) struct Member {
-    outbox: Outbox,
+    pub(super) outbox: Outbox,
     inbox: Receiver<(u32, v1::GroupMessage)>,
     /// What came before it was asked for.
     early: VecDeque<(u32, v1::GroupMessage)>,
     held: HeldSteps,
-    fields: BTreeMap<u64, PartFields>,
-    backend: Backend,
+    pub(super) fields: BTreeMap<u64, PartFields>,
+    pub(super) backend: Backend,
 }
 
-fn missing(step: u64) -> Invalid {
+pub(super) fn missing(step: u64) -> Invalid {
     Invalid::new("group", format!("this member has nothing of step {step}"))
 }
 
@@ -85,9 +85,12 @@ impl Member {
         let (sequence, begun) = (message.sequence, Instant::now());
         // What other members sent for commands before this one, which then failed.
         self.early.retain(|(_, m)| m.sequence >= sequence || !is_between_members(m));
+        let mut encode = Duration::ZERO;
         let outcome = match message.kind {
             Some(Kind::Prepare(command)) => self.prepare(sequence, command).map_err(|e| self.give_up(sequence, e)),
-            Some(Kind::Generate(command)) => self.generate(sequence, command).map_err(|e| self.give_up(sequence, e)),
+            Some(Kind::Generate(command)) => {
+                self.generate(sequence, command, &mut encode).map_err(|e| self.give_up(sequence, e))
+            }
             Some(Kind::Reduce(command)) => self.reduce(command),
             Some(Kind::Cast(command)) => self.cast(command),
             Some(Kind::Sample(command)) => self.sample(&command),
@@ -103,12 +106,12 @@ impl Member {
             Ok(payload) => (payload, String::new()),
             Err(error) => (Vec::new(), error.to_string()),
         };
-        let reply = v1::GroupReply { payload, elapsed_ns, failed };
+        let reply = v1::GroupReply { payload, elapsed_ns, failed, encode_ns: encode.as_nanos() as u64 };
         send(&self.outbox, from, sequence, Kind::Reply(reply));
     }
 
     /// All members but this one.
-    fn others(&self) -> Vec<u32> {
+    pub(super) fn others(&self) -> Vec<u32> {
         (0..self.outbox.size()).filter(|&other| other != self.outbox.rank()).collect()
     }
 
@@ -121,7 +124,7 @@ impl Member {
     }
 
     /// What `take` takes of the messages of command `sequence` from all `members`.
-    fn gather(
+    pub(super) fn gather(
         &mut self,
         sequence: u64,
         mut members: Vec<u32>,
@@ -266,40 +269,6 @@ impl Member {
         Field::lit(parts, &all)
     }
 
-    /// Makes the lists of its boxes, and of all boxes those of its tile.
-    fn generate(&mut self, sequence: u64, command: v1::GroupGenerate) -> Result<Vec<u8>, Invalid> {
-        let v1::GroupGenerate { step, params, greedy } = command;
-        let segmentation = if greedy { Segmentation::Greedy } else { Segmentation::Fitted };
-        let GenerationParams::Vdi(params) = lamina_rpc::required(params, "params")?.try_into()? else {
-            return Err(Invalid::new("representation", "a VDI is generated, a volume reduced"));
-        };
-        let fields = self.fields.get(&step).ok_or_else(|| missing(step))?;
-        let compositor = Compositor::new(&fields.grid, &fields.scene, &params, segmentation)?;
-        let generate = |field: &Field| self.backend.generate(field, compositor.part_params(), Segmentation::Greedy);
-        let made = fields.parts.iter().map(|f| Ok(generate(f)?.0)).collect::<Result<Vec<_>, Invalid>>()?;
-        let (me, members) = (self.outbox.rank(), self.outbox.size());
-        for other in self.others() {
-            let rows = tile(params.resolution(), other, members);
-            let mut bytes = Vec::new();
-            let bands = made.iter().map(|vdi| RowBand::of_rows(vdi, &rows));
-            // Nothing is sent of a box that no ray of the tile meets.
-            bands.filter(|band| !band.segments.is_empty()).for_each(|band| lists::write(&band, &mut bytes));
-            send(&self.outbox, other, sequence, Kind::Lists(bytes));
-        }
-        let rows = tile(params.resolution(), me, members);
-        let mut bands: Vec<RowBand> = made.iter().map(|vdi| RowBand::of_rows(vdi, &rows)).collect();
-        drop(made);
-        for (_, bytes) in self.gather(sequence, self.others(), lists_of_tile)? {
-            let mut rest = &bytes[..];
-            while !rest.is_empty() {
-                bands.push(lists::read(&mut rest)?);
-            }
-        }
-        let mut out = Vec::new();
-        lists::write(&compositor.rows(&rows, &bands)?, &mut out);
-        Ok(out)
-    }
-
     /// Sums what each of its boxes gives to the reduced volume.
     fn reduce(&self, command: v1::GroupReduce) -> Result<Vec<u8>, Invalid> {
         let v1::GroupReduce { step, params, masked } = command;
@@ -357,16 +326,13 @@ fn ghost_points(kind: &Kind) -> Option<&[u8]> {
     if let Kind::Ghost(bytes) = kind { Some(bytes) } else { None }
 }
 
-fn lists_of_tile(kind: &Kind) -> Option<&[u8]> {
-    if let Kind::Lists(bytes) = kind { Some(bytes) } else { None }
-}
-
 fn extinction_sums(kind: &Kind) -> Option<&[u8]> {
     if let Kind::Extinction(bytes) = kind { Some(bytes) } else { None }
 }
 
 fn is_between_members(message: &v1::GroupMessage) -> bool {
-    matches!(message.kind, Some(Kind::Ghost(_) | Kind::Lists(_) | Kind::Extinction(_) | Kind::Failed(_)))
+    use Kind::{Extinction, Failed, Ghost, Lists, Rows, Statistics};
+    matches!(message.kind, Some(Ghost(_) | Lists(_) | Statistics(_) | Rows(_) | Extinction(_) | Failed(_)))
 }
 
 /// Points of a box whose index is a multiple of `stride` on all axes, x fastest.

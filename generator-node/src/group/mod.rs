@@ -11,11 +11,12 @@ mod root;
 mod sums;
 #[cfg(test)]
 mod tests;
+mod tiles;
 mod window;
 
 pub(crate) use door::{Door, GroupArrived};
 pub(crate) use member::{HeldStep, HeldSteps, Member};
-pub(crate) use root::{GroupField, Root};
+pub(crate) use root::{GroupField, GroupVdi, Root};
 
 use crate::Config;
 use crate::ingest::Ingest;

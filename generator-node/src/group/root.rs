@@ -2,18 +2,20 @@
 
 use super::convert::{Preparation, cast_message};
 use super::member::lattice;
-use super::{Kind, lists, send, sums};
+use super::{Kind, send, sums};
 use crate::ingest::{GridBox, RunSpec};
 use glam::DVec3;
+use lamina_codec::BandStatistics;
 use lamina_field_expression::ShownFields;
 use lamina_model::{
-    Aabb, Grid, Intermediate, Invalid, ReducedVolume, ReferenceSamples, SamplePlan, Scene, Segmentation, VdiParams,
-    Volume, VolumeParams, VoxelType, Voxels,
+    Aabb, Grid, Invalid, ReducedVolume, ReferenceSamples, SamplePlan, Scene, Segmentation, VdiParams, Volume,
+    VolumeParams, VoxelType, Voxels,
 };
 use lamina_mpi::Outbox;
 use lamina_raycast::{Compositor, GridPart, PartReduction};
 use lamina_rpc::v1;
 use parking_lot::Mutex;
+use prost::Message as _;
 use std::ops::Range;
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
@@ -45,8 +47,8 @@ impl Root {
         (0..self.outbox.size()).for_each(|member| send(&self.outbox, member, sequence, kind.clone()));
     }
 
-    /// The same of one that is answered: their answers in order, and the time that the slowest took.
-    fn ask(&self, kind: &Kind) -> Result<(Vec<v1::GroupReply>, Duration), Invalid> {
+    /// The same of one that is answered: their answers in order.
+    fn ask(&self, kind: &Kind) -> Result<Vec<v1::GroupReply>, Invalid> {
         let mut asking = self.asking.lock();
         let (sequence, replies) = &mut *asking;
         *sequence += 1;
@@ -68,8 +70,7 @@ impl Root {
         if let Some((member, reply)) = answers.iter().enumerate().find(|(_, reply)| !reply.failed.is_empty()) {
             return Err(Invalid::new("group", format!("member {member}: {}", reply.failed)));
         }
-        let slowest = answers.iter().map(|reply| Duration::from_nanos(reply.elapsed_ns)).max();
-        Ok((answers, slowest.unwrap_or_default()))
+        Ok(answers)
     }
 
     /// The step on a lattice so coarse that it has few points, to choose a scene from.
@@ -84,7 +85,7 @@ impl Root {
         let stride = grid.dims().into_iter().max().unwrap_or(1).div_ceil(COARSE_POINTS).max(1);
         let dims = grid.dims().map(|n| n.div_ceil(stride));
         let coarse = Grid::new(dims, grid.spacing() * stride as f64, grid.origin())?;
-        let (answers, _) = self.ask(&Kind::Sample(v1::GroupSample { step, stride: stride as u32 }))?;
+        let answers = self.ask(&Kind::Sample(v1::GroupSample { step, stride: stride as u32 }))?;
         let types: Vec<VoxelType> = spec.fields().map(|(_, voxel_type)| voxel_type).collect();
         let mut fields: Vec<Vec<u8>> = types.iter().map(|t| vec![0; coarse.voxels() * t.size_bytes()]).collect();
         for (boxes, answer) in members.iter().zip(answers) {
@@ -104,6 +105,18 @@ impl Root {
         let sampled = types.iter().zip(&fields).map(|(t, bytes)| Some(Voxels::from_le_bytes(*t, bytes)));
         shown.volume(coarse, sampled.collect())
     }
+}
+
+/// A VDI that all members have generated and encoded together.
+pub(crate) struct GroupVdi {
+    /// As a reader gets it.
+    pub bytes: Vec<u8>,
+    /// Supersegments.
+    pub segments: u64,
+    /// Wall time of the slowest member.
+    pub generation: Duration,
+    /// Wall time of the slowest member.
+    pub encoding: Duration,
 }
 
 /// A step whose field is in parts at all members; they forget it when this is dropped.
@@ -129,7 +142,7 @@ impl GroupField {
         members: Vec<Vec<GridBox>>,
     ) -> Result<Self, Invalid> {
         let preparation = Preparation::of_run(spec, shown, scene, members);
-        let (answers, _) = root.ask(&Kind::Prepare(preparation.message(step)))?;
+        let answers = root.ask(&Kind::Prepare(preparation.message(step)))?;
         let number = |reply: &v1::GroupReply| reply.payload.first_chunk().map_or(0, |bytes| u64::from_le_bytes(*bytes));
         let empty_voxels = answers.iter().map(number).sum();
         let empty_seen = answers.iter().any(|reply| reply.payload.last() == Some(&1));
@@ -144,25 +157,47 @@ impl GroupField {
         self.empty_voxels
     }
 
-    /// The VDI of the whole, and the time that the slowest member took.
-    pub(crate) fn generate(
+    /// The VDI of the whole, encoded.
+    pub(crate) fn generate(&self, params: &VdiParams, segmentation: Segmentation) -> Result<GroupVdi, Invalid> {
+        let compositor = Compositor::new(&self.grid, &self.scene, params, segmentation)?;
+        let answers = self.ask_to_generate(params, segmentation, true)?;
+        let coded = answers.iter().map(|reply| v1::GroupCoded::decode(&reply.payload[..]));
+        let coded = coded.collect::<Result<Vec<_>, _>>().map_err(|e| Invalid::new("group", e.to_string()))?;
+        let whole = BandStatistics::read(coded.first().map_or(&[], |first| &first.statistics))?;
+        let members = coded.len();
+        let mut of_members: Vec<_> = coded.into_iter().map(|of_member| of_member.parts.into_iter()).collect();
+        let bands = whole.bands(params.resolution()).len();
+        let parts = (0..2 * bands).map(|part| of_members[part % members].next().unwrap_or_default());
+        let mut geometry: Vec<Vec<u8>> = parts.collect();
+        let colors = geometry.split_off(bands);
+        let bands: Vec<[Vec<u8>; 2]> = geometry.into_iter().zip(colors).map(Into::into).collect();
+        Ok(GroupVdi {
+            bytes: whole.encoded(compositor.header(), &bands)?,
+            segments: whole.segments(),
+            generation: slowest(answers.iter().map(|reply| reply.elapsed_ns.saturating_sub(reply.encode_ns))),
+            encoding: slowest(answers.iter().map(|reply| reply.encode_ns)),
+        })
+    }
+
+    /// The time that generation of a VDI takes the slowest member.
+    pub(crate) fn time(&self, params: &VdiParams, segmentation: Segmentation) -> Result<Duration, Invalid> {
+        let answers = self.ask_to_generate(params, segmentation, false)?;
+        Ok(slowest(answers.iter().map(|reply| reply.elapsed_ns)))
+    }
+
+    fn ask_to_generate(
         &self,
         params: &VdiParams,
         segmentation: Segmentation,
-    ) -> Result<(Intermediate, Duration), Invalid> {
-        let compositor = Compositor::new(&self.grid, &self.scene, params, segmentation)?;
+        encode: bool,
+    ) -> Result<Vec<v1::GroupReply>, Invalid> {
         let command = v1::GroupGenerate {
             step: self.step,
             params: Some((&lamina_model::GenerationParams::Vdi(*params)).into()),
             greedy: segmentation == Segmentation::Greedy,
+            encode,
         };
-        let (tiles, slowest) = self.root.ask(&Kind::Generate(command))?;
-        let bands = tiles.iter().map(|tile| lists::read(&mut &tile.payload[..]));
-        let r = params.resolution();
-        let mut tiles = bands.map(|band| Ok(band?.into_rows(r))).collect::<Result<Vec<_>, Invalid>>()?;
-        let members = tiles.len();
-        let rows = (0..r as usize).filter_map(|row| tiles[row % members].next());
-        Ok((Intermediate::Vdi(Box::new(compositor.finish(rows)?)), slowest))
+        self.root.ask(&Kind::Generate(command))
     }
 
     /// The reduced volume of the whole, and the time that the slowest member took.
@@ -172,12 +207,13 @@ impl GroupField {
             params: Some((&lamina_model::GenerationParams::Volume(*params)).into()),
             masked: self.empty_seen,
         };
-        let (answers, slowest) = self.root.ask(&Kind::Reduce(command))?;
+        let answers = self.root.ask(&Kind::Reduce(command))?;
+        let time = slowest(answers.iter().map(|reply| reply.elapsed_ns));
         let mut whole = PartReduction::new(&self.grid, &self.scene, params);
         for answer in answers {
             sums::read_all(&answer.payload)?.iter().try_for_each(|part| whole.add(part))?;
         }
-        Ok((whole.finish(&self.grid, &self.scene, params)?, slowest))
+        Ok((whole.finish(&self.grid, &self.scene, params)?, time))
     }
 
     /// The most points on a side of a reduced volume; 0 if there can be none.
@@ -188,7 +224,7 @@ impl GroupField {
     /// Reference samples of some batches, composited of what the parts have of each pixel.
     pub(crate) fn reference_slice(&self, plan: &SamplePlan, batches: Range<u32>) -> Result<ReferenceSamples, Invalid> {
         let plan = plan.clone().check()?;
-        let (answers, _) = self.root.ask(&Kind::Cast(cast_message(self.step, &plan, &batches)))?;
+        let answers = self.root.ask(&Kind::Cast(cast_message(self.step, &plan, &batches)))?;
         let bytes: Vec<u8> = answers.iter().flat_map(|reply| reply.payload.iter().copied()).collect();
         let layers: Vec<[f32; 4]> = bytes.as_chunks::<16>().0.iter().map(layer).collect();
         let cameras = plan.test_cameras(&self.scene.camera)?;
@@ -239,6 +275,11 @@ impl Drop for GroupField {
     fn drop(&mut self) {
         self.root.tell(0, &Kind::Release(v1::GroupRelease { step: self.step }));
     }
+}
+
+/// The longest of some times.
+fn slowest(nanoseconds: impl Iterator<Item = u64>) -> Duration {
+    Duration::from_nanos(nanoseconds.max().unwrap_or(0))
 }
 
 fn layer(bytes: &[u8; 16]) -> [f32; 4] {

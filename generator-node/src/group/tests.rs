@@ -3,9 +3,10 @@
 use super::*;
 use crate::ingest::{GridBox, RunSpec};
 use glam::DVec3;
+use lamina_codec::{DecodeLimits, EncodeOptions, band_sizes, decode, encode};
 use lamina_model::{
-    Effects, Grid, Intermediate, SamplePlan, Scene, Segmentation, SquaredError, Vdi, VdiParams, Volume, VolumeParams,
-    VoxelType, Voxels, suggest::suggest,
+    Effects, Grid, SamplePlan, Scene, Segmentation, SquaredError, VdiParams, Volume, VolumeParams, VoxelType, Voxels,
+    suggest::suggest,
 };
 use lamina_raycast::{Backend, Field, reduce};
 use std::sync::Arc;
@@ -93,20 +94,13 @@ fn floats(bytes: &[u8]) -> Vec<f32> {
     bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
 }
 
-fn vdi(made: Intermediate) -> Vdi {
-    match made {
-        Intermediate::Vdi(vdi) => *vdi,
-        Intermediate::Volume(_) => panic!("a volume"),
-    }
-}
-
 fn scene() -> Scene {
     suggest(&[&Volume::new(grid(), Voxels::F32(floats(&bytes_of(&at([0; 3], DIMS))))).unwrap()]).unwrap()
 }
 
 #[test]
 fn a_group_makes_the_vdi_of_one_node() {
-    let scene = scene();
+    let (scene, options) = (scene(), EncodeOptions::default());
     for layout in layouts() {
         let root = group(&layout, 3);
         for step in 0..3 {
@@ -115,13 +109,30 @@ fn a_group_makes_the_vdi_of_one_node() {
             for (gamma, segmentation) in [(0.0, Segmentation::Greedy), (0.02, Segmentation::Fitted)] {
                 let params = VdiParams::new(33, gamma).unwrap();
                 let alone = Backend::cpu().generate(&whole(&scene), &params, segmentation).unwrap().0;
-                let together = vdi(field.generate(&params, segmentation).unwrap().0);
-                assert_eq!(together.header(), alone.header());
-                let (a, b) = (alone.segments().len(), together.segments().len());
+                let together = field.generate(&params, segmentation).unwrap();
+                assert!(gamma > 0.0 || together.bytes == encode(&alone, &options).unwrap(), "samples differ");
+                let decoded = decode(&together.bytes, &DecodeLimits::default()).unwrap();
+                assert_eq!(decoded.header(), alone.header());
+                assert_eq!(decoded.segments().len() as u64, together.segments);
+                let (a, b) = (alone.segments().len(), decoded.segments().len());
                 assert!(a > 500 && a.abs_diff(b) * 50 < a, "{a} and {b} supersegments");
-                assert!(gamma > 0.0 || together == alone, "samples differ");
             }
         }
+    }
+}
+
+#[test]
+fn members_code_the_bands_of_a_large_vdi_to_the_bytes_of_one_node() {
+    let scene = scene();
+    // Of its 100^2 rays, so many samples are seen that they go in several bands.
+    let params = VdiParams::new(100, 0.0).and_then(|params| params.with_step_voxels(0.1)).unwrap();
+    let alone = Backend::cpu().generate(&whole(&scene), &params, Segmentation::Greedy).unwrap().0;
+    let bytes = encode(&alone, &EncodeOptions::default()).unwrap();
+    let bands = band_sizes(&bytes, &DecodeLimits::default()).unwrap().len();
+    assert!(bands >= 3, "{bands} bands");
+    for layout in layouts() {
+        let field = GroupField::prepare(&group(&layout, 1), 0, (&spec(), "f"), scene.clone(), layout.clone()).unwrap();
+        assert!(field.generate(&params, Segmentation::Greedy).unwrap().bytes == bytes, "{} members", layout.len());
     }
 }
 
@@ -259,12 +270,13 @@ fn what_members_compute_of_several_fields_is_what_one_node_does() {
         let alone = Field::new(volume, &scene);
         let params = VdiParams::new(33, 0.0).unwrap();
         let expected = Backend::cpu().generate(&alone, &params, Segmentation::Greedy).unwrap().0;
+        let expected = encode(&expected, &EncodeOptions::default()).unwrap();
         for layout in layouts() {
             let bytes = |b: &GridBox| (0..3).fold(bytes_of(b), |bytes, axis| [bytes, field(axis, b)].concat());
             let root = group_with(&layout, &run, bytes, |_| 1);
             let made = GroupField::prepare(&root, 0, (&run, &text), scene.clone(), layout.clone()).unwrap();
             assert_eq!(made.empty_voxels(), empty, "{text}");
-            assert!(vdi(made.generate(&params, Segmentation::Greedy).unwrap().0) == expected, "{text}: samples differ");
+            assert!(made.generate(&params, Segmentation::Greedy).unwrap().bytes == expected, "{text}: samples differ");
         }
     }
 }

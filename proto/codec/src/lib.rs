@@ -17,7 +17,7 @@ pub use intermediate::{EncodedStep, check_any, decode_any, decode_any_after, enc
 pub use limits::DecodeLimits;
 pub use sequence::sequence;
 pub use vdi::{
-    Codec, ColorDecoder, EncodeOptions, EncodedHeader, GeometryDecoder, Layout, VdiBand, band_sizes, decode, encode,
-    join_bands, peek, quantize,
+    BandStatistics, Codec, ColorDecoder, EncodeOptions, EncodedHeader, GeometryDecoder, Layout, VdiBand, band_sizes,
+    decode, encode, join_bands, peek, quantize,
 };
 pub use volume::ErrorMeasure;

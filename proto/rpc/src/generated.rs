@@ -3725,7 +3725,10 @@ pub struct GroupPrepare {
     #[prost(string, tag = "8")]
     pub shown: ::prost::alloc::string::String,
 }
-/// Members send each other the lists of their boxes by tile, and composite their own tile. Answer: its lists.
+/// Members send each other the lists of their boxes by tile, and composite their own tile. Where the VDI is to be encoded, each quantizes
+/// its tile and tells member 0 what it has to know of it, which tells all what there is to know of the whole; rows go to the members that
+/// code their band. Of B bands there are 2 B parts, the geometry of each, then the colors of each: part n is coded by member n modulo their
+/// number. Answer: GroupCoded, empty where nothing is encoded.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
 pub struct GroupGenerate {
     #[prost(uint64, tag = "1")]
@@ -3734,6 +3737,17 @@ pub struct GroupGenerate {
     pub params: ::core::option::Option<GenerationParams>,
     #[prost(bool, tag = "3")]
     pub greedy: bool,
+    #[prost(bool, tag = "4")]
+    pub encode: bool,
+}
+#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct GroupCoded {
+    /// Of member 0: what there is to know of the whole.
+    #[prost(bytes = "vec", tag = "1")]
+    pub statistics: ::prost::alloc::vec::Vec<u8>,
+    /// The parts that the member has coded, in their order.
+    #[prost(bytes = "vec", repeated, tag = "2")]
+    pub parts: ::prost::alloc::vec::Vec<::prost::alloc::vec::Vec<u8>>,
 }
 /// Members sum what their own points give to the reduced volume of the whole. Answer, for each box: its first point and points per axis
 /// (u32), whether shares follow the sums (u32), and those, f32.
@@ -3781,6 +3795,9 @@ pub struct GroupReply {
     /// Why there is no answer, if there is none.
     #[prost(string, tag = "3")]
     pub failed: ::prost::alloc::string::String,
+    /// Of the wall time, what encoding took.
+    #[prost(uint64, tag = "4")]
+    pub encode_ns: u64,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct GroupMessage {
@@ -3789,7 +3806,7 @@ pub struct GroupMessage {
     pub sequence: u64,
     #[prost(
         oneof = "group_message::Kind",
-        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 16, 13, 14, 15"
+        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 17, 18, 16, 13, 14, 15"
     )]
     pub kind: ::core::option::Option<group_message::Kind>,
 }
@@ -3815,11 +3832,16 @@ pub mod group_message {
         Release(super::GroupRelease),
         #[prost(message, tag = "10")]
         Reply(super::GroupReply),
-        /// Between members: ghost points, lists of a tile, and, as those of `GroupReduce`, sums of extinction on the grid of the light volume.
+        /// Between members: ghost points, lists of a tile, what is to be known of a tile or of the whole before rows are coded, quantized rows
+        /// of each band that the receiver codes, and, as those of `GroupReduce`, sums of extinction on the grid of the light volume.
         #[prost(bytes, tag = "11")]
         Ghost(::prost::alloc::vec::Vec<u8>),
         #[prost(bytes, tag = "12")]
         Lists(::prost::alloc::vec::Vec<u8>),
+        #[prost(bytes, tag = "17")]
+        Statistics(::prost::alloc::vec::Vec<u8>),
+        #[prost(bytes, tag = "18")]
+        Rows(::prost::alloc::vec::Vec<u8>),
         #[prost(bytes, tag = "16")]
         Extinction(::prost::alloc::vec::Vec<u8>),
         /// Instead of any: why there is none.

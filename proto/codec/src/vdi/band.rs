@@ -1,8 +1,11 @@
-//! Rows of a VDI's rays as decoded, to be handed on between workers which share no memory and decode one VDI together.
+//! Rows of a VDI's rays with quantized colors, to be handed on between workers which share no memory and decode or encode one VDI together.
 
 use super::context::QuantizedSegment;
+use super::quantize;
 use crate::envelope::too_short;
 use crate::error::{CodecError, invalid};
+use lamina_model::Supersegment;
+use std::ops::Range;
 
 /// Some rows of rays, from left to right and from top to bottom, with quantized colors: a band, whose rows are coded independently of all others,
 /// or a slice of one.
@@ -23,6 +26,37 @@ impl Default for VdiBand {
 }
 
 impl VdiBand {
+    /// The rays of `lists`, of a VDI with this gamma, quantized as [`super::encode`] does.
+    pub fn quantized<'a>(lists: impl IntoIterator<Item = &'a [Supersegment]>, gamma: f64) -> Self {
+        let (quantize, mut band) = (quantize::of_rays(gamma), Self::default());
+        for list in lists {
+            let segments = list.iter().zip(quantize(list));
+            let segments = segments.map(|(s, code)| QuantizedSegment { start: s.start, end: s.end, code });
+            band.segments.extend(segments);
+            band.ends.push(band.segments.len() as u32);
+        }
+        band
+    }
+
+    /// Some of its rays.
+    ///
+    /// # Panics
+    /// If it has not all of them.
+    #[must_use]
+    pub fn slice(&self, rays: Range<usize>) -> Self {
+        let ends = &self.ends[rays.start..=rays.end];
+        let first = ends[0];
+        let segments = self.segments[first as usize..ends[rays.len()] as usize].to_vec();
+        Self { ends: ends.iter().map(|end| end - first).collect(), segments }
+    }
+
+    /// Appends the rays of `other`.
+    pub fn append(&mut self, other: &Self) {
+        let before = self.segments.len() as u32;
+        self.segments.extend_from_slice(&other.segments);
+        self.ends.extend(other.ends().iter().map(|end| before + end));
+    }
+
     /// Appends one ray.
     ///
     /// # Errors
@@ -40,8 +74,13 @@ impl VdiBand {
         &self.ends[1..]
     }
 
+    /// The number of rays.
+    pub fn rays(&self) -> usize {
+        self.ends.len() - 1
+    }
+
     /// The supersegments of each ray.
-    pub(super) fn rays(&self) -> impl Iterator<Item = &[QuantizedSegment]> {
+    pub(super) fn lists(&self) -> impl Iterator<Item = &[QuantizedSegment]> {
         self.ends.windows(2).map(|ends| &self.segments[ends[0] as usize..ends[1] as usize])
     }
 
@@ -53,7 +92,7 @@ impl VdiBand {
     /// The band for [`Self::read`] of the same version: numbers of 32 bits, little-endian. The number of rays, the end of each ray, then start, end,
     /// red, green, blue and opacity of each supersegment.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let rays = self.ends.len() - 1;
+        let rays = self.rays();
         let mut bytes = Vec::with_capacity(4 * (1 + rays) + SEGMENT_BYTES * self.segments.len());
         bytes.extend((rays as u32).to_le_bytes());
         self.ends().iter().for_each(|end| bytes.extend(end.to_le_bytes()));

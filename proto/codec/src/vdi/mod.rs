@@ -17,11 +17,13 @@ mod plain;
 mod quantize;
 mod rays;
 mod sections;
+mod statistics;
 
 pub use band::VdiBand;
 pub use context::{ColorDecoder, GeometryDecoder};
 pub use options::{Codec, EncodeOptions, EncodedHeader, Layout};
 pub use quantize::quantize;
+pub use statistics::BandStatistics;
 
 use crate::envelope::{CRC_BYTES, checked_body, take_version, too_short};
 use crate::error::{self, CodecError};
@@ -46,16 +48,27 @@ pub fn encode(vdi: &Vdi, options: &EncodeOptions) -> Result<Vec<u8>, CodecError>
     let segments = vdi.segments().len() as u32;
     let occupied_rays = vdi.offsets().windows(2).filter(|w| w[0] < w[1]).count() as u32;
     let header = EncodedHeader { header: *vdi.header(), codec, layout, segments };
-    let head = header::write(&Contents { header, occupied_rays })?;
+    framed(&Contents { header, occupied_rays }, |bytes| {
+        match (ByteCompressor::of(codec), layout) {
+            (None, _) => bytes.extend(rays::write(vdi)),
+            (Some(compressor), Layout::Columns) => sections::write(&columns::write(vdi), compressor, bytes)?,
+            (Some(compressor), Layout::Plain) => sections::write(&plain::write(vdi)?, compressor, bytes)?,
+        }
+        Ok(())
+    })
+}
+
+/// The file of a VDI: magic, version and header, the lists that `write` appends, and the checksum.
+fn framed(
+    contents: &Contents,
+    write: impl FnOnce(&mut Vec<u8>) -> Result<(), CodecError>,
+) -> Result<Vec<u8>, CodecError> {
+    let head = header::write(contents)?;
     let mut bytes = Vec::from(MAGIC);
-    bytes.extend(codec.version().to_le_bytes());
+    bytes.extend(contents.header.codec.version().to_le_bytes());
     bytes.extend((head.len() as u16).to_le_bytes());
     bytes.extend(head);
-    match (ByteCompressor::of(codec), layout) {
-        (None, _) => bytes.extend(rays::write(vdi)),
-        (Some(compressor), Layout::Columns) => sections::write(&columns::write(vdi), compressor, &mut bytes)?,
-        (Some(compressor), Layout::Plain) => sections::write(&plain::write(vdi)?, compressor, &mut bytes)?,
-    }
+    write(&mut bytes)?;
     bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
     Ok(bytes)
 }

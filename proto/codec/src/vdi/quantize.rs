@@ -139,10 +139,16 @@ pub fn quantize(vdi: &Vdi) -> Vdi {
     Vdi::new(*vdi.header(), vdi.offsets().to_vec(), segments).expect("depths are the same and codes lie in 0..=255")
 }
 
+/// The codes of a ray's supersegments, of a VDI with this gamma.
+pub(super) fn of_rays(gamma: f64) -> impl Fn(&[Supersegment]) -> Vec<Codes> {
+    let scales = CodeScales::new(gamma);
+    move |list| scales.ray(list)
+}
+
 /// The codes of all supersegments, in order.
 pub(super) fn codes(vdi: &Vdi) -> Vec<Codes> {
-    let scales = CodeScales::new(vdi.header().params.gamma());
-    let list = |w: &[u32]| scales.ray(&vdi.segments()[w[0] as usize..w[1] as usize]);
+    let ray = of_rays(vdi.header().params.gamma());
+    let list = |w: &[u32]| ray(&vdi.segments()[w[0] as usize..w[1] as usize]);
     vdi.offsets().par_windows(2).flat_map_iter(list).collect()
 }
 

@@ -38,6 +38,11 @@ impl Compositor {
         &self.part_params
     }
 
+    /// The header of the VDI.
+    pub fn header(&self) -> &VdiHeader {
+        &self.header
+    }
+
     /// Rays per side.
     pub fn resolution(&self) -> u32 {
         self.header.params.resolution()
@@ -123,6 +128,16 @@ impl Compositor {
 }
 
 impl RowBand {
+    /// The supersegments of each ray.
+    pub fn lists(&self) -> impl Iterator<Item = &[Supersegment]> {
+        let mut rest = &self.segments[..];
+        self.counts.iter().map(move |&n| {
+            let (list, others) = rest.split_at(rest.len().min(n as usize));
+            rest = others;
+            list
+        })
+    }
+
     /// Rows `rows` of a VDI.
     pub fn of_rows(vdi: &Vdi, rows: &[u32]) -> Self {
         let (r, mut band) = (vdi.resolution() as usize, Self::default());

@@ -17,10 +17,9 @@ mod symbols;
 mod tests;
 
 use crate::entropy::EntropyError;
-use crate::entropy::range_coder::{Decoder, Encoder};
 use crate::vdi::band::VdiBand;
 use neighbors::RayRow;
-use palette::Palette;
+pub(super) use palette::Palette;
 use rayon::prelude::*;
 pub(super) use segment::QuantizedSegment;
 pub(super) use stages::damaged;
@@ -38,9 +37,14 @@ const BAND: usize = 1 << 17;
 const BAND_ROWS: usize = 16;
 
 /// The rows of each band of a `resolution` x `resolution` image with `segments` supersegments.
-fn bands(resolution: usize, segments: usize) -> Vec<Range<usize>> {
+pub(super) fn bands(resolution: usize, segments: usize) -> Vec<Range<usize>> {
     let count = (segments / BAND).min(resolution / BAND_ROWS).max(1);
     (0..count).map(|k| k * resolution / count..(k + 1) * resolution / count).collect()
+}
+
+/// Approximate number of supersegments of a band.
+fn per_band(resolution: usize, segments: usize) -> usize {
+    segments / bands(resolution, segments).len()
 }
 
 /// Encodes the rays of a square image of `resolution` rays a side, row by row. Ray k has the supersegments from `offsets[k]`
@@ -56,9 +60,9 @@ pub(super) fn encode(
     assert_eq!(offsets.len(), resolution * resolution + 1, "one offset a ray and one more");
     let segments = offsets[resolution * resolution] as usize;
     let palette = Palette::of((0..segments).map(|k| segment(k).code));
-    let bands = bands(resolution, segments);
-    let (per_band, [colors, opacities]) = (segments / bands.len(), palette.counts());
-    let parts = bands.par_iter().flat_map(|rows| {
+    let (bands, [colors, opacities]) = (bands(resolution, segments), palette.counts());
+    let per_band = per_band(resolution, segments);
+    let band = |rows: &Range<usize>| {
         let row = |y: usize| {
             let mut row = RayRow::new();
             for ray in offsets[y * resolution..=(y + 1) * resolution].windows(2) {
@@ -69,13 +73,46 @@ pub(super) fn encode(
         let rows: Vec<RayRow> = rows.clone().map(row).collect();
         let write_shapes = || geometry::write(&rows, resolution, per_band, opacities);
         let write_colors = || colors::write(&rows, per_band, colors);
-        <[Vec<u8>; 2]>::from(rayon::join(write_shapes, write_colors))
-    });
-    let mut list = Encoder::default();
-    palette.code(&mut list);
-    let parts: Vec<Vec<u8>> = rayon::iter::once(list.finish()).chain(parts).collect();
+        rayon::join(write_shapes, write_colors).into()
+    };
+    let coded: Vec<[Vec<u8>; 2]> = bands.par_iter().map(band).collect();
+    join(&palette, &coded)
+}
+
+/// The geometry of a band of an image as [`encode`] takes it with `segments` supersegments in all, whose colors are in the palette.
+///
+/// # Panics
+/// If it is not of whole rows, a color is not in the palette, or as [`encode`].
+pub(super) fn encode_geometry(band: &VdiBand, resolution: usize, segments: usize, palette: &Palette) -> Vec<u8> {
+    let [_, opacities] = palette.counts();
+    geometry::write(&rows(band, resolution, palette), resolution, per_band(resolution, segments), opacities)
+}
+
+/// Its colors.
+///
+/// # Panics
+/// As [`encode_geometry`].
+pub(super) fn encode_colors(band: &VdiBand, resolution: usize, segments: usize, palette: &Palette) -> Vec<u8> {
+    let [colors, _] = palette.counts();
+    colors::write(&rows(band, resolution, palette), per_band(resolution, segments), colors)
+}
+
+fn rows(band: &VdiBand, resolution: usize, palette: &Palette) -> Vec<RayRow> {
+    let (mut rows, mut lists) = (Vec::new(), band.lists());
+    for _ in 0..band.rays() / resolution {
+        let mut row = RayRow::new();
+        lists.by_ref().take(resolution).for_each(|list| row.push(list.iter().map(|s| palette.entry(s))));
+        rows.push(row);
+    }
+    rows
+}
+
+/// The table of all parts, and the parts: the palette, then geometry and colors of each band.
+pub(super) fn join(palette: &Palette, bands: &[[Vec<u8>; 2]]) -> Vec<u8> {
+    let palette = palette.to_bytes();
+    let parts: Vec<&Vec<u8>> = std::iter::once(&palette).chain(bands.iter().flatten()).collect();
     let lengths = parts.iter().flat_map(|p| (p.len() as u64).to_le_bytes());
-    lengths.chain(parts.iter().flatten().copied()).collect()
+    lengths.chain(parts.iter().copied().flatten().copied()).collect()
 }
 
 /// Decodes all bands of `segments` supersegments, on all cores.
@@ -153,8 +190,8 @@ impl<'a> CodedRays<'a> {
         if !rest.is_empty() {
             return Err(EntropyError::LengthMismatch);
         }
-        let palette = Palette::read(&mut Decoder::new(parts[0]), segments)?;
-        let per_band = segments / bands.len();
+        let palette = Palette::read(parts[0], segments)?;
+        let per_band = per_band(resolution, segments);
         let coded = parts[1..].as_chunks::<2>().0.to_vec();
         Ok(Self { resolution, palette, bands, coded, per_band })
     }

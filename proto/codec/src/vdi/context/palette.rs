@@ -4,10 +4,11 @@ use super::segment::QuantizedSegment;
 use super::symbols::{fold, unfold};
 use crate::entropy::EntropyError;
 use crate::entropy::logistic::{BitModel, code_bit};
-use crate::entropy::range_coder::{Coder, Decoder};
+use crate::entropy::range_coder::{Coder, Decoder, Encoder};
 
 /// The sorted colors and opacities of a VDI.
-pub(super) struct Palette {
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(in crate::vdi) struct Palette {
     /// 0xRRGGBB, strictly rising.
     colors: Vec<u32>,
     opacities: Vec<u8>,
@@ -17,7 +18,7 @@ pub(super) struct Palette {
 
 impl Palette {
     /// The palette of all `codes` (red, green, blue, opacity).
-    pub(super) fn of(codes: impl Iterator<Item = [u8; 4]>) -> Self {
+    pub(in crate::vdi) fn of(codes: impl Iterator<Item = [u8; 4]>) -> Self {
         let (mut used, mut colors, mut last) = ([false; 256], Vec::new(), None);
         for code in codes {
             used[usize::from(code[3])] = true;
@@ -27,9 +28,23 @@ impl Palette {
                 last = Some(color);
             }
         }
+        Self::sorted(colors, &used)
+    }
+
+    fn sorted(mut colors: Vec<u32>, used: &[bool; 256]) -> Self {
         colors.sort_unstable();
         colors.dedup();
-        Self::new(colors, &used)
+        Self::new(colors, used)
+    }
+
+    /// All colors and opacities of `palettes`.
+    pub(in crate::vdi) fn union<'a>(palettes: impl IntoIterator<Item = &'a Self>) -> Self {
+        let (mut used, mut colors) = ([false; 256], Vec::new());
+        for palette in palettes {
+            palette.opacities.iter().for_each(|&o| used[usize::from(o)] = true);
+            colors.extend_from_slice(&palette.colors);
+        }
+        Self::sorted(colors, &used)
     }
 
     fn new(colors: Vec<u32>, used: &[bool; 256]) -> Self {
@@ -59,20 +74,24 @@ impl Palette {
         Ok(QuantizedSegment { start: entry.start, end: entry.end, code: [red, green, blue, *opacity] })
     }
 
-    /// Encodes the palette.
-    pub(super) fn code(&self, coder: &mut impl Coder) {
-        let mut used = [false; 256];
+    /// The palette coded, as [`Self::read`] takes it.
+    pub(in crate::vdi) fn to_bytes(&self) -> Vec<u8> {
+        let (mut encoder, mut used) = (Encoder::default(), [false; 256]);
         self.opacities.iter().for_each(|&o| used[usize::from(o)] = true);
-        let coded = code(coder, &mut used, self.colors.len(), |k| self.colors[k], |_| Ok(()));
+        let coded = code(&mut encoder, &mut used, self.colors.len(), |k| self.colors[k], |_| Ok(()));
         coded.expect("colors are of 24 bits");
+        encoder.finish()
     }
 
     /// Decodes a palette of at most `most` colors.
-    pub(super) fn read(decoder: &mut Decoder, most: usize) -> Result<Self, EntropyError> {
+    ///
+    /// # Errors
+    /// If it has more, or its colors do not rise.
+    pub(in crate::vdi) fn read(bytes: &[u8], most: usize) -> Result<Self, EntropyError> {
         let (mut used, mut colors) = ([false; 256], Vec::new());
         let most = most.min(1 << 24);
         code(
-            decoder,
+            &mut Decoder::new(bytes),
             &mut used,
             most,
             |_| 0,

@@ -133,7 +133,7 @@ impl ColorDecoder {
     /// # Errors
     /// If the bytes are damaged, or the slice has no whole rows.
     pub fn take(&mut self, slice: &VdiBand) -> Result<(), CodecError> {
-        let rays: Vec<&[QuantizedSegment]> = slice.rays().collect();
+        let rays: Vec<&[QuantizedSegment]> = slice.lists().collect();
         let rows = rays.chunks_exact(self.resolution);
         if !rows.remainder().is_empty() {
             return Err(damaged(EntropyError::LengthMismatch));
