@@ -287,7 +287,8 @@ impl Pipeline {
                 let scene = scene.map_or_else(|| suggest(&[&volume]).map(chosen), Ok)?;
                 (FieldSource::Own(self.node.backend.clone(), Box::new(Field::new(volume, &scene))), scene)
             }
-            Arrived::Group(root, GroupArrived { spec, step, members, lost_ranks: lost, .. }) => {
+            Arrived::Group(root, GroupArrived { run_id, spec, step, members, lost_ranks: lost, .. }) => {
+                let step = (&*run_id, step);
                 lost_ranks = lost;
                 let scene = match scene {
                     Some(scene) => scene,

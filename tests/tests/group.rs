@@ -229,6 +229,25 @@ fn a_group_that_is_killed_costs_steps_and_the_next_one_takes_over() {
 }
 
 #[test]
+fn a_simulation_that_was_killed_is_served_at_once_when_it_starts_again() {
+    let (folder, port) = (tempfile::tempdir().unwrap(), free_port());
+    let (config, store) = (config(folder.path(), 0.1), folder.path().join("runs"));
+    let group = Daemon::spawn(mpiexec(2, port, &config), port);
+    let arguments = ["--generator", &group.url(), "--store", &store.display().to_string()];
+    let _viz = Daemon::start("viz-node", free_port(), &arguments);
+    // One rank is ahead of the others by more steps than a member holds, and none of them leaves.
+    simulate_by(&group.url(), |rank| (0..if rank == 1 { 7 } else { 2 }, false));
+    simulate(&group.url(), 0..STEPS);
+    let newest = || -> Option<usize> {
+        let runs = std::fs::read_dir(&store).ok()?.flatten().map(|run| run.path());
+        let files = std::fs::read_dir(runs.max()?).ok()?.flatten();
+        Some(files.filter(|file| file.path().extension().is_some_and(|e| e == "vdi")).count())
+    };
+    assert!(wait_for(Duration::from_secs(20), || newest() == Some(STEPS as usize)), "{:?} steps", newest());
+    assert_eq!(std::fs::read_dir(&store).unwrap().count(), 2, "a run each");
+}
+
+#[test]
 fn without_mpi_a_group_is_refused_with_the_remedy() {
     let start = |library: &str| {
         let mut command = Command::new(binary("generator-node"));

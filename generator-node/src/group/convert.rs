@@ -50,10 +50,10 @@ impl Preparation {
     }
 
     /// As the command.
-    pub(super) fn message(&self, step: u64) -> v1::GroupPrepare {
+    pub(super) fn message(&self, step: v1::GroupStep) -> v1::GroupPrepare {
         let boxes = |b: &Vec<GridBox>| v1::GroupBoxes { boxes: b.iter().map(box_message).collect() };
         v1::GroupPrepare {
-            step,
+            step: Some(step),
             grid: Some((&self.grid).into()),
             fields: self.fields.iter().map(Into::into).collect(),
             shown: self.shown.clone(),
@@ -106,9 +106,9 @@ fn joined(mut boxes: Vec<GridBox>) -> Vec<GridBox> {
 }
 
 /// The command to cast some batches of a plan.
-pub(super) fn cast_message(step: u64, plan: &SamplePlan, batches: &Range<u32>) -> v1::GroupCast {
+pub(super) fn cast_message(step: v1::GroupStep, plan: &SamplePlan, batches: &Range<u32>) -> v1::GroupCast {
     v1::GroupCast {
-        step,
+        step: Some(step),
         image_size: plan.image_size,
         tile: plan.tile,
         batches: plan.batches,

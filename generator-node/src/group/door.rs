@@ -126,6 +126,7 @@ impl Door {
                     ingest.heard(&arrival.run_id);
                     self.arrive(member, &arrival);
                 }
+                MemberEvent::Run(v1::GroupRun { run_id }) => ingest.follow(&run_id),
                 MemberEvent::Ranks(v1::GroupRanks { run_id, ranks }) => ingest.tell_ranks(&run_id, ranks),
                 MemberEvent::Overdue(v1::GroupOverdue { run_id, step, time }) => ingest.overdue(&run_id, step, time),
             }
@@ -221,6 +222,9 @@ impl AssignMember for Door {
         let members = self.members.lock().clone();
         let mut run = self.run.lock();
         if run.as_ref().is_none_or(|run| run.id != run_id) {
+            for member in 1..self.outbox.size() {
+                send(&self.outbox, member, 0, Kind::Run(v1::GroupRun { run_id: run_id.to_owned() }));
+            }
             *run = Some(GroupRun {
                 id: run_id.to_owned(),
                 spec: spec.clone(),

@@ -27,7 +27,16 @@ pub(crate) struct HeldStep {
 }
 
 /// Whole steps that wait for the root's commands.
-pub(crate) type HeldSteps = Arc<Mutex<BTreeMap<u64, HeldStep>>>;
+pub(crate) type HeldSteps = Arc<Mutex<BTreeMap<StepKey, HeldStep>>>;
+
+/// A run's id and the number of a step of it: those begin anew with each run.
+pub(crate) type StepKey = (String, u64);
+
+/// Of a command.
+pub(super) fn key(step: Option<v1::GroupStep>) -> StepKey {
+    let v1::GroupStep { run_id, step } = step.unwrap_or_default();
+    (run_id, step)
+}
 
 /// The fields of a step, one for each of its parts.
 pub(super) struct PartFields {
@@ -43,12 +52,12 @@ pub(crate) struct Member {
     /// What came before it was asked for.
     early: VecDeque<(u32, v1::GroupMessage)>,
     held: HeldSteps,
-    pub(super) fields: BTreeMap<u64, PartFields>,
+    pub(super) fields: BTreeMap<StepKey, PartFields>,
     pub(super) backend: Backend,
 }
 
-pub(super) fn missing(step: u64) -> Invalid {
-    Invalid::new("group", format!("this member has nothing of step {step}"))
+pub(super) fn missing((run_id, step): &StepKey) -> Invalid {
+    Invalid::new("group", format!("this member has nothing of step {step} of run \"{run_id}\""))
 }
 
 impl Member {
@@ -95,8 +104,9 @@ impl Member {
             Some(Kind::Cast(command)) => self.cast(command),
             Some(Kind::Sample(command)) => self.sample(&command),
             Some(Kind::Release(v1::GroupRelease { step })) => {
-                self.fields.remove(&step);
-                self.held.lock().retain(|held, _| *held > step);
+                let released = key(step);
+                self.fields.remove(&released);
+                self.held.lock().retain(|held, _| held.0 != released.0 || held.1 > released.1);
                 return;
             }
             _ => return,
@@ -163,17 +173,19 @@ impl Member {
 
     /// Exchanges ghost points, and makes a field of each box.
     fn prepare(&mut self, sequence: u64, command: v1::GroupPrepare) -> Result<Vec<u8>, Invalid> {
-        let step = command.step;
-        let preparation = Preparation::read(command)?;
+        let (step, preparation) = (key(command.step.clone()), Preparation::read(command)?);
         let (me, members) = (self.outbox.rank() as usize, preparation.members.len());
         let held = self.held.lock().remove(&step);
         let bricks = match held {
             Some(held) => held.bricks,
             None if preparation.members[me].is_empty() => Vec::new(),
-            None => return Err(missing(step)),
+            None => return Err(missing(&step)),
         };
         if bricks.iter().map(|(b, _)| *b).ne(preparation.members[me].iter().copied()) {
-            return Err(Invalid::new("group", format!("step {step}: these are not the bricks that were announced")));
+            return Err(Invalid::new(
+                "group",
+                format!("step {}: these are not the bricks that were announced", step.1),
+            ));
         }
         let mut parts = (0..members).map(|member| preparation.parts(member)).collect::<Result<Vec<_>, _>>()?;
         let window =
@@ -224,7 +236,7 @@ impl Member {
                 *consumed += length;
             }
             if !complete {
-                return Err(Invalid::new("group", format!("step {step}: ghost points of another kind arrived")));
+                return Err(Invalid::new("group", format!("step {}: ghost points of another kind arrived", step.1)));
             }
             for (window, (_, bytes)) in filled.iter_mut().zip(of_field) {
                 window[source] = Some(Voxels::from_le_bytes(voxel_type, &bytes));
@@ -275,7 +287,8 @@ impl Member {
         let GenerationParams::Volume(params) = lamina_rpc::required(params, "params")?.try_into()? else {
             return Err(Invalid::new("representation", "a VDI is generated, a volume reduced"));
         };
-        let fields = self.fields.get(&step).ok_or_else(|| missing(step))?;
+        let step = key(step);
+        let fields = self.fields.get(&step).ok_or_else(|| missing(&step))?;
         let mut out = Vec::new();
         for part in &fields.parts {
             sums::write(&PartSums::of(part, &params, masked)?, &mut out);
@@ -285,9 +298,10 @@ impl Member {
 
     /// Casts pixels through each of its boxes.
     fn cast(&mut self, command: v1::GroupCast) -> Result<Vec<u8>, Invalid> {
-        let step = command.step;
+        let step = command.step.clone();
         let (plan, batches) = read_cast(command)?;
-        let fields = self.fields.get(&step).ok_or_else(|| missing(step))?;
+        let step = key(step);
+        let fields = self.fields.get(&step).ok_or_else(|| missing(&step))?;
         let (cameras, size) = (plan.test_cameras(&fields.scene.camera)?, plan.image_size);
         let mut out = Vec::new();
         for field in &fields.parts {
@@ -303,7 +317,8 @@ impl Member {
     /// The points of the command's lattice.
     fn sample(&mut self, command: &v1::GroupSample) -> Result<Vec<u8>, Invalid> {
         let held = self.held.lock();
-        let step = held.get(&command.step).ok_or_else(|| missing(command.step))?;
+        let step = key(command.step.clone());
+        let step = held.get(&step).ok_or_else(|| missing(&step))?;
         let sizes: Vec<usize> = step.spec.fields().map(|(_, voxel_type)| voxel_type.size_bytes()).collect();
         let mut out = Vec::new();
         for (brick, bytes) in &step.bricks {

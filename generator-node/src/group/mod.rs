@@ -44,7 +44,9 @@ pub(crate) async fn announce(ingest: Arc<Ingest>, held: HeldSteps, outbox: Outbo
         let (spec, bricks) = complete.into_bricks();
         {
             let mut held = held.lock();
-            held.insert(step, HeldStep { spec, bricks });
+            // Those of a run that ended are never asked for.
+            held.retain(|(of_run, _), _| *of_run == run_id);
+            held.insert((run_id.clone(), step), HeldStep { spec, bricks });
             while held.len() > MOST_HELD {
                 held.pop_first();
             }
@@ -73,6 +75,8 @@ pub(crate) enum MemberEvent {
     Ready(u32, v1::GroupReady),
     /// A member has all bricks of its ranks.
     Arrival(u32, v1::GroupArrival),
+    /// The root tells this member which run was opened.
+    Run(v1::GroupRun),
     /// The root tells this member how many ranks it has.
     Ranks(v1::GroupRanks),
     /// The root tells this member that all others are past a step.
@@ -134,6 +138,7 @@ fn sort(
         Some(Kind::Reply(reply)) => root.send((from, message.sequence, reply)).is_ok(),
         Some(Kind::Ready(ready)) => node.send(MemberEvent::Ready(from, ready)).is_ok(),
         Some(Kind::Arrival(arrival)) => node.send(MemberEvent::Arrival(from, arrival)).is_ok(),
+        Some(Kind::Run(run)) => node.send(MemberEvent::Run(run)).is_ok(),
         Some(Kind::Ranks(ranks)) => node.send(MemberEvent::Ranks(ranks)).is_ok(),
         Some(Kind::Overdue(overdue)) => node.send(MemberEvent::Overdue(overdue)).is_ok(),
         _ => member.send((from, message)).is_ok(),

@@ -77,7 +77,7 @@ impl Root {
     /// Derivatives are those of the lattice.
     pub(crate) fn coarse(
         &self,
-        step: u64,
+        (run_id, step): (&str, u64),
         (spec, shown): (&RunSpec, &ShownFields),
         members: &[Vec<GridBox>],
     ) -> Result<Volume, Invalid> {
@@ -85,7 +85,8 @@ impl Root {
         let stride = grid.dims().into_iter().max().unwrap_or(1).div_ceil(COARSE_POINTS).max(1);
         let dims = grid.dims().map(|n| n.div_ceil(stride));
         let coarse = Grid::new(dims, grid.spacing() * stride as f64, grid.origin())?;
-        let answers = self.ask(&Kind::Sample(v1::GroupSample { step, stride: stride as u32 }))?;
+        let answers =
+            self.ask(&Kind::Sample(v1::GroupSample { step: Some(message(run_id, step)), stride: stride as u32 }))?;
         let types: Vec<VoxelType> = spec.fields().map(|(_, voxel_type)| voxel_type).collect();
         let mut fields: Vec<Vec<u8>> = types.iter().map(|t| vec![0; coarse.voxels() * t.size_bytes()]).collect();
         for (boxes, answer) in members.iter().zip(answers) {
@@ -122,7 +123,7 @@ pub(crate) struct GroupVdi {
 /// A step whose field is in parts at all members; they forget it when this is dropped.
 pub(crate) struct GroupField {
     root: Arc<Root>,
-    step: u64,
+    step: v1::GroupStep,
     grid: Grid,
     scene: Scene,
     /// Of all members, in their order.
@@ -136,13 +137,14 @@ impl GroupField {
     /// Lets all members prepare what is `shown` of the step whose boxes are those of `members`.
     pub(crate) fn prepare(
         root: &Arc<Root>,
-        step: u64,
+        (run_id, step): (&str, u64),
         (spec, shown): (&RunSpec, &str),
         scene: Scene,
         members: Vec<Vec<GridBox>>,
     ) -> Result<Self, Invalid> {
         let preparation = Preparation::of_run(spec, shown, scene, members);
-        let answers = root.ask(&Kind::Prepare(preparation.message(step)))?;
+        let step = message(run_id, step);
+        let answers = root.ask(&Kind::Prepare(preparation.message(step.clone())))?;
         let number = |reply: &v1::GroupReply| reply.payload.first_chunk().map_or(0, |bytes| u64::from_le_bytes(*bytes));
         let empty_voxels = answers.iter().map(number).sum();
         let empty_seen = answers.iter().any(|reply| reply.payload.last() == Some(&1));
@@ -192,7 +194,7 @@ impl GroupField {
         encode: bool,
     ) -> Result<Vec<v1::GroupReply>, Invalid> {
         let command = v1::GroupGenerate {
-            step: self.step,
+            step: Some(self.step.clone()),
             params: Some((&lamina_model::GenerationParams::Vdi(*params)).into()),
             greedy: segmentation == Segmentation::Greedy,
             encode,
@@ -203,7 +205,7 @@ impl GroupField {
     /// The reduced volume of the whole, and the time that the slowest member took.
     pub(crate) fn reduce(&self, params: &VolumeParams) -> Result<(ReducedVolume, Duration), Invalid> {
         let command = v1::GroupReduce {
-            step: self.step,
+            step: Some(self.step.clone()),
             params: Some((&lamina_model::GenerationParams::Volume(*params)).into()),
             masked: self.empty_seen,
         };
@@ -224,7 +226,7 @@ impl GroupField {
     /// Reference samples of some batches, composited of what the parts have of each pixel.
     pub(crate) fn reference_slice(&self, plan: &SamplePlan, batches: Range<u32>) -> Result<ReferenceSamples, Invalid> {
         let plan = plan.clone().check()?;
-        let answers = self.root.ask(&Kind::Cast(cast_message(self.step, &plan, &batches)))?;
+        let answers = self.root.ask(&Kind::Cast(cast_message(self.step.clone(), &plan, &batches)))?;
         let bytes: Vec<u8> = answers.iter().flat_map(|reply| reply.payload.iter().copied()).collect();
         let layers: Vec<[f32; 4]> = bytes.as_chunks::<16>().0.iter().map(layer).collect();
         let cameras = plan.test_cameras(&self.scene.camera)?;
@@ -252,7 +254,7 @@ impl GroupField {
             pixels.enumerate().map(color).collect()
         };
         let colors = cameras.iter().enumerate().map(view).collect();
-        Ok(ReferenceSamples { step: self.step, plan, scene: self.scene.clone(), batches, colors })
+        Ok(ReferenceSamples { step: self.step.step, plan, scene: self.scene.clone(), batches, colors })
     }
 
     /// The box of a part's own cells.
@@ -273,8 +275,12 @@ impl GroupField {
 
 impl Drop for GroupField {
     fn drop(&mut self) {
-        self.root.tell(0, &Kind::Release(v1::GroupRelease { step: self.step }));
+        self.root.tell(0, &Kind::Release(v1::GroupRelease { step: Some(self.step.clone()) }));
     }
+}
+
+fn message(run_id: &str, step: u64) -> v1::GroupStep {
+    v1::GroupStep { run_id: run_id.to_owned(), step }
 }
 
 /// The longest of some times.

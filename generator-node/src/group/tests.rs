@@ -77,7 +77,7 @@ fn group_with(
         let held = HeldSteps::default();
         for step in 0..steps(outbox.rank()) {
             let bricks = boxes.iter().map(|b| (*b, bytes(b).into())).collect();
-            held.lock().insert(step, HeldStep { spec: spec.clone(), bricks });
+            held.lock().insert(("a".into(), step), HeldStep { spec: spec.clone(), bricks });
         }
         let member = Member::new(outbox.clone(), channels.member, held, Backend::cpu());
         std::thread::spawn(move || member.run());
@@ -104,7 +104,7 @@ fn a_group_makes_the_vdi_of_one_node() {
     for layout in layouts() {
         let root = group(&layout, 3);
         for step in 0..3 {
-            let field = GroupField::prepare(&root, step, (&spec(), "f"), scene.clone(), layout.clone()).unwrap();
+            let field = GroupField::prepare(&root, ("a", step), (&spec(), "f"), scene.clone(), layout.clone()).unwrap();
             assert_eq!(field.empty_voxels(), 1);
             for (gamma, segmentation) in [(0.0, Segmentation::Greedy), (0.02, Segmentation::Fitted)] {
                 let params = VdiParams::new(33, gamma).unwrap();
@@ -131,7 +131,8 @@ fn members_code_the_bands_of_a_large_vdi_to_the_bytes_of_one_node() {
     let bands = band_sizes(&bytes, &DecodeLimits::default()).unwrap().len();
     assert!(bands >= 3, "{bands} bands");
     for layout in layouts() {
-        let field = GroupField::prepare(&group(&layout, 1), 0, (&spec(), "f"), scene.clone(), layout.clone()).unwrap();
+        let field =
+            GroupField::prepare(&group(&layout, 1), ("a", 0), (&spec(), "f"), scene.clone(), layout.clone()).unwrap();
         assert!(field.generate(&params, Segmentation::Greedy).unwrap().bytes == bytes, "{} members", layout.len());
     }
 }
@@ -146,7 +147,7 @@ fn a_group_casts_the_shadows_of_one_node() {
         let unlit = Backend::cpu().reference_slice(&whole(&scene()), &plan, 0, 0..3).unwrap();
         for layout in layouts() {
             let root = group(&layout, 1);
-            let field = GroupField::prepare(&root, 0, (&spec(), "f"), lit.clone(), layout).unwrap();
+            let field = GroupField::prepare(&root, ("a", 0), (&spec(), "f"), lit.clone(), layout).unwrap();
             let together = field.reference_slice(&plan, 0..3).unwrap();
             for ((a, b), unlit) in alone.colors.iter().zip(&together.colors).zip(&unlit.colors) {
                 let [mut error, mut darkness] = [SquaredError::default(); 2];
@@ -164,7 +165,7 @@ fn a_group_reduces_to_the_volume_of_one_node() {
     let scene = scene();
     for layout in layouts() {
         let root = group(&layout, 1);
-        let field = GroupField::prepare(&root, 0, (&spec(), "f"), scene.clone(), layout.clone()).unwrap();
+        let field = GroupField::prepare(&root, ("a", 0), (&spec(), "f"), scene.clone(), layout.clone()).unwrap();
         assert_eq!(field.longest_side(), 21);
         for longest in [21, 11, 4] {
             let params = VolumeParams::new(longest, 0.01).unwrap();
@@ -186,7 +187,7 @@ fn reference_pixels_of_a_group_are_those_of_one_node() {
     let alone = Backend::cpu().reference_slice(&whole(&scene), &plan, 0, 1..3).unwrap();
     for layout in layouts() {
         let root = group(&layout, 1);
-        let field = GroupField::prepare(&root, 0, (&spec(), "f"), scene.clone(), layout).unwrap();
+        let field = GroupField::prepare(&root, ("a", 0), (&spec(), "f"), scene.clone(), layout).unwrap();
         let together = field.reference_slice(&plan, 1..3).unwrap();
         assert_eq!((&together.plan, &together.batches, together.colors.len()), (&alone.plan, &alone.batches, 3));
         for (a, b) in alone.colors.iter().zip(&together.colors) {
@@ -202,7 +203,7 @@ fn a_scene_can_be_chosen_from_a_coarse_volume() {
     for layout in layouts() {
         let root = group(&layout, 1);
         let shown = spec().shown_fields("f", None).unwrap();
-        let coarse = root.coarse(0, (&spec(), &shown), &layout).unwrap();
+        let coarse = root.coarse(("a", 0), (&spec(), &shown), &layout).unwrap();
         // So small a grid is not coarsened at all.
         let Voxels::F32(points) = coarse.voxels() else { panic!("another type") };
         let expected = floats(&bytes_of(&at([0; 3], DIMS)));
@@ -216,7 +217,7 @@ fn a_scene_can_be_chosen_from_a_coarse_volume() {
 fn what_a_member_lacks_or_cannot_make_is_said_with_its_number_and_the_group_goes_on() {
     let layout = &layouts()[1];
     let root = group(layout, 1);
-    let prepare = |step| GroupField::prepare(&root, step, (&spec(), "f"), scene(), layout.clone());
+    let prepare = |step| GroupField::prepare(&root, ("a", step), (&spec(), "f"), scene(), layout.clone());
     let missing = prepare(7).err().unwrap();
     assert!(missing.reason.contains("member 0") && missing.reason.contains("nothing of step 7"), "{missing}");
     let field = prepare(0).unwrap();
@@ -235,7 +236,7 @@ fn nobody_waits_for_what_a_member_that_lacks_the_step_cannot_send() {
     let layout = &layouts()[1];
     let lacking = (layout.len() - 1) as u32;
     let root = group_of(layout, |member| u64::from(member != lacking) + 1);
-    let prepare = |step| GroupField::prepare(&root, step, (&spec(), "f"), scene(), layout.clone());
+    let prepare = |step| GroupField::prepare(&root, ("a", step), (&spec(), "f"), scene(), layout.clone());
     let begun = std::time::Instant::now();
     let missing = prepare(1).err().unwrap();
     assert!(missing.reason.contains("nothing of step 1"), "{missing}");
@@ -274,7 +275,7 @@ fn what_members_compute_of_several_fields_is_what_one_node_does() {
         for layout in layouts() {
             let bytes = |b: &GridBox| (0..3).fold(bytes_of(b), |bytes, axis| [bytes, field(axis, b)].concat());
             let root = group_with(&layout, &run, bytes, |_| 1);
-            let made = GroupField::prepare(&root, 0, (&run, &text), scene.clone(), layout.clone()).unwrap();
+            let made = GroupField::prepare(&root, ("a", 0), (&run, &text), scene.clone(), layout.clone()).unwrap();
             assert_eq!(made.empty_voxels(), empty, "{text}");
             assert!(made.generate(&params, Segmentation::Greedy).unwrap().bytes == expected, "{text}: samples differ");
         }
@@ -293,6 +294,6 @@ fn empty_points_without_a_cell_are_counted_too() {
         bytes
     };
     let root = group_with(layout, &spec(), bytes, |_| 1);
-    let field = GroupField::prepare(&root, 0, (&spec(), "f"), scene(), layout.clone()).unwrap();
+    let field = GroupField::prepare(&root, ("a", 0), (&spec(), "f"), scene(), layout.clone()).unwrap();
     assert_eq!(field.empty_voxels(), 2);
 }

@@ -1,7 +1,7 @@
 //! A member's share of a VDI: the lists of its tile, composited of all members' parts, and bands of the image, which it codes.
 
 use super::convert::tile;
-use super::member::{Member, missing};
+use super::member::{Member, StepKey, key, missing};
 use super::{Kind, lists, send};
 use lamina_codec::{BandStatistics, VdiBand};
 use lamina_model::{GenerationParams, Invalid, Segmentation, VdiParams};
@@ -26,7 +26,7 @@ impl Member {
             return Err(Invalid::new("representation", "a VDI is generated, a volume reduced"));
         };
         let segmentation = if command.greedy { Segmentation::Greedy } else { Segmentation::Fitted };
-        let tile = self.composite(sequence, command.step, &params, segmentation)?;
+        let tile = self.composite(sequence, key(command.step), &params, segmentation)?;
         let begun = Instant::now();
         let coded = if command.encode { self.encode(sequence, &params, &tile)? } else { v1::GroupCoded::default() };
         *encode += begun.elapsed();
@@ -37,11 +37,11 @@ impl Member {
     fn composite(
         &mut self,
         sequence: u64,
-        step: u64,
+        step: StepKey,
         params: &VdiParams,
         segmentation: Segmentation,
     ) -> Result<RowBand, Invalid> {
-        let fields = self.fields.get(&step).ok_or_else(|| missing(step))?;
+        let fields = self.fields.get(&step).ok_or_else(|| missing(&step))?;
         let compositor = Compositor::new(&fields.grid, &fields.scene, params, segmentation)?;
         let generate = |field: &Field| self.backend.generate(field, compositor.part_params(), Segmentation::Greedy);
         let made = fields.parts.iter().map(|f| Ok(generate(f)?.0)).collect::<Result<Vec<_>, Invalid>>()?;

@@ -31,10 +31,12 @@ pub struct Core {
     waiting_steps: usize,
     idle: Duration,
     used_bytes: u64,
-    run: Option<IngestRun>,
+    pub(super) run: Option<IngestRun>,
     queue: VecDeque<CompleteStep>,
     /// Of a group's node: how many ranks of which run come here.
-    told: Option<(String, u32)>,
+    pub(super) told: Option<(String, u32)>,
+    /// Of a group's node: the run that its root has opened last.
+    pub(super) root_run: Option<String>,
     received_bytes: u64,
     /// Steps dropped of the runs before.
     dropped_before: u64,
@@ -59,8 +61,19 @@ impl Core {
     /// No run yet; `memory_bytes` for steps, of which `waiting_steps` may wait whole; a run silent for `idle` may be replaced.
     pub fn new(memory_bytes: u64, waiting_steps: usize, idle: Duration) -> Self {
         let (used_bytes, received_bytes, dropped_before) = (0, 0, 0);
-        let (run, queue, told) = (None, VecDeque::new(), None);
-        Self { memory_bytes, waiting_steps, idle, used_bytes, run, queue, told, received_bytes, dropped_before }
+        let (run, queue, told, root_run) = (None, VecDeque::new(), None, None);
+        Self {
+            memory_bytes,
+            waiting_steps,
+            idle,
+            used_bytes,
+            run,
+            queue,
+            told,
+            root_run,
+            received_bytes,
+            dropped_before,
+        }
     }
 
     /// Other limits from now on, as of [`Core::new`].
@@ -121,30 +134,7 @@ impl Core {
         Ok(())
     }
 
-    /// A member of the group has heard of run `run_id`.
-    pub fn heard(&mut self, run_id: &str, now: Instant) {
-        if let Ok(run) = self.run(run_id) {
-            run.last_heard = now;
-        }
-    }
-
-    /// So many ranks of run `run_id` bring their bricks to this node of a group.
-    pub fn tell_ranks(&mut self, run_id: &str, ranks: u32, now: Instant) {
-        self.told = Some((run_id.to_owned(), ranks));
-        let Ok(run) = self.run(run_id) else { return };
-        run.told_ranks = Some(ranks);
-        let steps: Vec<u64> = run.steps.keys().copied().collect();
-        for step in steps {
-            let is_complete =
-                |run: &mut IngestRun| run.steps.get(&step).is_some_and(|a| a.is_complete(ranks, &run.lost));
-            let complete = self.run(run_id).is_ok_and(is_complete);
-            if complete {
-                self.complete(run_id, step, now);
-            }
-        }
-    }
-
-    fn abandon_run(&mut self) {
+    pub(super) fn abandon_run(&mut self) {
         if let Some(run) = self.run.take() {
             self.dropped_before += run.dropped_steps;
             self.used_bytes -= run.steps.len() as u64 * run.spec.step_bytes();

@@ -6,6 +6,7 @@ mod complete_step;
 mod core;
 mod error;
 mod lost_ranks;
+mod membership;
 mod run;
 mod service;
 #[cfg(test)]

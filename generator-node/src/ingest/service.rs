@@ -25,8 +25,8 @@ pub struct Ingest {
     /// How runs that do not say are shown.
     default_scene: Option<Scene>,
     overhead: Arc<Overhead>,
-    room: Notify,
-    ready: Notify,
+    pub(super) room: Notify,
+    pub(super) ready: Notify,
     shared: Option<SharedMemory>,
     steering: Arc<SteeringRelay>,
     /// No brick is taken any more.
@@ -100,27 +100,8 @@ impl Ingest {
         self.core().show(spec, shown)
     }
 
-    /// A member of the group has heard of run `run_id`.
-    pub(crate) fn heard(&self, run_id: &str) {
-        self.core().heard(run_id, Instant::now());
-    }
-
-    /// So many ranks of run `run_id` bring their bricks to this node of a group.
-    pub(crate) fn tell_ranks(&self, run_id: &str, ranks: u32) {
-        self.core().tell_ranks(run_id, ranks, Instant::now());
-        self.ready.notify_one();
-        self.room.notify_waiters();
-    }
-
-    /// All other members of the group are past `step`.
-    pub(crate) fn overdue(&self, run_id: &str, step: u64, time: f64) {
-        self.core().overdue(run_id, (step, time), Instant::now());
-        self.ready.notify_one();
-        self.room.notify_waiters();
-    }
-
     /// The state; a panic elsewhere leaves it whole, because no method of it panics between two changes.
-    fn core(&self) -> MutexGuard<'_, Core> {
+    pub(super) fn core(&self) -> MutexGuard<'_, Core> {
         self.core.lock()
     }
 
@@ -317,7 +298,13 @@ impl ingest_server::Ingest for IngestService {
         let fresh = fresh_run_id(&spec.name);
         let resume = check_run_id(&request.resume_run_id)?;
         let spec_of_run = spec.clone();
-        let run_id = self.0.core().open(spec, request.rank, resume, fresh, Instant::now())?;
+        let is_sent_by_the_root = spec.members > 1 && self.0.door.is_none() && !resume.is_empty();
+        let run_id = if is_sent_by_the_root {
+            self.0.announced(resume).await;
+            self.0.core().join(spec, request.rank, resume, Instant::now())?
+        } else {
+            self.0.core().open(spec, request.rank, resume, fresh, Instant::now())?
+        };
         self.0.room.notify_waiters();
         let member = match &self.0.door {
             Some(door) => door.assign(&run_id, &spec_of_run, request.rank, &request.host),

@@ -3672,6 +3672,12 @@ pub struct GroupRanks {
     #[prost(uint32, tag = "2")]
     pub ranks: u32,
 }
+/// The root to all others: this run was opened, and those before it have ended.
+#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct GroupRun {
+    #[prost(string, tag = "1")]
+    pub run_id: ::prost::alloc::string::String,
+}
 /// A member to the root: all bricks of its ranks are in.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct GroupArrival {
@@ -3697,12 +3703,20 @@ pub struct GroupOverdue {
     #[prost(double, tag = "3")]
     pub time: f64,
 }
+/// A step: numbers begin anew with each run.
+#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct GroupStep {
+    #[prost(string, tag = "1")]
+    pub run_id: ::prost::alloc::string::String,
+    #[prost(uint64, tag = "2")]
+    pub step: u64,
+}
 /// Which of the step's points of every `stride`-th index on all axes a member has: to choose a scene from. Answer: their bytes, box by
 /// box, x fastest, those of the other fields behind those of the first.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
+#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct GroupSample {
-    #[prost(uint64, tag = "1")]
-    pub step: u64,
+    #[prost(message, optional, tag = "1")]
+    pub step: ::core::option::Option<GroupStep>,
     #[prost(uint32, tag = "2")]
     pub stride: u32,
 }
@@ -3710,8 +3724,8 @@ pub struct GroupSample {
 /// u64, and whether there are any in all that it has, u8.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct GroupPrepare {
-    #[prost(uint64, tag = "1")]
-    pub step: u64,
+    #[prost(message, optional, tag = "1")]
+    pub step: ::core::option::Option<GroupStep>,
     #[prost(message, optional, tag = "2")]
     pub grid: ::core::option::Option<::lamina_message::v1::Grid>,
     #[prost(message, optional, tag = "5")]
@@ -3729,10 +3743,10 @@ pub struct GroupPrepare {
 /// its tile and tells member 0 what it has to know of it, which tells all what there is to know of the whole; rows go to the members that
 /// code their band. Of B bands there are 2 B parts, the geometry of each, then the colors of each: part n is coded by member n modulo their
 /// number. Answer: GroupCoded, empty where nothing is encoded.
-#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+#[derive(Clone, PartialEq, ::prost::Message)]
 pub struct GroupGenerate {
-    #[prost(uint64, tag = "1")]
-    pub step: u64,
+    #[prost(message, optional, tag = "1")]
+    pub step: ::core::option::Option<GroupStep>,
     #[prost(message, optional, tag = "2")]
     pub params: ::core::option::Option<GenerationParams>,
     #[prost(bool, tag = "3")]
@@ -3751,10 +3765,10 @@ pub struct GroupCoded {
 }
 /// Members sum what their own points give to the reduced volume of the whole. Answer, for each box: its first point and points per axis
 /// (u32), whether shares follow the sums (u32), and those, f32.
-#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+#[derive(Clone, PartialEq, ::prost::Message)]
 pub struct GroupReduce {
-    #[prost(uint64, tag = "1")]
-    pub step: u64,
+    #[prost(message, optional, tag = "1")]
+    pub step: ::core::option::Option<GroupStep>,
     #[prost(message, optional, tag = "2")]
     pub params: ::core::option::Option<GenerationParams>,
     /// Voxels of the whole field are missing.
@@ -3764,8 +3778,8 @@ pub struct GroupReduce {
 /// Answer: four f32 for each box, view and pixel of the plan's batches: premultiplied color and transmittance.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct GroupCast {
-    #[prost(uint64, tag = "1")]
-    pub step: u64,
+    #[prost(message, optional, tag = "1")]
+    pub step: ::core::option::Option<GroupStep>,
     #[prost(uint32, tag = "2")]
     pub image_size: u32,
     #[prost(uint32, tag = "3")]
@@ -3780,10 +3794,10 @@ pub struct GroupCast {
     pub cast_batches: u32,
 }
 /// A step is not needed any more. Not answered.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
+#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct GroupRelease {
-    #[prost(uint64, tag = "1")]
-    pub step: u64,
+    #[prost(message, optional, tag = "1")]
+    pub step: ::core::option::Option<GroupStep>,
 }
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct GroupReply {
@@ -3806,7 +3820,7 @@ pub struct GroupMessage {
     pub sequence: u64,
     #[prost(
         oneof = "group_message::Kind",
-        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 17, 18, 16, 13, 14, 15"
+        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 17, 18, 16, 13, 14, 15, 19"
     )]
     pub kind: ::core::option::Option<group_message::Kind>,
 }
@@ -3851,5 +3865,7 @@ pub mod group_message {
         Reduce(super::GroupReduce),
         #[prost(message, tag = "15")]
         Overdue(super::GroupOverdue),
+        #[prost(message, tag = "19")]
+        Run(super::GroupRun),
     }
 }

@@ -75,3 +75,31 @@ fn a_silent_rank_of_a_node_that_the_others_are_past_leaves_a_hole_of_its_own_box
     assert_eq!((node.push(4, 1), node.push(4, 2)), (Some(false), Some(true)));
     assert_eq!(node.core.take_complete(node.start).unwrap().lost_ranks, [0; 0]);
 }
+
+#[test]
+fn a_member_goes_over_to_the_run_that_the_root_has_opened_last() {
+    let spec = RunSpec { members: 2, ..spec(3, FullPolicy::Block) };
+    let mut node = Node::with_room_for(9);
+    let join = |node: &mut Node, rank, run: &str| node.core.join(spec.clone(), rank, run, node.start);
+    let push = |node: &mut Node, rank: u32| {
+        let (z0, nz) = SLABS[rank as usize];
+        let offer = offer(0, 0.0, rank, [0, 0, z0], [DIMS[0], DIMS[1], nz]);
+        assert_eq!(node.core.admit("b", &offer, node.start).unwrap(), Admit::Granted(slab(rank).len()));
+        node.core.receive("b", 0, (rank, 0), slab(rank), node.start).unwrap()
+    };
+    // The root's word may come after the rank that it sends.
+    refused(join(&mut node, 1, "a"), Code::NotFound, &["no run \"a\""]);
+    node.core.follow("a");
+    assert_eq!((join(&mut node, 1, "a").unwrap(), join(&mut node, 2, "a").unwrap()), ("a".into(), "a".into()));
+    node.core.tell_ranks("a", 2, node.start);
+    assert_eq!(node.push(0, 1), Some(false));
+    // The simulation was killed and started again at once: its ranks were here, and have not left.
+    node.core.follow("b");
+    assert_eq!(node.core.figures().memory_bytes.0, 0, "bricks of the run before stay");
+    refused(node.admit(0, 2), Code::NotFound, &["no run \"a\""]);
+    refused(join(&mut node, 2, "a"), Code::NotFound, &["no run \"a\""]);
+    assert_eq!((join(&mut node, 1, "b").unwrap(), join(&mut node, 2, "b").unwrap()), ("b".into(), "b".into()));
+    node.core.tell_ranks("b", 2, node.start);
+    node.core.follow("b");
+    assert_eq!((push(&mut node, 1), push(&mut node, 2)), (Some(false), Some(true)));
+}
