@@ -1,6 +1,8 @@
 //! What a generator-node counts, for `/metrics`.
 
 use lamina_rpc::daemon::Histogram;
+use parking_lot::Mutex;
+use std::collections::BTreeMap;
 use std::sync::atomic::AtomicU64;
 
 /// Counts of the pipeline and of trials.
@@ -10,6 +12,8 @@ pub(crate) struct PipelineCounters {
     pub failed_steps: AtomicU64,
     /// Trials generated.
     pub trials: AtomicU64,
+    /// How often each trigger fired.
+    pub fired: Mutex<BTreeMap<String, u64>>,
     /// Encoded bytes of live steps.
     pub size_bytes: Histogram,
     /// Generation times of live steps, seconds.
@@ -23,6 +27,7 @@ impl Default for PipelineCounters {
         Self {
             failed_steps: AtomicU64::new(0),
             trials: AtomicU64::new(0),
+            fired: Mutex::default(),
             size_bytes: Histogram::new(Histogram::BYTES),
             generation_secs: Histogram::new(Histogram::SECONDS),
             encode_secs: Histogram::new(Histogram::SECONDS),

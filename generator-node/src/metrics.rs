@@ -24,6 +24,11 @@ pub(crate) fn write_pipeline(node: &NodeState, text: &mut Exposition) {
     let help = "Steps from which nothing could be generated.";
     text.counter("generator_failed_steps_total", help, count(&c.failed_steps));
     text.counter("generator_trials_total", "Trials generated for the tuner.", count(&c.trials));
+    let fired = c.fired.lock().clone();
+    if !fired.is_empty() {
+        let values: Vec<(&str, f64)> = fired.iter().map(|(name, count)| (name.as_str(), *count as f64)).collect();
+        text.counters("generator_triggers_fired_total", "How often triggers fired.", "trigger", &values);
+    }
     text.histogram("generator_step_size_bytes", "Encoded bytes of live steps.", &c.size_bytes);
     text.histogram("generator_step_generation_seconds", "Generation times of live steps.", &c.generation_secs);
     text.histogram("generator_step_encode_seconds", "Encoding times of live steps.", &c.encode_secs);

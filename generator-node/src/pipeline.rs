@@ -10,7 +10,7 @@ use crate::rate_control::{GeneratedStep, Rungs, generate_within, start_params};
 use crate::spans;
 use crate::steering::{Changes, SteeringRelay};
 use crate::step::{FieldSource, Purpose, Step};
-use crate::triggers::{Action, Fired, Statistics, Triggers, write_raw};
+use crate::triggers::{Action, Fired, Statistics, Triggers, write_picture, write_raw};
 use lamina_codec::EncodedStep;
 use lamina_compute::{Activity, Laps, Priority};
 use lamina_model::suggest::{suggest, suggest_camera};
@@ -132,6 +132,8 @@ impl Arrived {
 
 /// Turns steps into frames, until `stop` is true and none is left.
 pub(crate) async fn run(steps: Steps, node: Arc<NodeState>, settings: Settings, mut stop: watch::Receiver<bool>) {
+    // At 0 from the start on, so that what watches sees the first time, too.
+    node.counters.fired.lock().extend(settings.triggers.names().map(|name| (name.to_owned(), 0)));
     let (rungs, key_frames) = (Rungs::default(), KeyFrames::default());
     let pipeline =
         Pipeline { node: node.clone(), settings, run: None, start: None, rungs, key_frames, had_empty_voxels: false };
@@ -190,7 +192,7 @@ impl Pipeline {
             // The next step begins with what fitted.
             self.start = Some(params);
         }
-        let triggers = seen.map_or_else(Vec::new, |seen| self.pull_triggers(&step, seen, &cost));
+        let (triggers, is_pictured) = seen.map_or_else(Default::default, |seen| self.pull_triggers(&step, seen, &cost));
         let (mut items, mut has_reference) = (Vec::new(), false);
         let Config { reference_every: every, live_batches, .. } = *self.settings.config.borrow();
         if every > 0 && number.is_multiple_of(every) {
@@ -209,6 +211,11 @@ impl Pipeline {
         items.push(step.frame(&params, cost, bytes, purpose));
         self.node.publisher.publish(items);
         timeline.lap("publish", []);
+        if is_pictured {
+            self.keep_picture(&step);
+            timeline.lap("picture", []);
+            laps.lap(Activity::Generate);
+        }
         let traced = Trace::of_step(Role::Generator, &step.run.id, number);
         timeline.send_first(
             traced,
@@ -241,12 +248,23 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Looks at a step for the triggers; does what those that fire ask for. Returns their names.
-    fn pull_triggers(&mut self, step: &Step, (statistics, mut voxels): Seen, cost: &Cost) -> Vec<String> {
+    /// Casts and writes the picture that a trigger asks for.
+    fn keep_picture(&self, step: &Step) {
+        match step.picture(self.node.plan.image_size) {
+            Ok(image) => write_picture(self.settings.trigger_folder.clone(), &step.run, step.step, image),
+            Err(error) => tracing::error!(step = step.step, %error, "no picture for a trigger"),
+        }
+    }
+
+    /// Looks at a step for the triggers; does what those that fire ask for. Returns their names, and whether one asks for a picture,
+    /// which is to be cast once the step is on its way.
+    fn pull_triggers(&mut self, step: &Step, (statistics, mut voxels): Seen, cost: &Cost) -> (Vec<String>, bool) {
+        let mut is_pictured = false;
         let Settings { triggers, trigger_folder, steering, .. } = &mut self.settings;
         let fired = triggers.evaluate(&step.run.id, (step.step, step.time), &statistics, cost);
         for Fired { name, actions } in &fired {
             tracing::warn!(step = step.step, trigger = name, "trigger fired");
+            *self.node.counters.fired.lock().entry(name.clone()).or_default() += 1;
             for action in actions {
                 let ask = |request| {
                     let asked = steering.steer(&step.run.id, Steering { request, asked_by: format!("trigger {name}") });
@@ -262,10 +280,11 @@ impl Pipeline {
                             write_raw(trigger_folder.clone(), &step.run, step.step, voxels);
                         }
                     }
+                    Action::Picture => is_pictured = true,
                 }
             }
         }
-        fired.into_iter().map(|fired| fired.name).collect()
+        (fired.into_iter().map(|fired| fired.name).collect(), is_pictured)
     }
 
     fn prepare(&mut self, step: Arrived) -> Result<(Step, Option<Seen>), Invalid> {

@@ -6,7 +6,8 @@ use lamina_codec::volume::ReferenceVolume;
 use lamina_codec::{EncodeOptions, EncodedStep, encode_timed};
 use lamina_compute::{Activity, Laps};
 use lamina_model::{
-    Cost, Frame, GenerationParams, Intermediate, Invalid, ReferenceSamples, RunInfo, SamplePlan, Segmentation, Setting,
+    Cost, Frame, GenerationParams, Image, Intermediate, Invalid, ReferenceSamples, RunInfo, SamplePlan, Segmentation,
+    Setting,
 };
 use lamina_raycast::{Backend, Field, most_points};
 use lamina_rpc::Bytes;
@@ -240,6 +241,14 @@ impl Step {
         let cast = || self.source.reference(plan, self.step, 0..plan.batches);
         let samples = self.reference.get_or_init(cast).as_ref().map_err(Clone::clone)?;
         Ok(Delivery::reference(&self.run, samples))
+    }
+
+    /// A picture of the step, ray-cast from its scene's camera, `side` pixels a side.
+    pub(crate) fn picture(&self, side: u32) -> Result<Image, Invalid> {
+        match &self.source {
+            FieldSource::Own(backend, field) => backend.raycast(field, &field.scene().camera, side, side),
+            FieldSource::Group(_) => Err(Invalid::new("trigger", "a group casts no whole pictures")),
+        }
     }
 
     /// Announces the encoded step.

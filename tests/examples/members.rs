@@ -281,6 +281,45 @@ fn repeated(volume: &Volume, blocks: [usize; 3]) -> Result<Volume, Failure> {
     Ok(Volume::new(Grid::new(dims, DVec3::ONE, DVec3::ZERO)?, Voxels::F32(all))?)
 }
 
+/// The largest group measured, which larger ones are modeled from.
+struct Measured {
+    members: usize,
+    /// Seconds of generation and compositing of the slowest member, bytes that one sends, seconds of encoding of the slowest one.
+    work: f64,
+    sent: f64,
+    encoding: f64,
+    /// Supersegments of the VDI.
+    segments: f64,
+    /// Seconds of generation and compositing of a single member.
+    one: f64,
+}
+
+impl Measured {
+    /// Prints what `members` would take: each has as many voxels, samples and supersegments as measured, so that messages are more, and
+    /// bands larger, which have 16 rows or more. Radix-k sends lists on in rounds among k members; they do not become fewer by that.
+    fn extrapolate(&self, members: usize) {
+        let of_band = |members: usize| {
+            let segments = self.segments * members as f64 / self.members as f64;
+            segments / (segments / 131_072.0).min(128.0 * (members as f64).cbrt() / 16.0).max(1.0)
+        };
+        let encoding = self.encoding * of_band(members) / of_band(self.members);
+        let direct = self.sent / NETWORK + (members - 1) as f64 * LATENCY;
+        let radix = |k: f64| {
+            let rounds = (members as f64).log(k).round();
+            rounds * ((k - 1.0) / k * self.sent / NETWORK + (k - 1.0) * LATENCY)
+        };
+        println!(
+            "{members:7} modeled: {:.1} ms of work, direct-send {:.1} ms, radix-8 {:.1} ms, radix-16 {:.1} ms; encoding {:.0} ms; efficiency with compositing and the network {:.2}",
+            1e3 * self.work,
+            1e3 * direct,
+            1e3 * radix(8.0),
+            1e3 * radix(16.0),
+            1e3 * encoding,
+            self.one / (self.work + direct),
+        );
+    }
+}
+
 fn scale(volume: &Volume) -> Result<(), Failure> {
     let volume = narrow(volume)?;
     let transfer = suggest(&[&volume])?.transfer;
@@ -288,7 +327,7 @@ fn scale(volume: &Volume) -> Result<(), Failure> {
         "64^3 points a member, rays so that a member takes about as many samples as one alone; milliseconds of the slowest and of the mean member, kB that a member sends at most"
     );
     println!("members    rays  generation: slowest, mean  compositing  encoding: slowest, all, one node    sent   VDI");
-    let mut first = None;
+    let (mut first, mut last) = (None, None);
     for members in [1, 2, 4, 8, 16, 27, 64] {
         let whole = repeated(&volume, counts(members))?;
         let scene = Scene { transfer: transfer.clone(), ..suggest(&[&whole])? };
@@ -317,7 +356,11 @@ fn scale(volume: &Volume) -> Result<(), Failure> {
             one[0] / slowest,
             one[1] / (slowest + compositing + network),
         );
+        let segments = made.vdi.segments().len() as f64;
+        last =
+            Some(Measured { members, work: slowest + compositing, sent, encoding: encoding[0], segments, one: one[1] });
     }
+    last.iter().for_each(|measured| [512, 4096].into_iter().for_each(|members| measured.extrapolate(members)));
     println!("modeled: the network at {NETWORK:e} bytes a second and {LATENCY:e} s a message; all else is measured");
     Ok(())
 }

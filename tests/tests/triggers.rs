@@ -4,13 +4,17 @@
 
 use glam::DVec3;
 use lamina_client::{Brick, Client, RunOptions};
-use lamina_model::{FullPolicy, Grid, Steering, SteeringRequest, VoxelType, Voxels};
+use lamina_model::suggest::suggest;
+use lamina_model::{FullPolicy, Grid, Steering, SteeringRequest, Volume, VoxelType, Voxels};
+use lamina_raycast::{Backend, Field};
 use lamina_rpc::connect::connect;
 use lamina_rpc::credentials::Role;
 use lamina_rpc::v1;
+use lamina_tests::http::metric;
 use lamina_tests::processes::{Daemon, free_port, is_refused, wait_for};
 use lamina_viz_node::store::StepRow;
 use lamina_volume_io::{Options, Series};
+use std::fs::File;
 use std::time::Duration;
 
 const SIDE: usize = 12;
@@ -34,7 +38,7 @@ fn a_step_that_meets_a_condition_pauses_the_simulation_and_is_kept() {
     let folder = tempfile::tempdir().unwrap();
     let (store, raw) = (folder.path().join("runs"), folder.path().join("raw"));
     let config = folder.path().join("generator-node.toml");
-    let triggers = "[[trigger]]\nname = \"burst\"\nwhen = \"max > 3 * prev(max) && quantile(0.5) < max / 2\"\ndo = [\"pause\", \"raw\"]\n\
+    let triggers = "[[trigger]]\nname = \"burst\"\nwhen = \"max > 3 * prev(max) && quantile(0.5) < max / 2\"\ndo = [\"pause\", \"raw\", \"picture\"]\n\
                     [[trigger]]\nname = \"calm\"\nwhen = \"max < 2\"\ndo = []\n";
     std::fs::write(&config, format!("trigger_folder = \"{}\"\n{triggers}", raw.display())).unwrap();
     let node =
@@ -46,9 +50,12 @@ fn a_step_that_meets_a_condition_pauses_the_simulation_and_is_kept() {
 
     let grid = Grid::new([SIDE; 3], DVec3::ONE, DVec3::ZERO).unwrap();
     let options = RunOptions::new(&node.url(), "bursts", "density", grid, VoxelType::F32);
-    let options = RunOptions { full_policy: FullPolicy::Block, steering: Some(Vec::new()), ..options };
-    let mut client = Client::connect(options).unwrap();
     let voxels = |peak: f32| -> Vec<f32> { (0..SIDE.pow(3)).map(|n| if n % 97 == 0 { peak } else { 0.3 }).collect() };
+    let volume = |peak| Volume::new(grid, Voxels::F32(voxels(peak))).unwrap();
+    let scene = suggest(&[&volume(PEAKS[3])]).unwrap();
+    let (full_policy, steering) = (FullPolicy::Block, Some(Vec::new()));
+    let mut client =
+        Client::connect(RunOptions { full_policy, steering, scene: Some(scene.clone()), ..options }).unwrap();
     let mut asked = Vec::new();
     for (step, peak) in PEAKS.into_iter().enumerate() {
         if step == 1 {
@@ -78,9 +85,22 @@ fn a_step_that_meets_a_condition_pauses_the_simulation_and_is_kept() {
 
     let files = || std::fs::read_dir(&raw).into_iter().flatten().flatten().map(|f| f.path()).collect::<Vec<_>>();
     assert!(wait_for(Duration::from_secs(10), || files().iter().any(|f| f.extension().is_some_and(|e| e == "raw"))));
-    let [file] = &files()[..] else { panic!("{:?}", files()) };
-    let volume = Series::open(file, &Options::default()).unwrap().read(0).unwrap();
-    assert_eq!(volume.voxels(), &Voxels::F32(voxels(PEAKS[3])), "{}", file.display());
+    let ending = |e: &str| files().into_iter().find(|f| f.extension().is_some_and(|of| of == e));
+    assert!(wait_for(Duration::from_secs(10), || ending("png").is_some()));
+    assert_eq!(files().len(), 2, "{:?}", files());
+    let file = &ending("raw").unwrap();
+    let read = Series::open(file, &Options::default()).unwrap().read(0).unwrap();
+    assert_eq!(read.voxels(), &Voxels::F32(voxels(PEAKS[3])), "{}", file.display());
+    let picture = png::Decoder::new(std::io::BufReader::new(File::open(ending("png").unwrap()).unwrap()));
+    let mut picture = picture.read_info().unwrap();
+    let mut pixels = vec![0; picture.output_buffer_size().unwrap()];
+    let shape = picture.next_frame(&mut pixels).unwrap();
+    let cast = Backend::cpu().raycast(&Field::new(volume(PEAKS[3]), &scene), &scene.camera, shape.width, shape.height);
+    assert_eq!((shape.width, &pixels), (768, &cast.unwrap().to_rgb8()));
+    let fired = |name: &str| {
+        metric(&node.url()["http://".len()..], &format!("lamina_generator_triggers_fired_total{{trigger=\"{name}\"}}"))
+    };
+    assert_eq!([fired("burst"), fired("calm"), fired("other")], [Some(1.0), Some(2.0), None]);
 }
 
 #[test]

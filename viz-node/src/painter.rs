@@ -1,7 +1,7 @@
 //! A picture of a recorded step from an orbiting camera, as PNG.
 
 use crate::store::{Store, StoreError};
-use lamina_model::{Appearance, Image, Invalid};
+use lamina_model::{Appearance, Invalid};
 use lamina_rpc::credentials::Role;
 use lamina_rpc::daemon::{Timeline, Trace};
 use lamina_vdi_render::{Backend, Detail, Drawable};
@@ -97,7 +97,7 @@ impl Painter {
         let render_time = start.elapsed();
         timeline.lap("draw", [("lamina.side_px", i64::from(orbit.size).into())]);
         timeline.send(self.store.run().and_then(|run| Trace::of_step(Role::Viewer, &run.id, step)));
-        image.map(|image| Ok(PaintedPicture { step, png: png(&image)?, render_time })).transpose()
+        image.map(|image| Ok(PaintedPicture { step, png: lamina_rpc::daemon::png(&image)?, render_time })).transpose()
     }
 
     fn last(&self) -> MutexGuard<'_, Option<Changed>> {
@@ -113,21 +113,4 @@ impl Painter {
         *last = Some(Changed { from, appearance, shown: shown.clone() });
         Ok(shown)
     }
-}
-
-/// `image` as an 8-bit RGB PNG.
-///
-/// # Errors
-/// If the encoder fails.
-pub fn png(image: &Image) -> Result<Vec<u8>, Invalid> {
-    let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, image.width(), image.height());
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_compression(png::Compression::Fast);
-    let failed = |e: png::EncodingError| Invalid::new("png", e.to_string());
-    let mut writer = encoder.write_header().map_err(failed)?;
-    writer.write_image_data(&image.to_rgb8()).map_err(failed)?;
-    writer.finish().map_err(failed)?;
-    Ok(bytes)
 }

@@ -23,7 +23,7 @@ fn unwritable(path: &Path, extension: &str) -> String {
 /// Writes `image` as its file name's ending says.
 pub(crate) fn write(path: &Path, image: &Image) -> anyhow::Result<()> {
     let bytes = match extension(path).as_str() {
-        "png" => lamina_viz_node::painter::png(image)?,
+        "png" => lamina_rpc::daemon::png(image)?,
         "pfm" => pfm(image),
         other => bail!(unwritable(path, other)),
     };
@@ -101,7 +101,7 @@ mod tests {
         let pixels = (0..6).map(|i| [i as f32 / 7.0, 0.25, 1.0]).collect();
         let image = Image::new(3, 2, pixels).unwrap();
         assert_eq!(from_pfm(&pfm(&image)).unwrap(), image);
-        let back = from_png(&lamina_viz_node::painter::png(&image).unwrap()).unwrap();
+        let back = from_png(&lamina_rpc::daemon::png(&image).unwrap()).unwrap();
         assert!(lamina_model::psnr(&back, &image).unwrap() > 50.0);
         assert!(from_pfm(&pfm(&image)[..40]).is_err() && from_png(b"no").is_err());
     }

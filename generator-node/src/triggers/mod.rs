@@ -1,15 +1,16 @@
 //! Triggers: conditions over each step, and what is done at the step where one becomes true.
 
 mod condition;
+mod files;
 mod statistics;
 
+pub(crate) use files::{write_picture, write_raw};
 pub(crate) use statistics::Statistics;
 
 use condition::Condition;
-use lamina_model::{Cost, Invalid, RunInfo, Voxels};
+use lamina_model::{Cost, Invalid};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
 
 /// A trigger as the configuration states it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -34,6 +35,8 @@ pub enum Action {
     Stop,
     /// Writes the step's voxels to a raw file.
     Raw,
+    /// Writes a picture of the step, ray-cast from the scene's camera.
+    Picture,
 }
 
 /// The most triggers of a node.
@@ -96,6 +99,11 @@ impl Triggers {
         self.triggers.is_empty()
     }
 
+    /// Their names.
+    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
+        self.triggers.iter().map(|trigger| trigger.name.as_str())
+    }
+
     /// True if a trigger may want the voxels of a step.
     pub(crate) fn wants_voxels(&self) -> bool {
         self.triggers.iter().any(|trigger| trigger.actions.contains(&Action::Raw))
@@ -143,30 +151,10 @@ impl Triggers {
     }
 }
 
-/// Writes `voxels` of a step of `run` into `folder`, on a thread of its own; a file that is there is whole.
-pub(crate) fn write_raw(folder: PathBuf, run: &RunInfo, step: u64, voxels: Voxels) {
-    let [nx, ny, nz] = run.grid.dims();
-    let name = format!("{}_{step:06}_{nx}x{ny}x{nz}_{}.raw", run.id, voxels.voxel_type());
-    std::thread::spawn(move || match write_whole(&folder, &name, &voxels) {
-        Ok(()) => tracing::info!(step, file = %folder.join(&name).display(), "raw step written"),
-        Err(error) => tracing::error!(step, file = %folder.join(&name).display(), %error, "raw step not written"),
-    });
-}
-
-fn write_whole(folder: &Path, name: &str, voxels: &Voxels) -> std::io::Result<()> {
-    std::fs::create_dir_all(folder)?;
-    let unfinished = folder.join(format!(".{name}.part"));
-    let written = std::fs::write(&unfinished, voxels.to_le_bytes(0..voxels.len()));
-    let written = written.and_then(|()| std::fs::rename(&unfinished, folder.join(name)));
-    if written.is_err() {
-        let _ = std::fs::remove_file(&unfinished);
-    }
-    written
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lamina_model::Voxels;
 
     fn spec(name: &str, when: &str) -> TriggerSpec {
         TriggerSpec { name: name.into(), when: when.into(), actions: BTreeSet::from([Action::Pause]) }
@@ -214,16 +202,5 @@ mod tests {
         refused(&[spec("a", "psnr > 1")], "psnr");
         refused(&[spec("a", "max >")], "\"a\"");
         refused(&vec![spec("a", "max > 1"); MOST + 1], "at most");
-    }
-
-    #[test]
-    fn raw_steps_are_written_whole_under_a_name_that_tells_their_shape() {
-        let folder = tempfile::tempdir().unwrap();
-        let voxels = Voxels::F32(vec![1.0, 2.5, -3.0]);
-        write_whole(&folder.path().join("deep/er"), "x_3x1x1_float32.raw", &voxels).unwrap();
-        let bytes = std::fs::read(folder.path().join("deep/er/x_3x1x1_float32.raw")).unwrap();
-        assert_eq!(bytes, [1.0_f32, 2.5, -3.0].iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>());
-        assert_eq!(std::fs::read_dir(folder.path().join("deep/er")).unwrap().count(), 1, "nothing unfinished stays");
-        assert!(write_whole(Path::new("/dev/null/x"), "y", &voxels).is_err());
     }
 }

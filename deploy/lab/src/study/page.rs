@@ -11,11 +11,11 @@ use lamina_model::psnr;
 use lamina_raycast::Backend;
 use lamina_report::html::{self, escape};
 use lamina_report::numbers::{bytes, decibels, fixed, kilobytes, significant};
+use lamina_rpc::daemon::png;
 use lamina_tuner::Contract;
 use lamina_tuner::pareto::{front, offers};
 use lamina_tuner::tune::Trial;
 use lamina_vdi_render::{self as viz, Detail};
-use lamina_viz_node::painter::png;
 use std::path::Path;
 
 /// Views of the paper's Fig. 3 to 6, degrees.

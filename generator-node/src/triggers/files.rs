@@ -1,0 +1,52 @@
+//! What triggers keep of a step, in files that are whole once they are there.
+
+use lamina_model::{Image, RunInfo, Voxels};
+use lamina_rpc::daemon::png;
+use std::path::{Path, PathBuf};
+
+/// Writes `voxels` of a step of `run` into `folder`, on a thread of its own.
+pub(crate) fn write_raw(folder: PathBuf, run: &RunInfo, step: u64, voxels: Voxels) {
+    let [nx, ny, nz] = run.grid.dims();
+    let name = format!("{}_{step:06}_{nx}x{ny}x{nz}_{}.raw", run.id, voxels.voxel_type());
+    let bytes = move || Ok(voxels.to_le_bytes(0..voxels.len()));
+    std::thread::spawn(move || write(&folder, &name, step, bytes));
+}
+
+/// Writes a picture of a step of `run` into `folder`, on a thread of its own.
+pub(crate) fn write_picture(folder: PathBuf, run: &RunInfo, step: u64, image: Image) {
+    let name = format!("{}_{step:06}.png", run.id);
+    std::thread::spawn(move || write(&folder, &name, step, || png(&image).map_err(std::io::Error::other)));
+}
+
+fn write(folder: &Path, name: &str, step: u64, bytes: impl FnOnce() -> std::io::Result<Vec<u8>>) {
+    let file = folder.join(name).display().to_string();
+    match bytes().and_then(|bytes| write_whole(folder, name, &bytes)) {
+        Ok(()) => tracing::info!(step, file, "written for a trigger"),
+        Err(error) => tracing::error!(step, file, %error, "not written for a trigger"),
+    }
+}
+
+fn write_whole(folder: &Path, name: &str, bytes: &[u8]) -> std::io::Result<()> {
+    std::fs::create_dir_all(folder)?;
+    let unfinished = folder.join(format!(".{name}.part"));
+    let written = std::fs::write(&unfinished, bytes);
+    let written = written.and_then(|()| std::fs::rename(&unfinished, folder.join(name)));
+    if written.is_err() {
+        let _ = std::fs::remove_file(&unfinished);
+    }
+    written
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_written_whole_or_not_at_all() {
+        let folder = tempfile::tempdir().unwrap();
+        write_whole(&folder.path().join("deep/er"), "x.raw", &[1, 2, 3]).unwrap();
+        assert_eq!(std::fs::read(folder.path().join("deep/er/x.raw")).unwrap(), [1, 2, 3]);
+        assert_eq!(std::fs::read_dir(folder.path().join("deep/er")).unwrap().count(), 1, "nothing unfinished stays");
+        assert!(write_whole(Path::new("/dev/null/x"), "y", &[]).is_err());
+    }
+}
