@@ -248,6 +248,42 @@ fn a_simulation_that_was_killed_is_served_at_once_when_it_starts_again() {
 }
 
 #[test]
+fn bricks_of_two_members_that_overlap_or_leave_a_hole_are_refused_by_name() {
+    let (folder, port) = (tempfile::tempdir().unwrap(), free_port());
+    let group = Daemon::spawn(mpiexec(2, port, &config(folder.path(), 0.1)), port);
+    for (name, start, planes, says) in [
+        ("overlap", 18, 22, "step 0: the bricks [0..40, 0..40, 0..20] and [0..40, 0..40, 18..40] overlap"),
+        ("hole", 22, 18, "step 0: the bricks of all 2 ranks cover 60800 of 64000 voxels"),
+    ] {
+        let open = |rank| {
+            let options = RunOptions::new(&group.url(), name, "density", grid(), VoxelType::F32);
+            let deadline = Duration::from_secs(60);
+            Client::connect(RunOptions { rank, ranks: 2, full_policy: FullPolicy::Block, deadline, ..options }).unwrap()
+        };
+        let mut clients = [open(0), open(1)];
+        let zeros = vec![0.0_f32; SIDE.pow(3)];
+        let bricks = [(0, 20), (start, planes)];
+        let mut push = |rank: usize, step| {
+            let (z0, nz) = bricks[rank];
+            let brick = Brick::new([0, 0, z0], [SIDE, SIDE, nz], &zeros[..SIDE * SIDE * nz]);
+            clients[rank].push(step, 0.0, &brick).map_err(|e| e.to_string())
+        };
+        assert!(push(0, 0).is_ok() && push(1, 0).is_ok(), "each by itself is right");
+        let mut refusals = Vec::new();
+        let mut step = 0;
+        assert!(wait_for(Duration::from_secs(20), || {
+            step += 1;
+            refusals.extend([push(0, step), push(1, step)].into_iter().filter_map(Result::err));
+            !refusals.is_empty()
+        }));
+        assert!(refusals[0].contains(says), "{refusals:?}");
+        for client in clients {
+            client.close();
+        }
+    }
+}
+
+#[test]
 fn without_mpi_a_group_is_refused_with_the_remedy() {
     let start = |library: &str| {
         let mut command = Command::new(binary("generator-node"));

@@ -127,6 +127,7 @@ impl Door {
                     self.arrive(member, &arrival);
                 }
                 MemberEvent::Run(v1::GroupRun { run_id }) => ingest.follow(&run_id),
+                MemberEvent::Refusal(v1::GroupRefusal { run_id, reason }) => ingest.refuse(&run_id, &reason),
                 MemberEvent::Ranks(v1::GroupRanks { run_id, ranks }) => ingest.tell_ranks(&run_id, ranks),
                 MemberEvent::Overdue(v1::GroupOverdue { run_id, step, time }) => ingest.overdue(&run_id, step, time),
             }
@@ -160,13 +161,31 @@ impl Door {
         partial.members.insert(member, boxes);
         let of_step = &partial.members;
         let all = || of_step.values().flatten();
-        let covered: usize = all().map(GridBox::voxels).sum();
-        let overlap = all().enumerate().any(|(n, a)| all().skip(n + 1).any(|b| a.overlaps(b)));
-        if overlap {
-            tracing::error!(step, "bricks of different members overlap; each voxel belongs to one rank");
+        let (covered, voxels): (usize, usize) = (all().map(GridBox::voxels).sum(), run.spec.grid.voxels());
+        let overlap = all().enumerate().find_map(|(n, a)| Some((a, all().skip(n + 1).find(|b| a.overlaps(b))?)));
+        let are_all_in =
+            run.ranks.len() == run.spec.ranks as usize && run.ranks.values().all(|m| of_step.contains_key(m));
+        let refusal = match overlap {
+            Some((a, b)) => Some(format!(
+                "step {step}: the bricks {} and {} overlap; each voxel belongs to one rank",
+                range(a),
+                range(b)
+            )),
+            None if are_all_in && partial.lost_ranks.is_empty() && covered < voxels => {
+                let ranks = run.spec.ranks;
+                Some(format!("step {step}: the bricks of all {ranks} ranks cover {covered} of {voxels} voxels"))
+            }
+            None => None,
+        };
+        if let Some(reason) = refusal {
+            tracing::warn!(reason, "step refused");
+            run.steps.remove(&step);
+            run.dropped_steps += 1;
+            let refusal = v1::GroupRefusal { run_id: run.id.clone(), reason };
+            (0..self.outbox.size()).for_each(|to| send(&self.outbox, to, 0, Kind::Refusal(refusal.clone())));
             return;
         }
-        if covered == run.spec.grid.voxels() {
+        if covered == voxels {
             let members = (0..self.outbox.size()).map(|m| of_step.get(&m).cloned().unwrap_or_default()).collect();
             let lost_ranks = std::mem::take(&mut partial.lost_ranks);
             let later = run.steps.split_off(&(step + 1));
@@ -214,6 +233,12 @@ impl Door {
         let overdue = v1::GroupOverdue { run_id: run_id.to_owned(), step, time };
         send(&self.outbox, member, 0, Kind::Overdue(overdue));
     }
+}
+
+/// A brick's indices, first to last of each axis.
+fn range(brick: &GridBox) -> String {
+    let axis = |a: usize| format!("{}..{}", brick.start()[a], brick.start()[a] + brick.dims()[a]);
+    format!("[{}, {}, {}]", axis(0), axis(1), axis(2))
 }
 
 impl AssignMember for Door {

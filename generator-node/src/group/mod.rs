@@ -77,6 +77,8 @@ pub(crate) enum MemberEvent {
     Arrival(u32, v1::GroupArrival),
     /// The root tells this member which run was opened.
     Run(v1::GroupRun),
+    /// The root tells this member why bricks cannot make up a step.
+    Refusal(v1::GroupRefusal),
     /// The root tells this member how many ranks it has.
     Ranks(v1::GroupRanks),
     /// The root tells this member that all others are past a step.
@@ -139,6 +141,7 @@ fn sort(
         Some(Kind::Ready(ready)) => node.send(MemberEvent::Ready(from, ready)).is_ok(),
         Some(Kind::Arrival(arrival)) => node.send(MemberEvent::Arrival(from, arrival)).is_ok(),
         Some(Kind::Run(run)) => node.send(MemberEvent::Run(run)).is_ok(),
+        Some(Kind::Refusal(refusal)) => node.send(MemberEvent::Refusal(refusal)).is_ok(),
         Some(Kind::Ranks(ranks)) => node.send(MemberEvent::Ranks(ranks)).is_ok(),
         Some(Kind::Overdue(overdue)) => node.send(MemberEvent::Overdue(overdue)).is_ok(),
         _ => member.send((from, message)).is_ok(),

@@ -158,6 +158,12 @@ impl Core {
             self.give_up_lost(run_id, now);
         }
         let run = self.run(run_id)?;
+        if let Some(reason) = run.refusals.remove(&rank) {
+            run.last_step[rank as usize] = Some(step);
+            self.forget(step);
+            self.run(run_id)?.drop_step(step);
+            return Err(IngestError::Refused(reason));
+        }
         let bytes = brick.map_or(0, |brick| brick.voxels()) * run.spec.point_bytes();
         if run.cannot_complete(step) {
             run.last_step[rank as usize] = Some(step);

@@ -26,6 +26,13 @@ impl Core {
         }
     }
 
+    /// The root says why bricks of all members cannot make up a step: each rank hears of it in place of its next brick.
+    pub fn refuse(&mut self, run_id: &str, reason: &str) {
+        if let Ok(run) = self.run(run_id) {
+            run.refusals = run.attached.iter().map(|rank| (*rank, reason.to_owned())).collect();
+        }
+    }
+
     /// True if this is the run that the root has opened last.
     pub fn follows(&self, run_id: &str) -> bool {
         self.root_run.as_deref() == Some(run_id)
@@ -60,6 +67,11 @@ impl Ingest {
     pub(crate) fn follow(&self, run_id: &str) {
         self.core().follow(run_id);
         self.room.notify_waiters();
+    }
+
+    /// The root says why bricks of all members cannot make up a step.
+    pub(crate) fn refuse(&self, run_id: &str, reason: &str) {
+        self.core().refuse(run_id, reason);
     }
 
     /// Waits for the root's word that it has opened run `run_id`: a rank that it sends here may be faster.

@@ -171,6 +171,8 @@ pub(super) struct IngestRun {
     calls: BTreeMap<u32, (Instant, Option<u64>)>,
     /// Ranks that fell silent while the others went on.
     pub lost: BTreeSet<u32>,
+    /// What a group's root has to say to ranks at their next brick.
+    pub refusals: BTreeMap<u32, String>,
 }
 
 /// A rank that is silent for longer, while all others are past a step that lacks its bricks, is lost.
@@ -202,6 +204,7 @@ impl IngestRun {
             newest_whole: None,
             calls: BTreeMap::from([(rank, (now, None))]),
             lost: BTreeSet::new(),
+            refusals: BTreeMap::new(),
         }
     }
 

@@ -3678,6 +3678,14 @@ pub struct GroupRun {
     #[prost(string, tag = "1")]
     pub run_id: ::prost::alloc::string::String,
 }
+/// The root to all: bricks of all members cannot make up a step of this run.
+#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct GroupRefusal {
+    #[prost(string, tag = "1")]
+    pub run_id: ::prost::alloc::string::String,
+    #[prost(string, tag = "2")]
+    pub reason: ::prost::alloc::string::String,
+}
 /// A member to the root: all bricks of its ranks are in.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct GroupArrival {
@@ -3820,7 +3828,7 @@ pub struct GroupMessage {
     pub sequence: u64,
     #[prost(
         oneof = "group_message::Kind",
-        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 17, 18, 16, 13, 14, 15, 19"
+        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 17, 18, 16, 13, 14, 15, 19, 20"
     )]
     pub kind: ::core::option::Option<group_message::Kind>,
 }
@@ -3867,5 +3875,7 @@ pub mod group_message {
         Overdue(super::GroupOverdue),
         #[prost(message, tag = "19")]
         Run(super::GroupRun),
+        #[prost(message, tag = "20")]
+        Refusal(super::GroupRefusal),
     }
 }

@@ -77,6 +77,23 @@ fn a_silent_rank_of_a_node_that_the_others_are_past_leaves_a_hole_of_its_own_box
 }
 
 #[test]
+fn what_the_root_refuses_is_told_each_rank_once() {
+    let mut node = member();
+    node.core.tell_ranks("a", 2, node.start);
+    node.open(RunSpec { members: 2, ..spec(3, FullPolicy::Block) }, 2, "", "a").unwrap();
+    assert_eq!((node.push(0, 1), node.push(0, 2)), (Some(false), Some(true)));
+    assert_eq!(node.push(1, 1), Some(false));
+    node.core.refuse("b", "another run's");
+    node.core.refuse("a", "step 0: bricks overlap");
+    refused(node.admit(1, 2), Code::InvalidArgument, &["step 0: bricks overlap"]);
+    refused(node.admit(2, 1), Code::InvalidArgument, &["step 0: bricks overlap"]);
+    assert_eq!(node.next_number(), Some(0));
+    assert_eq!(node.core.figures().memory_bytes.0, 0, "bricks of refused steps stay");
+    assert_eq!(node.admit(2, 2).unwrap(), Admit::Dropped);
+    assert_eq!((node.push(3, 1), node.push(3, 2)), (Some(false), Some(true)));
+}
+
+#[test]
 fn a_member_goes_over_to_the_run_that_the_root_has_opened_last() {
     let spec = RunSpec { members: 2, ..spec(3, FullPolicy::Block) };
     let mut node = Node::with_room_for(9);
