@@ -89,12 +89,12 @@ impl Root {
             self.ask(&Kind::Sample(v1::GroupSample { step: Some(message(run_id, step)), stride: stride as u32 }))?;
         let types: Vec<VoxelType> = spec.fields().map(|(_, voxel_type)| voxel_type).collect();
         let mut fields: Vec<Vec<u8>> = types.iter().map(|t| vec![0; coarse.voxels() * t.size_bytes()]).collect();
-        for (boxes, answer) in members.iter().zip(answers) {
+        for (member, (boxes, answer)) in members.iter().zip(answers).enumerate() {
             let mut rest = &answer.payload[..];
             for b in boxes {
                 for (field, size) in fields.iter_mut().zip(types.iter().map(|t| t.size_bytes())) {
                     for [x, y, z] in lattice(b, stride as u32) {
-                        let short = || Invalid::new("group", "points of another member end early");
+                        let short = || Invalid::new("group", format!("member {member} lacks points of step {step}"));
                         let (point, others) = rest.split_at_checked(size).ok_or_else(short)?;
                         let at = ((z / stride * dims[1] + y / stride) * dims[0] + x / stride) * size;
                         field[at..at + size].copy_from_slice(point);

@@ -75,7 +75,9 @@ fn group_with(
     for ((outbox, inbox), boxes) in lamina_mpi::in_process(layout.len() as u32).into_iter().zip(layout) {
         let channels = receive(inbox);
         let held = HeldSteps::default();
-        for step in 0..steps(outbox.rank()) {
+        // A member without ranks never holds a step.
+        let steps = if boxes.is_empty() { 0 } else { steps(outbox.rank()) };
+        for step in 0..steps {
             let bricks = boxes.iter().map(|b| (*b, bytes(b).into())).collect();
             held.lock().insert(("a".into(), step), HeldStep { spec: spec.clone(), bricks });
         }
@@ -237,6 +239,9 @@ fn nobody_waits_for_what_a_member_that_lacks_the_step_cannot_send() {
     let lacking = (layout.len() - 1) as u32;
     let root = group_of(layout, |member| u64::from(member != lacking) + 1);
     let prepare = |step| GroupField::prepare(&root, ("a", step), (&spec(), "f"), scene(), layout.clone());
+    let shown = spec().shown_fields("f", None).unwrap();
+    let missing = root.coarse(("a", 1), (&spec(), &shown), layout).err().unwrap();
+    assert!(missing.reason.contains("member 1 lacks points of step 1"), "{missing}");
     let begun = std::time::Instant::now();
     let missing = prepare(1).err().unwrap();
     assert!(missing.reason.contains("nothing of step 1"), "{missing}");
