@@ -182,7 +182,13 @@ impl Door {
             run.steps.remove(&step);
             run.dropped_steps += 1;
             let refusal = v1::GroupRefusal { run_id: run.id.clone(), reason };
-            (0..self.outbox.size()).for_each(|to| send(&self.outbox, to, 0, Kind::Refusal(refusal.clone())));
+            // Others before it may wait for the pipeline.
+            let step = Some(v1::GroupStep { run_id: run.id.clone(), step });
+            let release = v1::GroupRelease { step, alone: true };
+            for to in 0..self.outbox.size() {
+                send(&self.outbox, to, 0, Kind::Refusal(refusal.clone()));
+                send(&self.outbox, to, 0, Kind::Release(release.clone()));
+            }
             return;
         }
         if covered == voxels {

@@ -3801,11 +3801,13 @@ pub struct GroupCast {
     #[prost(uint32, tag = "7")]
     pub cast_batches: u32,
 }
-/// A step is not needed any more. Not answered.
+/// A step is not needed any more, nor are those of its run before it, unless it is `alone`. Not answered.
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct GroupRelease {
     #[prost(message, optional, tag = "1")]
     pub step: ::core::option::Option<GroupStep>,
+    #[prost(bool, tag = "2")]
+    pub alone: bool,
 }
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct GroupReply {
