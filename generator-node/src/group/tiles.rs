@@ -73,33 +73,36 @@ impl Member {
         let whole = self.statistics(sequence, BandStatistics::of(&quantized))?;
         let (me, members) = (self.outbox.rank() as usize, self.outbox.size() as usize);
         let bands = whole.bands(r);
-        let own_rows = |rows: &Range<usize>| {
-            let [first, end] = [rows.start, rows.end].map(|n| rows_before(n, me, members));
-            quantized.slice(first * row..end * row)
+        let own_rows = |band: usize| {
+            let nth = rows_of(&bands[band], me, members);
+            quantized.slice(nth.start * row..nth.end * row)
         };
-        let bands_of = |member: usize| bands_of(member, members, &bands);
+        let bands_of = |member: usize| bands_of(member, members, bands.len());
+        let has_rows = |member: usize, wanted: &BTreeSet<usize>| {
+            wanted.iter().any(|band| !rows_of(&bands[*band], member, members).is_empty())
+        };
         for other in self.others() {
             let wanted = bands_of(other as usize);
-            if wanted.iter().any(|rows| has_rows(rows, me, members)) {
-                let bytes = wanted.iter().flat_map(|rows| own_rows(rows).to_bytes()).collect();
+            if has_rows(me, &wanted) {
+                let bytes = wanted.iter().flat_map(|band| own_rows(*band).to_bytes()).collect();
                 send(&self.outbox, other, sequence, Kind::Rows(bytes));
             }
         }
         let wanted = bands_of(me);
-        let owing = |other: &u32| wanted.iter().any(|rows| has_rows(rows, *other as usize, members));
+        let owing = |other: &u32| has_rows(*other as usize, &wanted);
         let gathered = self.gather(sequence, self.others().into_iter().filter(owing).collect(), quantized_rows)?;
         let mut sent: Vec<(usize, &[u8])> = gathered.iter().map(|(from, bytes)| (*from as usize, &bytes[..])).collect();
         let mut whole_bands = BTreeMap::new();
-        for rows in wanted {
+        for band in wanted {
             let mut of_members = vec![VdiBand::default(); members];
-            of_members[me] = own_rows(&rows);
+            of_members[me] = own_rows(band);
             for (from, rest) in &mut sent {
                 of_members[*from] = VdiBand::read(rest)?;
             }
-            whole_bands.insert(rows.start, interleaved(&rows, &of_members, row)?);
+            whole_bands.insert(band, interleaved(&bands[band], &of_members, row)?);
         }
         let part = |number: usize| {
-            let band = &whole_bands[&bands[number % bands.len()].start];
+            let band = &whole_bands[&(number % bands.len())];
             if number < bands.len() { whole.encode_geometry(r, band) } else { whole.encode_colors(r, band) }
         };
         let own_parts: Vec<usize> = parts_of(me, members, bands.len()).collect();
@@ -132,10 +135,9 @@ fn parts_of(member: usize, members: usize, bands: usize) -> impl Iterator<Item =
     (member..2 * bands).step_by(members)
 }
 
-/// The rows of each band of which a member codes a part.
-fn bands_of(member: usize, members: usize, bands: &[Range<usize>]) -> Vec<Range<usize>> {
-    let numbers: BTreeSet<usize> = parts_of(member, members, bands.len()).map(|part| part % bands.len()).collect();
-    numbers.into_iter().map(|number| bands[number].clone()).collect()
+/// The bands of which a member codes a part.
+fn bands_of(member: usize, members: usize, bands: usize) -> BTreeSet<usize> {
+    parts_of(member, members, bands).map(|part| part % bands).collect()
 }
 
 /// Rows below `row` that are in the tile of member `member` of so many.
@@ -143,10 +145,9 @@ fn rows_before(row: usize, member: usize, members: usize) -> usize {
     row.saturating_sub(member).div_ceil(members)
 }
 
-/// True if some of `rows` are in the tile of that member.
-fn has_rows(rows: &Range<usize>, member: usize, members: usize) -> bool {
-    let [first, end] = [rows.start, rows.end].map(|n| rows_before(n, member, members));
-    first < end
+/// Which rows of a member's tile are among `rows` of the image.
+fn rows_of(rows: &Range<usize>, member: usize, members: usize) -> Range<usize> {
+    rows_before(rows.start, member, members)..rows_before(rows.end, member, members)
 }
 
 /// The band of `rows`, of which each member has those of its tile.
