@@ -24,7 +24,8 @@ large = [row["step"] for row in rows if int(row["size_bytes"]) > 200_000]
 if large:
     fail(f"steps {large} are larger than 200 kB")
 measured = [float(row["psnr_db"]) for row in rows if row["psnr_db"]]
-if not measured or not all(25 < db < math.inf for db in measured):
+# Infinite where a field has thinned out to nothing; not in all of them.
+if not all(db > 25 for db in measured) or not any(db < math.inf for db in measured):
     fail(f"the quality of its steps is {measured}")
 if rows[-1]["tuning"] not in ("provisional", "done"):
     fail(f"the last step was made with parameters of nobody's choice ({rows[-1]['tuning']})")

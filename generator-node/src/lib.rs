@@ -92,7 +92,7 @@ pub fn run_member(
         let (channels, held) = (group::receive(inbox), group::HeldSteps::default());
         let member = group::Member::new(outbox.clone(), channels.member, held.clone(), backend.clone());
         std::thread::Builder::new().name("member".to_owned()).spawn(|| member.run()).map_err(NodeError::Thread)?;
-        let listens = tokio::spawn(door.clone().listen(ingest.clone(), channels.events));
+        let listens = tokio::spawn(door.clone().listen((ingest.clone(), held.clone()), channels.events));
         let announces = tokio::spawn(group::announce(ingest.clone(), held, outbox.clone()));
         group::send(&outbox, 0, 0, Kind::Ready(group::ready(&config, &listener, &access)));
         let served = if rank == 0 {

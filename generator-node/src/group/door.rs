@@ -1,7 +1,7 @@
 //! The root's door: which member takes the bricks of which rank.
 
 use super::convert::boxes;
-use super::{Kind, MemberEvent, send};
+use super::{HeldSteps, Kind, MemberEvent, send};
 use crate::ingest::{AssignMember, GridBox, Ingest, LOST_AFTER, RunSpec};
 use lamina_model::FullPolicy;
 use lamina_mpi::Outbox;
@@ -47,6 +47,16 @@ struct PartialStep {
     changed: Instant,
 }
 
+/// What the bricks of a step that have come make up.
+enum Coverage {
+    /// All of the grid.
+    Whole,
+    /// A part of it: others are to come.
+    Partial,
+    /// Never the grid, and why.
+    Refused(String),
+}
+
 struct GroupRun {
     id: String,
     spec: RunSpec,
@@ -60,6 +70,37 @@ struct GroupRun {
     /// Whole steps that wait for the pipeline.
     queue: VecDeque<GroupArrived>,
     dropped_steps: u64,
+}
+
+impl GroupRun {
+    fn coverage(&self, step: u64) -> Coverage {
+        let Some(partial) = self.steps.get(&step) else { return Coverage::Partial };
+        let all = || partial.members.values().flatten();
+        let (covered, voxels): (usize, usize) = (all().map(GridBox::voxels).sum(), self.spec.grid.voxels());
+        let are_all_in = self.ranks.len() == self.spec.ranks as usize
+            && self.ranks.values().all(|member| partial.members.contains_key(member));
+        // Of many boxes that takes a while: it is looked at once they could be all.
+        if covered < voxels && !are_all_in {
+            return Coverage::Partial;
+        }
+        if let Some((a, b)) = all().enumerate().find_map(|(n, a)| Some((a, all().skip(n + 1).find(|b| a.overlaps(b))?)))
+        {
+            let (a, b) = (range(a), range(b));
+            return Coverage::Refused(format!(
+                "step {step}: the bricks {a} and {b} overlap; each voxel belongs to one rank"
+            ));
+        }
+        if covered == voxels {
+            return Coverage::Whole;
+        }
+        if partial.lost_ranks.is_empty() {
+            let ranks = self.spec.ranks;
+            return Coverage::Refused(format!(
+                "step {step}: the bricks of all {ranks} ranks cover {covered} of {voxels} voxels"
+            ));
+        }
+        Coverage::Partial
+    }
 }
 
 /// Members, ranks and steps of a group.
@@ -104,7 +145,7 @@ impl Door {
     /// Takes what members say unasked; for ever.
     pub(crate) async fn listen(
         self: Arc<Self>,
-        ingest: Arc<Ingest>,
+        (ingest, held): (Arc<Ingest>, HeldSteps),
         mut events: tokio::sync::mpsc::UnboundedReceiver<MemberEvent>,
     ) {
         let mut looks = tokio::time::interval(LOOK);
@@ -128,6 +169,10 @@ impl Door {
                 }
                 MemberEvent::Run(v1::GroupRun { run_id }) => ingest.follow(&run_id),
                 MemberEvent::Refusal(v1::GroupRefusal { run_id, reason }) => ingest.refuse(&run_id, &reason),
+                MemberEvent::Dropped(v1::GroupStep { run_id, step }) => {
+                    ingest.drop_step(&run_id, step);
+                    held.lock().remove(&(run_id, step));
+                }
                 MemberEvent::Ranks(v1::GroupRanks { run_id, ranks }) => ingest.tell_ranks(&run_id, ranks),
                 MemberEvent::Overdue(v1::GroupOverdue { run_id, step, time }) => ingest.overdue(&run_id, step, time),
             }
@@ -142,80 +187,78 @@ impl Door {
             Ok(boxes) => boxes,
             Err(error) => return tracing::error!(member, %error, "group"),
         };
-        let step = arrival.step;
         let mut ranks = run.ranks.iter().filter(|(_, of)| **of == member).map(|(rank, _)| rank);
         if ranks.all(|rank| arrival.lost_ranks.contains(rank)) {
             run.absent.insert(member);
         } else {
             run.absent.remove(&member);
         }
+        let (step, time, now) = (arrival.step, arrival.time, Instant::now());
         if run.newest.is_some_and(|newest| step <= newest) {
-            return;
+            return self.tell_dropped(&run.id, step, [member]);
         }
-        let now = Instant::now();
-        let first =
-            || PartialStep { time: arrival.time, members: BTreeMap::new(), lost_ranks: Vec::new(), changed: now };
+        let first = || PartialStep { time, members: BTreeMap::new(), lost_ranks: Vec::new(), changed: now };
         let partial = run.steps.entry(step).or_insert_with(first);
         partial.changed = now;
         partial.lost_ranks.extend(&arrival.lost_ranks);
         partial.members.insert(member, boxes);
-        let of_step = &partial.members;
-        let all = || of_step.values().flatten();
-        let (covered, voxels): (usize, usize) = (all().map(GridBox::voxels).sum(), run.spec.grid.voxels());
-        let overlap = all().enumerate().find_map(|(n, a)| Some((a, all().skip(n + 1).find(|b| a.overlaps(b))?)));
-        let are_all_in =
-            run.ranks.len() == run.spec.ranks as usize && run.ranks.values().all(|m| of_step.contains_key(m));
-        let refusal = match overlap {
-            Some((a, b)) => Some(format!(
-                "step {step}: the bricks {} and {} overlap; each voxel belongs to one rank",
-                range(a),
-                range(b)
-            )),
-            None if are_all_in && partial.lost_ranks.is_empty() && covered < voxels => {
-                let ranks = run.spec.ranks;
-                Some(format!("step {step}: the bricks of all {ranks} ranks cover {covered} of {voxels} voxels"))
+        match run.coverage(step) {
+            Coverage::Refused(reason) => self.refuse(run, step, reason),
+            Coverage::Whole => self.queue(run, step),
+            Coverage::Partial => {
+                let has_it = |member: &&u32| run.steps.get(&step).is_some_and(|s| s.members.contains_key(member));
+                for member in run.absent.iter().filter(|member| !has_it(member)) {
+                    self.tell_overdue(*member, &run.id, step, time);
+                }
+                if run.steps.len() > MOST_STEPS
+                    && let Some((oldest, partial)) = run.steps.pop_first()
+                {
+                    self.drop_step(run, oldest, partial.members.into_keys());
+                }
             }
-            None => None,
-        };
-        if let Some(reason) = refusal {
-            tracing::warn!(reason, "step refused");
-            run.steps.remove(&step);
-            run.dropped_steps += 1;
-            let refusal = v1::GroupRefusal { run_id: run.id.clone(), reason };
-            // Others before it may wait for the pipeline.
-            let step = Some(v1::GroupStep { run_id: run.id.clone(), step });
-            let release = v1::GroupRelease { step, alone: true };
-            for to in 0..self.outbox.size() {
-                send(&self.outbox, to, 0, Kind::Refusal(refusal.clone()));
-                send(&self.outbox, to, 0, Kind::Release(release.clone()));
-            }
-            return;
         }
-        if covered == voxels {
-            let members = (0..self.outbox.size()).map(|m| of_step.get(&m).cloned().unwrap_or_default()).collect();
-            let lost_ranks = std::mem::take(&mut partial.lost_ranks);
-            let later = run.steps.split_off(&(step + 1));
-            // Those before it, and never this one.
-            run.dropped_steps += run.steps.len() as u64 - 1;
-            run.steps = later;
-            run.newest = Some(step);
-            let (run_id, spec) = (run.id.clone(), run.spec.clone());
-            let whole = GroupArrived { run_id, spec, step, time: arrival.time, dropped_steps: 0, lost_ranks, members };
-            run.queue.push_back(whole);
-            // Who watches sees the present, unless the simulation is to wait.
-            while run.spec.full_policy != FullPolicy::Block && run.queue.len() > 1 {
-                run.queue.pop_front();
-                run.dropped_steps += 1;
-            }
-            self.whole.notify_one();
-            return;
+    }
+
+    /// Bricks that cannot make up a step: all ranks hear why.
+    fn refuse(&self, run: &mut GroupRun, step: u64, reason: String) {
+        tracing::warn!(reason, "step refused");
+        let refusal = v1::GroupRefusal { run_id: run.id.clone(), reason };
+        (0..self.outbox.size()).for_each(|to| send(&self.outbox, to, 0, Kind::Refusal(refusal.clone())));
+        if let Some(partial) = run.steps.remove(&step) {
+            self.drop_step(run, step, partial.members.into_keys());
         }
-        for member in run.absent.iter().filter(|member| !of_step.contains_key(member)) {
-            self.tell_overdue(*member, &run.id, step, arrival.time);
+    }
+
+    /// A step is whole: those before it are not waited for any more.
+    fn queue(&self, run: &mut GroupRun, step: u64) {
+        let later = run.steps.split_off(&(step + 1));
+        let mut before = std::mem::replace(&mut run.steps, later);
+        let Some(mut whole) = before.remove(&step) else { return };
+        for (overtaken, partial) in before {
+            self.drop_step(run, overtaken, partial.members.into_keys());
         }
-        if run.steps.len() > MOST_STEPS {
-            run.steps.pop_first();
-            run.dropped_steps += 1;
+        run.newest = Some(step);
+        let members = (0..self.outbox.size()).map(|m| whole.members.remove(&m).unwrap_or_default()).collect();
+        let (run_id, spec, time) = (run.id.clone(), run.spec.clone(), whole.time);
+        let lost_ranks = whole.lost_ranks;
+        run.queue.push_back(GroupArrived { run_id, spec, step, time, dropped_steps: 0, lost_ranks, members });
+        // Who watches sees the present, unless the simulation is to wait.
+        while run.spec.full_policy != FullPolicy::Block && run.queue.len() > 1 {
+            let Some(old) = run.queue.pop_front() else { break };
+            self.drop_step(run, old.step, (0..).zip(&old.members).filter(|(_, b)| !b.is_empty()).map(|(m, _)| m));
+        }
+        self.whole.notify_one();
+    }
+
+    /// Counts a step that nothing is made of; the `members` that hold it let go of it.
+    fn drop_step(&self, run: &mut GroupRun, step: u64, members: impl IntoIterator<Item = u32>) {
+        run.dropped_steps += 1;
+        self.tell_dropped(&run.id, step, members);
+    }
+
+    fn tell_dropped(&self, run_id: &str, step: u64, members: impl IntoIterator<Item = u32>) {
+        for member in members {
+            send(&self.outbox, member, 0, Kind::Dropped(v1::GroupStep { run_id: run_id.to_owned(), step }));
         }
     }
 
@@ -287,3 +330,6 @@ impl AssignMember for Door {
         address.filter(|_| member > 0).unwrap_or_default()
     }
 }
+
+#[cfg(test)]
+mod tests;

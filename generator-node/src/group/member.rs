@@ -103,14 +103,10 @@ impl Member {
             Some(Kind::Reduce(command)) => self.reduce(command),
             Some(Kind::Cast(command)) => self.cast(command),
             Some(Kind::Sample(command)) => self.sample(&command),
-            Some(Kind::Release(v1::GroupRelease { step, alone })) => {
+            Some(Kind::Release(v1::GroupRelease { step })) => {
                 let released = key(step);
                 self.fields.remove(&released);
-                let is_needed = |held: &StepKey| match alone {
-                    true => *held != released,
-                    false => held.0 != released.0 || held.1 > released.1,
-                };
-                self.held.lock().retain(|held, _| is_needed(held));
+                self.held.lock().retain(|held, _| held.0 != released.0 || held.1 > released.1);
                 return;
             }
             _ => return,

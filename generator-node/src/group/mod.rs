@@ -34,7 +34,7 @@ pub(crate) async fn announce(ingest: Arc<Ingest>, held: HeldSteps, outbox: Outbo
     loop {
         ingest.complete().await;
         // Where the simulation is to wait, it waits for the group's work on the steps before.
-        while ingest.blocks() && held.lock().len() >= MOST_HELD {
+        while ingest.blocks() && held.lock().len() >= MOST_WAITING {
             tokio::time::sleep(WHILE_FULL).await;
         }
         let Some(complete) = ingest.take() else { continue };
@@ -65,8 +65,12 @@ pub(crate) fn ready(config: &Config, listener: &tokio::net::TcpListener, access:
 /// Pause before a full member looks again.
 const WHILE_FULL: Duration = Duration::from_millis(2);
 
-/// Whole steps that a member holds until the root asks for one.
-const MOST_HELD: usize = 4;
+/// Whole steps that wait at a member where the simulation is to wait for them.
+const MOST_WAITING: usize = 4;
+
+/// Whole steps that a member holds at most: until the root asks for one, or tells that it does not. It is not to let go of one
+/// before the root's word of it has come.
+const MOST_HELD: usize = 32;
 
 /// What the root hears of members unasked.
 #[derive(Debug)]
@@ -79,6 +83,8 @@ pub(crate) enum MemberEvent {
     Run(v1::GroupRun),
     /// The root tells this member why bricks cannot make up a step.
     Refusal(v1::GroupRefusal),
+    /// The root tells this member that nothing is made of a step that it may hold.
+    Dropped(v1::GroupStep),
     /// The root tells this member how many ranks it has.
     Ranks(v1::GroupRanks),
     /// The root tells this member that all others are past a step.
@@ -142,6 +148,7 @@ fn sort(
         Some(Kind::Arrival(arrival)) => node.send(MemberEvent::Arrival(from, arrival)).is_ok(),
         Some(Kind::Run(run)) => node.send(MemberEvent::Run(run)).is_ok(),
         Some(Kind::Refusal(refusal)) => node.send(MemberEvent::Refusal(refusal)).is_ok(),
+        Some(Kind::Dropped(step)) => node.send(MemberEvent::Dropped(step)).is_ok(),
         Some(Kind::Ranks(ranks)) => node.send(MemberEvent::Ranks(ranks)).is_ok(),
         Some(Kind::Overdue(overdue)) => node.send(MemberEvent::Overdue(overdue)).is_ok(),
         _ => member.send((from, message)).is_ok(),

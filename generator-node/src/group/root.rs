@@ -275,7 +275,7 @@ impl GroupField {
 
 impl Drop for GroupField {
     fn drop(&mut self) {
-        self.root.tell(0, &Kind::Release(v1::GroupRelease { step: Some(self.step.clone()), alone: false }));
+        self.root.tell(0, &Kind::Release(v1::GroupRelease { step: Some(self.step.clone()) }));
     }
 }
 

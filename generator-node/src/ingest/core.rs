@@ -238,7 +238,7 @@ impl Core {
     }
 
     /// Frees an incomplete step.
-    fn forget(&mut self, step: u64) {
+    pub(super) fn forget(&mut self, step: u64) {
         if let Some(run) = &mut self.run
             && run.steps.remove(&step).is_some()
         {

@@ -33,6 +33,14 @@ impl Core {
         }
     }
 
+    /// The root makes nothing of `step`: bricks of it that are still to come are not taken.
+    pub fn drop_step(&mut self, run_id: &str, step: u64) {
+        if let Ok(run) = self.run(run_id) {
+            run.drop_step(step);
+            self.forget(step);
+        }
+    }
+
     /// True if this is the run that the root has opened last.
     pub fn follows(&self, run_id: &str) -> bool {
         self.root_run.as_deref() == Some(run_id)
@@ -72,6 +80,12 @@ impl Ingest {
     /// The root says why bricks of all members cannot make up a step.
     pub(crate) fn refuse(&self, run_id: &str, reason: &str) {
         self.core().refuse(run_id, reason);
+    }
+
+    /// The root makes nothing of `step`.
+    pub(crate) fn drop_step(&self, run_id: &str, step: u64) {
+        self.core().drop_step(run_id, step);
+        self.room.notify_waiters();
     }
 
     /// Waits for the root's word that it has opened run `run_id`: a rank that it sends here may be faster.

@@ -3801,13 +3801,11 @@ pub struct GroupCast {
     #[prost(uint32, tag = "7")]
     pub cast_batches: u32,
 }
-/// A step is not needed any more, nor are those of its run before it, unless it is `alone`. Not answered.
+/// A step is not needed any more, nor are those of its run before it. Not answered.
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct GroupRelease {
     #[prost(message, optional, tag = "1")]
     pub step: ::core::option::Option<GroupStep>,
-    #[prost(bool, tag = "2")]
-    pub alone: bool,
 }
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct GroupReply {
@@ -3830,7 +3828,7 @@ pub struct GroupMessage {
     pub sequence: u64,
     #[prost(
         oneof = "group_message::Kind",
-        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 17, 18, 16, 13, 14, 15, 19, 20"
+        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 17, 18, 16, 13, 14, 15, 19, 20, 21"
     )]
     pub kind: ::core::option::Option<group_message::Kind>,
 }
@@ -3879,5 +3877,8 @@ pub mod group_message {
         Run(super::GroupRun),
         #[prost(message, tag = "20")]
         Refusal(super::GroupRefusal),
+        /// The root to members that hold a step: nothing is made of it.
+        #[prost(message, tag = "21")]
+        Dropped(super::GroupStep),
     }
 }

@@ -21,6 +21,16 @@ fn three_ranks_hand_in_uneven_slabs_and_the_last_completes_the_step() {
 }
 
 #[test]
+fn steps_of_a_fast_simulation_are_admitted_or_dropped_and_none_is_refused() {
+    let node = Node::generator(2);
+    let mut client = connect(&node, 0, 1, FullPolicy::DropOldest);
+    let pushed = (0..4000).map(|step| push_planes(&mut client, step, 0, SIDE));
+    let refused: Vec<_> = pushed.filter_map(Result::err).collect();
+    assert!(refused.is_empty(), "{} steps: {}", refused.len(), refused[0]);
+    assert_eq!(client.close().lost, 0);
+}
+
+#[test]
 fn every_voxel_type_arrives() {
     fn push<T>(voxel_type: VoxelType, voxels: Vec<T>)
     where
