@@ -3,10 +3,10 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use glam::DVec3;
-use lamina_model::{Image, Scene, Segmentation, SquaredError, VdiParams};
+use lamina_model::{Image, Intermediate, Scene, Segmentation, SquaredError, VdiParams};
 use lamina_raycast::{Backend, Field};
 use lamina_tests::{front_scene, sampled_cube, transfer};
-use lamina_vdi_render::render;
+use lamina_vdi_render::{Drawable, render};
 
 const SIZE: u32 = 64;
 const COLOR: [f64; 3] = [0.9, 0.5, 0.2];
@@ -46,6 +46,43 @@ fn a_homogeneous_box_is_exact_at_any_step_even_one_that_does_not_divide_it() {
         let vdi = Backend::cpu().generate(&field, &params, Segmentation::Greedy).unwrap().0;
         assert!(vdi.segments().len() <= (SIZE * SIZE) as usize, "one supersegment a ray");
         assert!(psnr_db(&render(&vdi, &scene.camera, SIZE, SIZE).unwrap(), &scene, light) > 120.0);
+    }
+}
+
+#[test]
+fn half_of_the_light_is_gone_at_one_length_in_a_homogeneous_box() {
+    let scene = front_scene(transfer(1.0, &[(0.0, COLOR, 0.4)]));
+    // 0.6^length = 1/2.
+    let length = 0.5_f64.ln() / 0.6_f64.ln();
+    let depth = |x: f64, y: f64| {
+        if chord(x, y) < length { f64::INFINITY } else { 3.0 + length / (1.0 + x * x + y * y).sqrt() }
+    };
+    let field = Field::new(sampled_cube(9, |_| 0.5), &scene);
+    let params = VdiParams::new(SIZE, 0.1).unwrap();
+    let vdi = Backend::cpu().generate(&field, &params, Segmentation::Greedy).unwrap().0;
+    let drawables = [Drawable::Volume(Box::new(field)), Drawable::new(Intermediate::Vdi(Box::new(vdi)))];
+    for drawable in &drawables {
+        let depths = drawable.half_depths(&scene.camera, SIZE, SIZE).unwrap();
+        let h = scene.camera.tan_half_fov();
+        let mut seen = 0;
+        for (n, &found) in depths.iter().enumerate() {
+            let at = |k: u32| h * ((2.0 * f64::from(k) + 1.0) / f64::from(SIZE) - 1.0);
+            let (x, y) = (at(n as u32 % SIZE), at(n as u32 / SIZE));
+            // Where the way through is just as long, rounding decides.
+            if (chord(x, y) - length).abs() > 1e-6 {
+                let wanted = depth(x, y);
+                assert!(
+                    f64::from(found) == wanted || (f64::from(found) - wanted).abs() < 1e-5,
+                    "{found}, not {wanted}"
+                );
+                seen += u32::from(wanted.is_finite());
+            }
+        }
+        assert!(seen > 1000 && seen < SIZE * SIZE, "{seen} pixels");
+        // From +x the middle ray enters the box 3 units away, too: in a VDI it crosses many pixels' lists.
+        let side = drawable.half_depths(&scene.camera.rotated_about_y(90.0).unwrap(), SIZE, SIZE).unwrap();
+        let middle = f64::from(side[(SIZE / 2 * SIZE + SIZE / 2) as usize]);
+        assert!((middle - 3.0 - length).abs() < 0.05, "{middle}");
     }
 }
 

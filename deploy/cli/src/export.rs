@@ -1,9 +1,10 @@
 //! `lamina export`: recorded steps for other tools.
 //!
 //! Reduced volumes become VTK image data, in the data's units; any step becomes pictures of a Cinema database (Spec D: `data.csv`, whose
-//! last column names a file for each combination of the others).
+//! last column names a file for each combination of the others), or of a movie.
 
 use crate::cli;
+use crate::movie::{self, Movie};
 use crate::picture_file;
 use anyhow::{Context, bail, ensure};
 use lamina_model::{Image, Intermediate, ReducedVolume, ScalarRange, Scale, Volume, Voxels};
@@ -31,7 +32,8 @@ pub fn export(arguments: &cli::Export) -> anyhow::Result<()> {
         ("vti", _) => bail!("{}: a .vti holds one step of the {} there are; name a .pvd", out.display(), steps.len()),
         ("pvd", _) => collection(out, &steps)?,
         ("cdb", _) => cinema(arguments, &steps)?,
-        _ => bail!("{}: cannot be written; name a .vti, .pvd or .cdb", out.display()),
+        ("webp" | "mp4", _) => film(arguments, &steps)?,
+        _ => bail!("{}: cannot be written; name a .vti, .pvd, .cdb, .webp or .mp4", out.display()),
     }
     say!("{}: {} steps", out.display(), steps.len());
     Ok(())
@@ -114,6 +116,18 @@ fn collection(out: &Path, steps: &[RecordedStep]) -> anyhow::Result<()> {
         entries.push((step.time, format!("{stem}/{name}")));
     }
     Ok(write_pvd(out, &entries)?)
+}
+
+/// A movie: of a run each step once, of a single step all its sides, unless otherwise asked for.
+fn film(arguments: &cli::Export, steps: &[RecordedStep]) -> anyhow::Result<()> {
+    let cli::Export { out, size, fps, .. } = arguments;
+    let (frames, turn) = if steps.len() > 1 { (steps.len() as u32, 0.0) } else { (5 * fps, 360.0) };
+    let &[elevation] = &arguments.elevations[..] else { bail!("--elevations: a movie has one") };
+    let (frames, turn) = (arguments.frames.unwrap_or(frames), arguments.turn.unwrap_or(turn));
+    ensure!(turn.is_finite() && elevation.is_finite(), "--turn and --elevations: degrees must be finite numbers");
+    let movie = Movie { frames, turn, elevation, rate: *fps, size: *size };
+    let files: Vec<&Path> = steps.iter().map(|step| &*step.file).collect();
+    movie::write(out, &files, &movie, &Backend::open(arguments.backend)?)
 }
 
 /// Pictures of all steps from all cameras, with their table.

@@ -16,6 +16,7 @@ pub mod export;
 pub mod follow;
 pub mod in_process;
 pub mod keys;
+mod movie;
 pub mod nodes;
 pub mod offline;
 mod out_of_core;

@@ -8,10 +8,10 @@
 
 from .client import POLICIES, TYPES, Client, Request, Summary
 
-__all__ = ["POLICIES", "TYPES", "Client", "Reduced", "Request", "Run", "Summary", "Vdi", "Volume", "catalyst_path", "read", "view", "watch"]
+__all__ = ["POLICIES", "TYPES", "Client", "Reduced", "Request", "Run", "Summary", "Vdi", "Volume", "catalyst_path", "paraview_path", "read", "view", "watch"]
 
 # What needs NumPy is loaded when it is first asked for.
-_LATER = {"catalyst_path": "installed", "Reduced": "reader", "Run": "reader", "Vdi": "reader", "Volume": "reader", "read": "reader", "view": "notebook", "watch": "follow"}
+_LATER = {"catalyst_path": "installed", "paraview_path": "installed", "Reduced": "reader", "Run": "reader", "Vdi": "reader", "Volume": "reader", "read": "reader", "view": "notebook", "watch": "follow"}
 
 
 def __getattr__(name):

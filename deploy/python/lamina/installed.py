@@ -31,3 +31,8 @@ def program(name):
 def catalyst_path():
     """Folder of the implementation of Catalyst, for CATALYST_IMPLEMENTATION_PATHS."""
     return str(INSTALLED)
+
+
+def paraview_path():
+    """File of ParaView's reader of recorded steps, for Tools > Manage Plugins."""
+    return str(Path(__file__).with_name("paraview_plugin.py"))

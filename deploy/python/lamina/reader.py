@@ -31,6 +31,7 @@ def _native() -> ctypes.CDLL:
     library.lamina_read_description.restype = text
     library.lamina_read_array.argtypes = [handle, text, handle, ctypes.c_size_t]
     library.lamina_read_picture.argtypes = [handle, text, ctypes.c_uint32, ctypes.c_uint32, handle]
+    library.lamina_read_depths.argtypes = library.lamina_read_picture.argtypes
     library.lamina_read_orbit.argtypes = [text, ctypes.c_double, ctypes.c_double, ctypes.c_double, ctypes.POINTER(text)]
     library.lamina_read_close.argtypes = [handle]
     library.lamina_read_close.restype = None
@@ -92,11 +93,25 @@ class _Opened:
     ) -> numpy.ndarray:
         """A picture of `size` (width, height) pixels: array of shape (height, width, 3), float32 in 0..1, from `camera`, or from the
         recorded one turned."""
+        return self._drawn(self._library.lamina_read_picture, (3,), size, camera or self.orbit(azimuth, elevation, zoom))
+
+    def depth(
+        self,
+        azimuth: float = 0.0,
+        elevation: float = 0.0,
+        zoom: float = 1.0,
+        size: int | tuple[int, int] = 512,
+        camera: Camera | None = None,
+    ) -> numpy.ndarray:
+        """How deep `render` sees: array of shape (height, width), float32, world units along the view to where half of the light from behind
+        is gone; infinite where more comes through."""
+        return self._drawn(self._library.lamina_read_depths, (), size, camera or self.orbit(azimuth, elevation, zoom))
+
+    def _drawn(self, function: Any, channels: tuple[int, ...], size: int | tuple[int, int], camera: Camera) -> numpy.ndarray:
         width, height = (size, size) if isinstance(size, int) else size
-        picture = numpy.zeros((height, width, 3), numpy.float32)
-        of = json.dumps(camera or self.orbit(azimuth, elevation, zoom)).encode()
-        _check(self._library, self._library.lamina_read_picture(self._handle, of, width, height, picture.ctypes.data))
-        return picture
+        drawn = numpy.zeros((height, width, *channels), numpy.float32)
+        _check(self._library, function(self._handle, json.dumps(camera).encode(), width, height, drawn.ctypes.data))
+        return drawn
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         from .notebook import view
@@ -204,6 +219,11 @@ class Vdi(_Recorded):
     def colors(self) -> numpy.ndarray:
         """Red, green, blue (straight) and opacity of each supersegment, 0 to 1."""
         return self._array("colors")
+
+    @property
+    def ends(self) -> numpy.ndarray:
+        """Where each supersegment begins and ends, world positions: shape (n, 2, 3). The ray is that of its pixel's center."""
+        return self._array("ends")
 
     @property
     def step_length(self) -> float:

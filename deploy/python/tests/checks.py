@@ -456,6 +456,7 @@ def check_reader():
     rays = numpy.repeat(numpy.arange(len(counts)), counts)
     mine = numpy.column_stack([rays, vdi.depths])
     assert numpy.array_equal(mine, numpy.array([row[:3] for row in lists])), "lists differ from the independent reader's"
+    check_geometry(vdi)
     # A reduced volume of all points is the data within its bound: 2 % of the range, all of which is shown.
     assert reduced.units.shape == DIMS and numpy.abs(reduced.array - blob(1)).max() <= 0.02
     for opened, file in ((vdi, encoded["vdi"]), (reduced, encoded["volume"])):
@@ -479,6 +480,106 @@ def check_reader():
         except ValueError as error:
             assert words in str(error), error
     print("reader: arrays, lists, pictures, view")
+
+
+def rays_of(camera, side):
+    """Unit directions through the centers of side x side pixels, row by row from the upper left; and the view's."""
+    position, target, up = (numpy.array(camera[name]) for name in ("position", "target", "up"))
+    view = (target - position) / numpy.linalg.norm(target - position)
+    right = numpy.cross(view, up)
+    right /= numpy.linalg.norm(right)
+    half = math.tan(math.radians(camera["fov_y_deg"]) / 2)
+    across = half * ((2 * numpy.arange(side) + 1) / side - 1)
+    directions = view + across[None, :, None] * right - across[:, None, None] * numpy.cross(right, view)
+    return (directions / numpy.linalg.norm(directions, axis=2, keepdims=True)).reshape(-1, 3), view
+
+
+def check_geometry(vdi):
+    """Ends of supersegments, and how deep one sees, against the lists and the camera."""
+    side = math.isqrt(len(vdi.offsets) - 1)
+    directions, view = rays_of(vdi.camera, side)
+    eye, (low, high) = numpy.array(vdi.camera["position"]), map(numpy.array, vdi.bounds)
+    with numpy.errstate(divide="ignore"):
+        walls = numpy.stack([(low - eye) / directions, (high - eye) / directions])
+    entry, leave = walls.min(0).max(1).clip(0), walls.max(0).min(1)
+    rays = numpy.repeat(numpy.arange(side * side), numpy.diff(vdi.offsets))
+    along = numpy.minimum(entry[rays, None] + vdi.depths * vdi.step_length, leave[rays, None])
+    assert numpy.allclose(vdi.ends, eye + along[:, :, None] * directions[rays, None], atol=1e-9), "ends of supersegments"
+    # From where the VDI was made each pixel sees its own list: half of the light is gone within the supersegment that hides so much.
+    depth, seen = vdi.depth(size=side).ravel(), 0
+    for ray in range(side * side):
+        of_ray = slice(vdi.offsets[ray], vdi.offsets[ray + 1])
+        through = numpy.cumprod(1 - vdi.colors[of_ray, 3].astype(float))
+        if numpy.any(abs(through - 0.5) < 1e-3):
+            continue
+        hidden = numpy.flatnonzero(through < 0.5)
+        assert (len(hidden) > 0) == numpy.isfinite(depth[ray]), (ray, through)
+        if len(hidden):
+            near, far = along[of_ray][hidden[0]] * (directions[ray] @ view)
+            assert near - 1e-5 <= depth[ray] <= far + 1e-5, (ray, near, depth[ray], far)
+            seen += 1
+    assert seen > 50, seen
+
+
+def check_paraview():
+    """ParaView's reader as an algorithm of plain VTK."""
+    assert Path(lamina.paraview_path()).is_file()
+    from lamina import paraview_plugin
+    from vtk.util.numpy_support import vtk_to_numpy
+
+    Pipeline = paraview_plugin.Pipeline
+    run = lamina.read(FOLDER / "blast/vdi")
+    last = run.path / f"step_{run.steps[-1]:06}.vdi"
+    reader = paraview_plugin.Reader()
+    reader.SetFileName(str(last))
+    reader.UpdateInformation()
+    times = reader.GetTimestepValues()
+    alike = [row for row in run.table if row["resolution"] == run.table[-1]["resolution"]]
+    assert times == sorted(float(row["time"]) for row in alike) and len(times) >= 2, times
+    for row in alike:
+        reader.UpdateTimeStep(float(row["time"]))
+        image, step = reader.GetOutputDataObject(0), run[int(row["step"])]
+        values = vtk_to_numpy(image.GetPointData().GetArray("density")).reshape(image.GetDimensions(), order="F")
+        assert numpy.array_equal(values, step.array) and numpy.allclose(image.GetOrigin(), step.origin)
+        assert image.GetInformation().Get(image.DATA_TIME_STEP()) == float(row["time"])
+    reader = paraview_plugin.Reader()
+    reader.SetFileName(str(FOLDER / "one.vdi"))
+    reader.Update()
+    lines, vdi = reader.GetOutputDataObject(0), lamina.read(FOLDER / "one.vdi")
+    assert lines.GetNumberOfLines() == len(vdi.depths)
+    points = vtk_to_numpy(lines.GetPoints().GetData()).reshape(-1, 2, 3)
+    assert numpy.array_equal(points, vdi.ends)
+    opacity = vtk_to_numpy(lines.GetCellData().GetArray("rgba"))[:, 3]
+    assert numpy.abs(opacity / 255 - vdi.colors[:, 3]).max() <= 0.5 / 255 + 1e-6
+    print("paraview: a series of reduced volumes, a VDI's lines")
+
+
+def check_movies():
+    """Movies of the run's steps: WebP read by Pillow exactly, MP4 by ffmpeg nearly."""
+    import shutil
+
+    from PIL import Image, ImageSequence
+
+    run = lamina.read(FOLDER / "blast/vdi")
+    movie = FOLDER / "series.webp"
+    turning = ["--size", "64", "--turn", "90", "--elevations=10"]
+    subprocess.run(["lamina", "export", str(FOLDER / "blast"), "--out", str(movie), *turning], check=True, capture_output=True)
+    with Image.open(movie) as opened:
+        frames = [(numpy.asarray(frame.convert("RGB")), frame.info["duration"]) for frame in ImageSequence.Iterator(opened)]
+    assert [duration for _, duration in frames] == [40] * len(run)
+    for n, (step, (frame, _)) in enumerate(zip(run, frames)):
+        mine = numpy.rint(step.render(azimuth=30 * n, elevation=10, size=64).clip(0, 1) * 255)
+        assert psnr(mine / 255, frame / 255) > 60, n
+    if shutil.which("ffmpeg"):
+        movie = FOLDER / "step.mp4"
+        command = ["lamina", "export", str(run.path / f"step_{run.steps[-1]:06}.vdi"), "--out", str(movie), "--size", "64", "--frames", "4"]
+        subprocess.run(command, check=True, capture_output=True)
+        raw = subprocess.run(["ffmpeg", "-loglevel", "error", "-i", str(movie), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"], check=True, capture_output=True)
+        frames = numpy.frombuffer(raw.stdout, numpy.uint8).reshape(-1, 64, 64, 3)
+        assert len(frames) == 4
+        for n, frame in enumerate(frames):
+            assert psnr(run[run.steps[-1]].render(azimuth=90 * n, size=64).clip(0, 1), frame / 255) > 30, n
+    print("movies: WebP" + (", MP4" if shutil.which("ffmpeg") else "; no ffmpeg here"))
 
 
 def check_exports():
@@ -660,7 +761,7 @@ def check_client():
         # From another folder, so that the installed package is imported.
         (FOLDER / "blob.py").write_text((ROOT / "deploy/python/examples/blob.py").read_text())
         subprocess.run([sys.executable, str(FOLDER / "blob.py"), address, "0", "1"], check=True, env=environment)
-        reading, pushing = re.findall(r"```python\n(.*?)```", (ROOT / "deploy/python/README.md").read_text(), re.S)
+        reading, writing, pushing = re.findall(r"```python\n(.*?)```", (ROOT / "deploy/python/README.md").read_text(), re.S)
         rows, deadline = [], time.monotonic() + 60
         while not rows and time.monotonic() < deadline:
             time.sleep(0.1)
@@ -672,6 +773,9 @@ def check_client():
         places = {'"record"': repr(str(FOLDER / "served")), '"field.vti"': repr(str(FOLDER / "field.vti"))}
         names: dict = {}
         exec(re.sub('"record"|"field.vti"', lambda found: places[found.group()], reading), names)
+        exec(writing.replace("step.exr", str(FOLDER / "step.exr")), names)
+        channels = names["OpenEXR"].File(str(FOLDER / "step.exr")).channels()
+        assert numpy.array_equal(channels["Z"].pixels, names["step"].depth(azimuth=30)) and channels["RGB"].pixels.shape == (512, 512, 3)
         assert names["picture"].shape == (512, 512, 3) and names["volume"].array.shape == DIMS
     finally:
         serve.terminate()
@@ -690,4 +794,6 @@ if not ONLY:
     check_hostile()
     check_client()
     check_exports()
+    check_movies()
+    check_paraview()
 check_doors()

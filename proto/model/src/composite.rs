@@ -3,6 +3,8 @@
 //! A medium of extinction kappa over a length l has optical depth tau = kappa l, transmittance T = exp(-tau) and opacity
 //! alpha = 1 - T.
 
+use std::ops::ControlFlow;
+
 /// Optical depth of an opacity: -ln(1 - alpha). 0 for 0, infinity for 1.
 ///
 /// Where 1 - alpha would lose digits, the series takes over: its next term is below 1e-14 of the value.
@@ -59,9 +61,55 @@ impl Accumulator {
     }
 }
 
+/// Where along a ray half of the light from behind is gone: how deep one sees, where nothing is a surface.
+#[derive(Debug, Clone, Copy)]
+pub struct HalfDepth {
+    /// Its distance; infinite where more comes through.
+    pub distance: f64,
+    /// Optical depth in front of what is added next.
+    optical_depth: f64,
+}
+
+impl Default for HalfDepth {
+    fn default() -> Self {
+        Self { distance: f64::INFINITY, optical_depth: 0.0 }
+    }
+}
+
+impl HalfDepth {
+    /// Adds, behind what is there, a uniform piece of the ray between two distances with the given optical depth; breaks where half is gone.
+    pub fn add(&mut self, optical_depth: f64, [from, to]: [f64; 2]) -> ControlFlow<()> {
+        let wanted = std::f64::consts::LN_2 - self.optical_depth;
+        self.optical_depth += optical_depth;
+        if optical_depth < wanted {
+            return ControlFlow::Continue(());
+        }
+        self.distance = from + wanted / optical_depth * (to - from);
+        ControlFlow::Break(())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn half_of_the_light_is_gone_where_the_optical_depth_is_the_logarithm_of_two() {
+        let ln2 = std::f64::consts::LN_2;
+        // Uniform from 2 to 6 with twice that depth: in the middle, in one piece or in three with a gap.
+        let pieces: [&[(f64, [f64; 2])]; 3] = [
+            &[(2.0 * ln2, [2.0, 6.0])],
+            &[(0.5 * ln2, [2.0, 3.0]), (1.0 * ln2, [3.0, 5.0]), (0.5 * ln2, [5.0, 6.0])],
+            &[(0.0, [0.0, 1.0]), (f64::INFINITY, [4.0, 4.5])],
+        ];
+        for pieces in pieces {
+            let mut half = HalfDepth::default();
+            assert!(pieces.iter().any(|&(depth, piece)| half.add(depth, piece).is_break()));
+            assert!((half.distance - 4.0).abs() < 1e-12, "{half:?}");
+        }
+        let mut thin = HalfDepth::default();
+        assert!(thin.add(0.99 * ln2, [0.0, 1.0]).is_continue() && thin.distance.is_infinite());
+    }
 
     #[test]
     fn splitting_a_piece_changes_nothing() {

@@ -129,16 +129,26 @@ pub struct Export {
     /// A recorded step, or the folder of a recorded run
     #[arg(value_name = "STEP|RUN")]
     pub input: PathBuf,
-    /// A .vti file for a reduced volume, a .pvd for a run of them; a .cdb folder for a Cinema database of pictures
-    #[arg(long, value_name = "FILE.vti|FILE.pvd|DIR.cdb")]
+    /// A .vti file for a reduced volume, a .pvd for a run of them; a .cdb folder for a Cinema database of pictures; a movie, .webp (lossless)
+    /// or .mp4 (by ffmpeg)
+    #[arg(long, value_name = "FILE.vti|FILE.pvd|DIR.cdb|FILE.webp|FILE.mp4")]
     pub out: PathBuf,
     /// Of a Cinema database: cameras around the data
     #[arg(long, default_value_t = 12, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=360))]
     pub azimuths: u32,
-    /// Of a Cinema database: elevations of the cameras, degrees
+    /// Of a Cinema database: elevations of the cameras, degrees; of a movie, one
     #[arg(long, default_value = "0", value_name = "DEG,..", value_delimiter = ',', allow_hyphen_values = true)]
     pub elevations: Vec<f64>,
-    /// Of a Cinema database: pixels per side of a picture
+    /// Of a movie: by how much the camera turns about the data, degrees; 0 for a run, 360 for a step, unless given
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
+    pub turn: Option<f64>,
+    /// Of a movie: pictures, over which the steps are spread; of a run one a step, of a step 5 seconds, unless given
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub frames: Option<u32>,
+    /// Of a movie: pictures a second
+    #[arg(long, default_value_t = 25, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
+    pub fps: u32,
+    /// Pixels per side of a picture
     #[arg(long, default_value_t = 512, value_name = "PIXELS")]
     pub size: u32,
     /// What draws: auto (a GPU if there is a real one), cpu or gpu

@@ -102,6 +102,28 @@ pub unsafe extern "C" fn lamina_read_picture(
     })
 }
 
+/// The same of depths instead of colors, a float a pixel: as [`lamina_vdi_render::Drawable::half_depths`].
+///
+/// # Safety
+/// `opened` as above; `camera` ends with a zero; 4 x `width` x `height` bytes at `to` may be written.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lamina_read_depths(
+    opened: *mut OpenedFile,
+    camera: *const c_char,
+    width: u32,
+    height: u32,
+    to: *mut f32,
+) -> i32 {
+    guarded(|| {
+        // SAFETY: by the function's own condition.
+        let (opened, camera) = unsafe { (&mut *opened, CStr::from_ptr(camera)) };
+        let depths = opened.half_depths(&serde_json::from_slice(camera.to_bytes())?, width, height)?;
+        // SAFETY: by the function's own condition: there are width x height depths.
+        unsafe { std::ptr::copy_nonoverlapping(depths.as_ptr(), to, depths.len()) };
+        Ok(())
+    })
+}
+
 /// The camera turned about its target, JSON from JSON; valid until the thread's next error or orbit.
 ///
 /// # Safety

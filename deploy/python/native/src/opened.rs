@@ -98,6 +98,7 @@ impl OpenedFile {
                         ("offsets", "<u4", vec![side * side + 1]),
                         ("depths", "<u4", vec![segments, 2]),
                         ("colors", "<f4", vec![segments, 4]),
+                        ("ends", "<f8", vec![segments, 2, 3]),
                         bytes,
                     ],
                     ..Description::of("vdi", header.camera, header.bounds)
@@ -159,6 +160,10 @@ impl OpenedFile {
                 });
                 fill(to, colors.map(f32::to_le_bytes))
             }
+            (Content::Vdi(vdi), "ends") => fill(
+                to,
+                ends(vdi).flat_map(|[from, to]| from.to_array().into_iter().chain(to.to_array())).map(f64::to_le_bytes),
+            ),
             (Content::Reduced(volume), "values") => fill(to, volume.units().iter().map(|u| u.to_le_bytes())),
             (Content::File(volume, _), "values") => {
                 let (voxels, size) = (volume.voxels(), volume.voxels().voxel_type().size_bytes());
@@ -178,13 +183,34 @@ impl OpenedFile {
 
     /// A picture.
     pub fn draw(&mut self, camera: &Camera, width: u32, height: u32) -> Result<Image, Box<dyn Error>> {
-        let drawable = self.drawable.get_or_insert_with(|| match &self.content {
+        Ok(Backend::default().render(self.drawable(), camera, width, height, Detail::Cubic)?)
+    }
+
+    /// As [`Drawable::half_depths`].
+    pub fn half_depths(&mut self, camera: &Camera, width: u32, height: u32) -> Result<Vec<f32>, Box<dyn Error>> {
+        Ok(self.drawable().half_depths(camera, width, height)?)
+    }
+
+    fn drawable(&mut self) -> &Drawable {
+        self.drawable.get_or_insert_with(|| match &self.content {
             Content::Vdi(vdi) => Drawable::new(Intermediate::Vdi(vdi.clone())),
             Content::Reduced(volume) => Drawable::new(Intermediate::Volume(volume.clone())),
             Content::File(volume, scene) => Drawable::Volume(Box::new(Field::new((**volume).clone(), scene))),
-        });
-        Ok(Backend::default().render(drawable, camera, width, height, Detail::Cubic)?)
+        })
     }
+}
+
+/// World positions of each supersegment's ends, along the center of its pixel.
+fn ends(vdi: &Vdi) -> impl Iterator<Item = [DVec3; 2]> {
+    let (header, side) = (vdi.header(), vdi.resolution());
+    let pixels = (0..side).flat_map(move |j| (0..side).map(move |i| (i, j)));
+    pixels.flat_map(move |(i, j)| {
+        let ray = header.camera.pixel_ray(i, j, side, side);
+        let (entry, exit) = header.ray_span(i, j).unwrap_or_default();
+        // The last step of a ray is cut at the box.
+        let at = move |depth: u32| ray.at((entry + f64::from(depth) * header.step_length).min(exit));
+        vdi.list(i, j).iter().map(move |s| [at(s.start), at(s.end)])
+    })
 }
 
 impl Description<'_> {

@@ -7,4 +7,4 @@ mod march;
 mod raycast;
 
 pub use generate::generate;
-pub use raycast::{raycast, raycast_layers, raycast_pixels};
+pub use raycast::{half_depths, raycast, raycast_layers, raycast_pixels};

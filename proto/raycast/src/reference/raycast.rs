@@ -2,7 +2,7 @@
 
 use super::march::RayMarcher;
 use crate::Field;
-use lamina_model::composite::{Accumulator, TRANSMITTANCE_FLOOR};
+use lamina_model::composite::{Accumulator, HalfDepth, TRANSMITTANCE_FLOOR};
 use lamina_model::{Camera, Image, Invalid, Ray};
 use rayon::prelude::*;
 use std::ops::ControlFlow;
@@ -35,6 +35,27 @@ pub fn raycast_layers(field: &Field, camera: &Camera, width: u32, height: u32, p
         [r, g, b, light.transmittance as f32]
     };
     pixels.par_iter().with_min_len(64).map(layer).collect()
+}
+
+/// Depth along the view (world units) at which half of the light from behind is gone, of each pixel of a picture, row by row; infinite
+/// where more comes through.
+///
+/// # Errors
+/// If the picture's size is out of bounds.
+pub fn half_depths(field: &Field, camera: &Camera, width: u32, height: u32) -> Result<Vec<f32>, Invalid> {
+    Image::check_size(width, height)?;
+    let march = RayMarcher::new(field, field.scene().step_length(field.grid()));
+    let depth = |n: usize| {
+        let ray = camera.pixel_ray(n as u32 % width, n as u32 / width, width, height);
+        let entry = march.bounds.clip(&ray).map_or(0.0, |(entry, _)| entry);
+        let mut half = HalfDepth::default();
+        march.samples(&ray, |s| {
+            let from = entry + f64::from(s.step) * march.step_length;
+            half.add(s.classified.extinction * s.length, [from, from + s.length])
+        });
+        (half.distance * camera.view_from_world_direction(ray.direction).z) as f32
+    };
+    Ok((0..width as usize * height as usize).into_par_iter().with_min_len(64).map(depth).collect())
 }
 
 fn cast(march: &RayMarcher, ray: &Ray) -> Accumulator {

@@ -3,4 +3,4 @@
 mod frustum;
 mod render;
 
-pub use render::{cubic_pixels, displaced_pixels, render, render_pixels};
+pub use render::{cubic_pixels, displaced_pixels, half_depths, render, render_pixels};

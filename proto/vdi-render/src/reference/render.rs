@@ -7,7 +7,7 @@ use super::frustum::{FrustumWalk, PixelCrossing};
 use crate::reconstruction::{reconstruct, sharpness};
 use crate::simd::magnification;
 use crate::{Detail, Displacement};
-use lamina_model::composite::{Accumulator, TRANSMITTANCE_FLOOR};
+use lamina_model::composite::{Accumulator, HalfDepth, TRANSMITTANCE_FLOOR};
 use lamina_model::{Camera, Image, Invalid, Ray, Supersegment, Vdi};
 use rayon::prelude::*;
 use std::convert::Infallible;
@@ -79,8 +79,41 @@ fn depth_steps(vdi: &Vdi) -> Vec<RayDepthSteps> {
     (0..r as usize * r as usize).into_par_iter().with_min_len(1024).map(steps).collect()
 }
 
+/// Depth along the view of `camera` (world units) at which half of the light from behind is gone, of each pixel of a picture, row by row;
+/// infinite where more comes through.
+///
+/// # Errors
+/// If the picture's size is out of bounds.
+pub fn half_depths(vdi: &Vdi, camera: &Camera, width: u32, height: u32) -> Result<Vec<f32>, Invalid> {
+    Image::check_size(width, height)?;
+    let depth_steps = depth_steps(vdi);
+    let depth = |n: usize| {
+        let ray = camera.pixel_ray(n as u32 % width, n as u32 / width, width, height);
+        let mut half = HalfDepth::default();
+        pieces(vdi, &depth_steps, &ray, [0.0; 2], |_, optical_depth, piece| half.add(optical_depth, piece));
+        (half.distance * camera.view_from_world_direction(ray.direction).z) as f32
+    };
+    Ok((0..width as usize * height as usize).into_par_iter().with_min_len(64).map(depth).collect())
+}
+
 fn trace(vdi: &Vdi, depth_steps: &[RayDepthSteps], ray: &Ray, by: Displacement) -> Accumulator {
     let mut light = Accumulator::default();
+    pieces(vdi, depth_steps, ray, by, |s, optical_depth, _| {
+        light.add(s.color.map(f64::from), optical_depth);
+        if light.transmittance < TRANSMITTANCE_FLOOR { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    light
+}
+
+/// Passes what a ray meets to `visit`, front to back until it breaks: a supersegment, the optical depth of the part of it that is met,
+/// and the distances between which that lies.
+fn pieces(
+    vdi: &Vdi,
+    depth_steps: &[RayDepthSteps],
+    ray: &Ray,
+    by: Displacement,
+    mut visit: impl FnMut(&Supersegment, f64, [f64; 2]) -> ControlFlow<()>,
+) {
     if let Some(walk) = FrustumWalk::new(vdi.header(), ray, by) {
         walk.pixels(|crossing| {
             let list = vdi.list(crossing.i, crossing.j);
@@ -88,20 +121,19 @@ fn trace(vdi: &Vdi, depth_steps: &[RayDepthSteps], ray: &Ray, by: Displacement) 
                 return ControlFlow::Continue(());
             }
             let steps = depth_steps[crossing.j as usize * vdi.resolution() as usize + crossing.i as usize];
-            composite_list(vdi.header().step_length, &walk, &crossing, steps, list, &mut light)
+            pieces_of_list(vdi.header().step_length, &walk, &crossing, steps, list, &mut visit)
         });
     }
-    light
 }
 
-/// Composites the part of a ray inside one pixel's frustum with the pixel's list, in the order along the ray.
-fn composite_list(
+/// The same of the part of a ray inside one pixel's frustum, which meets the pixel's list.
+fn pieces_of_list(
     step_length: f64,
     walk: &FrustumWalk,
     crossing: &PixelCrossing,
     steps: RayDepthSteps,
     list: &[Supersegment],
-    light: &mut Accumulator,
+    visit: &mut impl FnMut(&Supersegment, f64, [f64; 2]) -> ControlFlow<()>,
 ) -> ControlFlow<()> {
     let steps_at = |s: f64| walk.depth(s) * steps.scale - steps.offset;
     let (a, b) = (steps_at(crossing.from), steps_at(crossing.to));
@@ -117,10 +149,14 @@ fn composite_list(
         let share = if flat { 1.0 } else { (end.min(far) - start.max(near)).max(0.0) / (far - near) };
         let length = share * (crossing.to - crossing.from);
         let whole = (end - start) * step_length;
-        if length > 0.0 && whole > 0.0 {
-            light.add(s.color.map(f64::from), f64::from(s.optical_depth) * (length / whole));
+        if length <= 0.0 || whole <= 0.0 {
+            return ControlFlow::Continue(());
         }
-        if light.transmittance < TRANSMITTANCE_FLOOR { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        // From where its nearer end is met.
+        let met = if b >= a { start.max(near) } else { end.min(far) };
+        let before = if flat { 0.0 } else { (met - a) / (b - a) * (crossing.to - crossing.from) };
+        let from = crossing.from + before;
+        visit(s, f64::from(s.optical_depth) * (length / whole), [from, from + length])
     };
     if b >= a { met.iter().try_for_each(&mut add) } else { met.iter().rev().try_for_each(&mut add) }
 }
