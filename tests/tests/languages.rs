@@ -100,6 +100,25 @@ fn push_fields(url: &str) {
     assert_eq!(client.close().pushed, STEPS);
 }
 
+/// As `uneven` in the other languages says, on the even grid that is shown: its function is linear along each axis, so that the values
+/// there are known. All are multiples of 1/8 or less: no sum is rounded.
+fn push_resampled(url: &str) {
+    let dims = [24, 20, 16];
+    // x ends at 0.125 * 23^2, z begins at -0.25 * 15^2.
+    let spacing = DVec3::new(0.125 * 23.0, 2.0, 0.25 * 15.0);
+    let grid = Grid::new(dims, spacing, DVec3::new(0.0, 0.0, -0.25 * 225.0)).unwrap();
+    let mut client = Client::connect(RunOptions::new(url, "uneven", "u", grid, VoxelType::F64)).unwrap();
+    for step in 0..STEPS {
+        let value = |n: usize| {
+            let [i, j, k] = [n % 24, n / 24 % 20, n / 480].map(|i| i as f64);
+            spacing.x * i + 0.5 * j * (step + 1) as f64 - spacing.z * (k - 15.0)
+        };
+        let voxels: Vec<f64> = (0..24 * 20 * 16).map(value).collect();
+        client.push(step, 0.1 * step as f64, &Brick::new([0; 3], dims, &voxels)).unwrap();
+    }
+    assert_eq!(client.close().pushed, STEPS);
+}
+
 /// Runs `program URL RANK 2` for both ranks at once.
 fn run_ranks(program: &[&Path], url: &str) {
     run_each(program, url, 2);
@@ -165,6 +184,16 @@ fn two_ranks_in_each_language_show_what_one_in_rust_does() {
     let fortran = compile(&["gfortran"], &fortran, folder.path());
     let script = source("tests/languages/fields.py");
     for program in [&[c.as_path()][..], &[&fortran], &[Path::new(python), &script]] {
+        let recorded = recorder.record(|url| run_each(program, url, 1));
+        assert!(recorded == expected, "{program:?} pushed something else");
+    }
+
+    // On a rectilinear grid.
+    let expected = recorder.record(push_resampled);
+    let c = compile(&["cc", "-std=c11"], &["tests/languages/uneven.c"], folder.path());
+    let fortran = ["proto/client/fortran/lamina.f90", "tests/languages/uneven.f90"];
+    let fortran = compile(&["gfortran"], &fortran, folder.path());
+    for program in [&[c.as_path()][..], &[&fortran]] {
         let recorded = recorder.record(|url| run_each(program, url, 1));
         assert!(recorded == expected, "{program:?} pushed something else");
     }

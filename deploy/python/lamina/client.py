@@ -50,6 +50,7 @@ class _Options(ctypes.Structure):
         ("more_fields", ctypes.c_void_p),
         ("more_field_count", ctypes.c_uint32),
         ("shown", ctypes.c_char_p),
+        ("coordinates", ctypes.c_void_p * 3),
     ]
 
 
@@ -183,6 +184,15 @@ def _brick(views, names, voxels, start, colors=None, more=None):
     return brick
 
 
+def _positions(axis, positions, size):
+    """As many numbers as the axis has sample points; None if it is even."""
+    if positions is None:
+        return None
+    if len(positions) != size:
+        raise ValueError(f"coordinates: {len(positions)} positions along {axis}; dims say {size} sample points")
+    return (ctypes.c_double * size)(*positions)
+
+
 def _three(kind, thing, values):
     values = list(values)
     if len(values) != 3:
@@ -245,12 +255,15 @@ class Client:
         steering=None,
         more_fields=None,
         shown=None,
+        coordinates=None,
     ):
         """Rank and ranks: as stated, those of `comm` (mpi4py), or as the MPI launcher's environment says; else one. `credentials`:
         folder of keys for a node at https://, else as LAMINA_CREDENTIALS says. `steering`: numbers that people who watch may change,
         {"name": (value, least, most)}, or {} for none; requests are then given by steering(). `more_fields`: {"name": type} of
         fields that every push carries, too, of which people who watch may choose; `v.x`, `v.y`, `v.z` are together the vector `v`.
-        `shown`: what is shown first, a field or an expression such as "magnitude(v)"; else `field`."""
+        `shown`: what is shown first, a field or an expression such as "magnitude(v)"; else `field`. `coordinates`: (x, y, z), positions of
+        the sample points along each axis where they are not even, ascending, None for an axis that is; steps are shown on as many even
+        ones."""
         if comm is not None:
             rank, ranks = comm.Get_rank(), comm.Get_size()
         self._library, self._lock, self._summary = _library(), threading.Lock(), None
@@ -283,6 +296,8 @@ class Client:
         options.number_count, options.numbers = len(numbers), ctypes.addressof(numbers)
         options.more_field_count, options.more_fields = len(fields), ctypes.addressof(fields)
         options.shown = shown.encode() if shown else None
+        axes = [_positions(name, of, size) for name, of, size in zip("xyz", coordinates or (None, None, None), dims)]
+        options.coordinates = (ctypes.c_void_p * 3)(*(axis and ctypes.addressof(axis) for axis in axes))
         self._client = ctypes.c_void_p()
         self._check(self._library.lamina_connect(ctypes.byref(options), ctypes.byref(self._client)))
 

@@ -482,6 +482,47 @@ def check_reader():
     print("reader: arrays, lists, pictures, view")
 
 
+def check_uneven():
+    """A run on a rectilinear grid, as recorded: its function at the even points. Wrong coordinates are refused by name."""
+    folder = FOLDER / "uneven"
+    command = ["lamina", "serve", "--listen", "127.0.0.1:0", "--viewer", "127.0.0.1:0", "--representation", "volume", "--out", str(folder)]
+    serve = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        address = serve.stdout.readline().split("connect to ")[1].split(";")[0]
+        dims = (40, 30, 20)
+        # A channel: denser towards its walls along y; denser at the beginning of x.
+        x, y = numpy.linspace(0, 1, dims[0]) ** 2 * 4, 1 - numpy.cos(numpy.linspace(0, numpy.pi, dims[1]))
+        z = numpy.arange(dims[2]) * 0.1
+        function = lambda x, y, z: numpy.exp(-((x - 1.5) ** 2) - 3 * (y - 1) ** 2 - (z - 1) ** 2)
+        of_run = {"dims": dims, "type": "float64", "generator": address, "spacing": (1, 1, 0.1)}
+        for wrong, words in (((x[::-1], y, None), "descend"), ((x[:-1], y, None), "39 positions along x"), ((x, numpy.full(30, 1.0), None), "along y")):
+            try:
+                lamina.Client("uneven", "u", coordinates=wrong, **of_run)
+                raise AssertionError(f"coordinates were taken: {words}")
+            except ValueError as error:
+                assert words in str(error), error
+        with lamina.Client("uneven", "u", coordinates=(x, y, None), **of_run) as run:
+            for step in range(3):
+                values = function(x[None, None, :], y[None, :, None], z[:, None, None]).transpose()
+                run.push(step, 0.1 * step, numpy.asfortranarray(values))
+        deadline, tables = time.monotonic() + 60, []
+        while not tables and time.monotonic() < deadline:
+            time.sleep(0.1)
+            tables = [table for table in folder.glob("*/steps.csv") if len(table.read_text().splitlines()) > 1]
+        recorded = lamina.read(folder)
+        step = recorded[recorded.steps[-1]]
+        low, high = step.bounds
+        assert numpy.allclose(low, (0, 0, 0)) and numpy.allclose(high, (4, 2, 1.9)), step.bounds
+        axes = [o + numpy.arange(n) * s for o, s, n in zip(step.origin, step.spacing, step.array.shape)]
+        wanted = function(axes[0][:, None, None], axes[1][None, :, None], axes[2][None, None, :])
+        off = numpy.abs(step.array - wanted)
+        assert off.mean() < 0.02 and numpy.quantile(off, 0.99) < 0.1, (off.mean(), off.max())
+    finally:
+        serve.terminate()
+        serve.wait()
+    print(f"uneven: a rectilinear grid, {off.mean():.4f} off its function in the mean")
+
+
 def rays_of(camera, side):
     """Unit directions through the centers of side x side pixels, row by row from the upper left; and the view's."""
     position, target, up = (numpy.array(camera[name]) for name in ("position", "target", "up"))
@@ -793,6 +834,7 @@ if not ONLY:
     check_fields()
     check_hostile()
     check_client()
+    check_uneven()
     check_exports()
     check_movies()
     check_paraview()

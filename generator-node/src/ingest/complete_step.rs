@@ -51,7 +51,10 @@ impl CompleteStep {
             let of = |brick: &GridBox| brick.voxels() * before..brick.voxels() * (before + size);
             let bricks = self.bricks.iter().map(|(brick, bytes)| (*brick, &bytes[of(brick)]));
             // What nothing reads stays as it came.
-            fields.push(sources.contains(&n).then(|| brick::join(grid, voxel_type, bricks)));
+            fields.push(sources.contains(&n).then(|| {
+                let joined = brick::join(grid, voxel_type, bricks);
+                self.spec.coordinates.as_ref().map(|of| of.resample(&joined)).unwrap_or(joined)
+            }));
             before += size;
         }
         let begun = Instant::now();

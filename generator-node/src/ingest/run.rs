@@ -3,7 +3,7 @@
 use super::brick::{BrickBytes, BrickOffer, GridBox, missing};
 use super::{IngestError, assembly::Assembly};
 use lamina_field_expression::ShownFields;
-use lamina_model::{ColorField, FullPolicy, Grid, Invalid, Scene, VoxelType};
+use lamina_model::{ColorField, Coordinates, FullPolicy, Grid, Invalid, Scene, VoxelType};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
@@ -14,8 +14,10 @@ pub struct RunSpec {
     pub name: String,
     /// What the scalar is.
     pub field: String,
-    /// The whole grid.
+    /// The whole grid, with even spacing.
     pub grid: Grid,
+    /// Where its sample points are, if that is not even.
+    pub coordinates: Option<Coordinates>,
     /// Type of the voxels.
     pub voxel_type: VoxelType,
     /// Name and type of a second field, for colors.
@@ -42,6 +44,7 @@ impl RunSpec {
             name: "run".into(),
             field: field.into(),
             grid,
+            coordinates: None,
             voxel_type: VoxelType::F32,
             color_field: None,
             more_fields: Vec::new(),
@@ -94,7 +97,9 @@ impl RunSpec {
     /// colors, and what computing the one `shown` takes.
     pub fn working_bytes(&self, shown: &ShownFields) -> u64 {
         let fields = 3 * (1 + u64::from(shown.has_colors()));
-        2 * self.step_bytes() + (fields * 4 + shown.point_bytes() as u64) * self.voxels_here()
+        // A field before and after it is resampled.
+        let resampled = if self.coordinates.is_some() { 2 * size_of::<f64>() as u64 } else { 0 };
+        2 * self.step_bytes() + (fields * 4 + shown.point_bytes() as u64 + resampled) * self.voxels_here()
     }
 
     /// Passes what memory of `memory_bytes` has room for: a step that waits and one that is shown as `shown`.
@@ -117,6 +122,10 @@ impl RunSpec {
             return Err(IngestError::Refused(format!(
                 "rank {rank} of {ranks}: ranks must be 1 to 1048576, counted from 0"
             )));
+        }
+        if self.members > 1 && self.coordinates.is_some() {
+            let reason = "a group of generator-nodes takes even grids: resample the fields, or connect to a node alone";
+            return Err(IngestError::Refused(format!("coordinates: {reason}")));
         }
         if self.more_fields.len() > MOST_FIELDS {
             let fields = self.more_fields.len();

@@ -310,7 +310,8 @@ impl ingest_server::Ingest for IngestService {
             Some(door) => door.assign(&run_id, &spec_of_run, request.rank, &request.host),
             None => String::new(),
         };
-        tracing::info!(run_id, rank = request.rank, member, "rank attached");
+        let resampled = spec_of_run.coordinates.is_some();
+        tracing::info!(run_id, rank = request.rank, member, resampled, "rank attached");
         let shared_memory = self.0.shared.as_ref().map(|memory| memory.name.clone()).unwrap_or_default();
         Ok(Response::new(v1::OpenReply { run_id, chunk_bytes: CHUNK_BYTES as u32, shared_memory, member }))
     }
@@ -353,10 +354,12 @@ impl ingest_server::Ingest for IngestService {
 }
 
 fn spec_from(r: &v1::OpenRequest) -> Result<RunSpec, Invalid> {
+    let grid = required(r.grid, "grid")?.try_into()?;
     Ok(RunSpec {
         name: r.name.clone(),
         field: r.field.clone(),
-        grid: required(r.grid, "grid")?.try_into()?,
+        grid,
+        coordinates: lamina_rpc::convert::axes_of(r.coordinates.clone(), &grid)?,
         voxel_type: r.voxel_type().try_into()?,
         color_field: r.color_field.as_ref().map(TryInto::try_into).transpose()?,
         more_fields: r.more_fields.iter().map(TryInto::try_into).collect::<Result<_, _>>()?,

@@ -76,6 +76,9 @@ typedef struct {
                                 expression over several. v.x, v.y and v.z are together the vector v */
     uint32_t more_field_count; /* at most 64 */
     const char *shown;       /* what is shown first, a field or an expression such as "magnitude(v)"; default `field` */
+    const double *coordinates[3]; /* positions of the sample points along x, y, z, as many as dims, ascending, where they are not even
+                                (of cells their centers): steps are shown on as many even ones. Of an axis that is NULL, spacing and
+                                origin. Default none */
 } lamina_options;
 
 /* The first voxel of a further field's, laid out as the others are, and their type; default the run's. */

@@ -47,6 +47,9 @@ module lamina
         type(lamina_number), allocatable :: numbers(:)
         ! Every brick carries these, too; `shown` may be an expression over them, such as magnitude(v), which has v.x, v.y and v.z.
         type(lamina_field), allocatable :: more_fields(:)
+        ! Positions of the sample points of axes that are not evenly spaced, ascending: dims are as many, and steps are shown on as many
+        ! even ones.
+        real(c_double), allocatable :: x(:), y(:), z(:)
     end type
 
     type :: lamina_connection
@@ -71,6 +74,7 @@ module lamina
         type(c_ptr) :: numbers, more_fields
         integer(c_int32_t) :: more_field_count
         type(c_ptr) :: shown
+        type(c_ptr) :: coordinates(3)
     end type
 
     type, bind(c) :: c_field
@@ -193,6 +197,7 @@ contains
         character(kind=c_char, len=:), allocatable, target :: generator, name, field, color_field, credentials, shown
         character(kind=c_char, len=201), allocatable, target :: field_names(:)
         type(c_field), allocatable, target :: fields(:)
+        real(c_double), allocatable, target :: x(:), y(:), z(:)
         character(kind=c_char, len=64), allocatable, target :: names(:)
         type(c_number), allocatable, target :: numbers(:)
         type(options) :: o
@@ -234,7 +239,23 @@ contains
         o%more_fields = c_null_ptr
         if (n > 0) o%more_fields = c_loc(fields)
         o%shown = text(run%shown, shown)
+        o%coordinates = c_null_ptr
+        if (allocated(run%x)) call along(1, run%x, x)
+        if (allocated(run%y)) call along(2, run%y, y)
+        if (allocated(run%z)) call along(3, run%z, z)
         code = c_connect(o, connection%client)
+
+    contains
+
+        ! An axis at the positions that `kept` has.
+        subroutine along(axis, positions, kept)
+            integer, intent(in) :: axis
+            real(c_double), intent(in) :: positions(:)
+            real(c_double), allocatable, target, intent(out) :: kept(:)
+            kept = positions
+            o%dims(axis) = size(kept)
+            o%coordinates(axis) = c_loc(kept)
+        end subroutine
     end subroutine
 
     ! The address of `from` with a zero behind it, kept in `kept`; null if it is not stated.

@@ -94,6 +94,11 @@ impl Client {
     /// # Errors
     /// If the options cannot be right, or the node refuses them.
     pub fn connect(options: RunOptions) -> Result<Self, ClientError> {
+        if let Some(coordinates) = &options.coordinates
+            && coordinates.grid()? != options.grid
+        {
+            return Err(Invalid::new("grid", "is not that of the coordinates: Coordinates::grid").into());
+        }
         let address = NodeAddress::read("generator", &options.generator)?;
         let unusable = |e: CredentialsError| Invalid::new("credentials", e.to_string());
         let folder = options.credentials.clone().or_else(Credentials::folder_of_environment);

@@ -1,6 +1,6 @@
 //! A run as the simulation describes it, and what became of a brick.
 
-use lamina_model::{FullPolicy, Grid, Scene, SteerableNumber, VoxelType};
+use lamina_model::{Coordinates, FullPolicy, Grid, Scene, SteerableNumber, VoxelType};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -15,6 +15,9 @@ pub struct RunOptions {
     pub field: String,
     /// The whole grid of all ranks.
     pub grid: Grid,
+    /// Where its sample points are, if they are not evenly spaced: cells' centers of a rectilinear grid, for one. The node shows steps on
+    /// [`Coordinates::grid`], which `grid` then has to be, linear between the points. Default: none.
+    pub coordinates: Option<Coordinates>,
     /// Type of the voxels.
     pub voxel_type: VoxelType,
     /// Name and type of a second field, from which a scene may take its colors; every brick then carries both. Default: none.
@@ -57,6 +60,7 @@ impl RunOptions {
             name: name.to_owned(),
             field: field.to_owned(),
             grid,
+            coordinates: None,
             voxel_type,
             color_field: None,
             more_fields: Vec::new(),

@@ -82,6 +82,7 @@ impl Session {
             color_field: options.color_field.as_ref().map(Into::into),
             more_fields: options.more_fields.iter().map(Into::into).collect(),
             shown: options.shown.unwrap_or_default(),
+            coordinates: lamina_rpc::convert::axes_message(options.coordinates.as_ref()),
         };
         let reply = ingest.open(request).await?.into_inner();
         let chunk_bytes = (reply.chunk_bytes as usize).clamp(1 << 12, lamina_rpc::MAX_MESSAGE_BYTES / 2);

@@ -8,6 +8,7 @@ mod appearance;
 pub mod camera;
 mod color_field;
 pub mod composite;
+mod coordinates;
 mod corners;
 mod cost;
 pub mod effects;
@@ -38,6 +39,7 @@ pub mod volume;
 
 pub use appearance::Appearance;
 pub use camera::{Aabb, Camera, Ray};
+pub use coordinates::Coordinates;
 pub use cost::Cost;
 pub use effects::{ColorField, Effects};
 pub use frame::Frame;

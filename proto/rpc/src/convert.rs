@@ -3,8 +3,8 @@
 use crate::v1::generation_params::Kind;
 use crate::{required, v1};
 use lamina_model::{
-    Cost, Frame, FullPolicy, GenerationParams, Invalid, Limits, Objective, Quality, RunInfo, Setting, StepReport,
-    TuningState, VdiParams, ViewError, VoxelType,
+    Coordinates, Cost, Frame, FullPolicy, GenerationParams, Grid, Invalid, Limits, Objective, Quality, RunInfo,
+    Setting, StepReport, TuningState, VdiParams, ViewError, VoxelType,
 };
 use std::time::Duration;
 
@@ -295,6 +295,30 @@ impl TryFrom<v1::Run> for RunInfo {
         let grid = required(run.grid, "grid")?.try_into()?;
         Ok(Self { id: run.run_id, name: run.name, field: run.field, grid })
     }
+}
+
+/// The axes of a run whose sample points are not even; none of others.
+pub fn axes_message(coordinates: Option<&Coordinates>) -> Vec<v1::AxisCoordinates> {
+    let axes = coordinates.into_iter().flat_map(Coordinates::axes);
+    axes.map(|positions| v1::AxisCoordinates { positions: positions.clone() }).collect()
+}
+
+/// What [`axes_message`] says of `grid`.
+///
+/// # Errors
+/// If there are neither three axes nor none, their positions are wrong, or `grid` is not [`Coordinates::grid`].
+pub fn axes_of(axes: Vec<v1::AxisCoordinates>, grid: &Grid) -> Result<Option<Coordinates>, Invalid> {
+    if axes.is_empty() {
+        return Ok(None);
+    }
+    let axes = axes.into_iter().map(|axis| axis.positions).collect::<Vec<_>>().try_into();
+    let axes = axes.map_err(|_| Invalid::new("coordinates", "of an axis are missing; state those of x, y and z"))?;
+    let coordinates = Coordinates::new(axes)?;
+    if coordinates.grid()? != *grid {
+        let reason = "the grid is not the even one of as many points, from the first to the last of each axis";
+        return Err(Invalid::new("coordinates", reason));
+    }
+    Ok(Some(coordinates))
 }
 
 impl From<&(String, VoxelType)> for v1::RunField {

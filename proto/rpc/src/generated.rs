@@ -681,6 +681,16 @@ pub struct OpenRequest {
     /// What is shown, an expression over the run's fields; empty: the first field.
     #[prost(string, tag = "13")]
     pub shown: ::prost::alloc::string::String,
+    /// Positions of the sample points along x, y and z where they are not even: three, or none. `grid` is then the even one of as many
+    /// points, from the first to the last of each axis; steps are resampled on it.
+    #[prost(message, repeated, tag = "14")]
+    pub coordinates: ::prost::alloc::vec::Vec<AxisCoordinates>,
+}
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct AxisCoordinates {
+    /// World units, ascending.
+    #[prost(double, repeated, tag = "1")]
+    pub positions: ::prost::alloc::vec::Vec<f64>,
 }
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct RunField {

@@ -2,6 +2,7 @@
 
 use super::*;
 use lamina_field_expression::ShownFields;
+use lamina_model::Coordinates;
 
 fn named(shown: Option<&str>, names: &[&str]) -> RunSpec {
     let more_fields = names.iter().map(|name| ((*name).to_owned(), VoxelType::F32)).collect();
@@ -66,4 +67,39 @@ fn fields_that_cannot_be_are_refused_by_name() {
         colored.check(0, 1 << 30).is_ok()
             && colored.shown_fields("v.z", None).is_ok_and(|s: ShownFields| s.has_colors())
     );
+}
+
+#[test]
+fn fields_at_uneven_points_are_resampled_before_anything_is_computed_from_them() {
+    // Denser along z towards its end; x and y are even.
+    let z: Vec<f64> = (0..DIMS[2]).map(|n| (1.0 + n as f64).ln()).collect();
+    let axes = [vec![0.0, 0.5], vec![1.0, 1.25, 1.5], z.clone()];
+    let coordinates = Coordinates::new(axes).unwrap();
+    let grid = coordinates.grid().unwrap();
+    let uneven = |shown: &str, members: u32| RunSpec {
+        grid,
+        coordinates: Some(coordinates.clone()),
+        members,
+        voxel_type: VoxelType::F64,
+        shown: Some(shown.to_owned()),
+        ..spec(1, FullPolicy::Block)
+    };
+    // 3 z + 2: its derivative is known wherever points are.
+    for (shown, expected) in [("density", None), ("gradient(density).z", Some(3.0))] {
+        let mut node = Node { core: Core::new(1 << 20, 9, IDLE), start: Instant::now() };
+        node.open(uneven(shown, 1), 0, "", "a").unwrap();
+        let offer = BrickOffer { step: 0, time: 0.0, rank: 0, index: 0, bricks: 1, start: [0; 3], dims: DIMS };
+        node.core.admit("a", &offer, node.start).unwrap();
+        let plane = (DIMS[0] * DIMS[1]) as usize;
+        let bytes: Vec<u8> = z.iter().flat_map(|z| (3.0 * z + 2.0).to_le_bytes().repeat(plane)).collect();
+        node.core.receive("a", 0, (0, 0), bytes, node.start).unwrap();
+        let volume = volume_of(node.core.take_complete(node.start).unwrap());
+        assert_eq!(volume.grid(), &grid);
+        for (n, at) in grid.coordinates()[2].iter().enumerate() {
+            let (found, expected) = (volume.voxels().get(n * plane), expected.unwrap_or(3.0 * at + 2.0));
+            assert!((found - expected).abs() < 1e-5, "{shown} at {at}: {found}, not {expected}");
+        }
+    }
+    let refused = uneven("density", 2).check(0, 1 << 30).unwrap_err().to_string();
+    assert!(refused.contains("group") && refused.contains("resample"), "{refused}");
 }

@@ -4,7 +4,7 @@ use crate::steering::{self, CNumber};
 use crate::{invalid, sizes, text, voxel_type};
 use glam::DVec3;
 use lamina_client::{ClientError, FullPolicy, RunOptions, launched_rank};
-use lamina_model::{Grid, VoxelType};
+use lamina_model::{Coordinates, Grid, VoxelType};
 use std::ffi::c_char;
 use std::time::Duration;
 
@@ -34,6 +34,7 @@ pub struct Options {
     more_fields: *const CField,
     more_field_count: u32,
     shown: *const c_char,
+    coordinates: [*const f64; 3],
 }
 
 /// `lamina_field` of the header.
@@ -46,7 +47,7 @@ pub struct CField {
 /// The run, with what is needed stated and defaults for the rest.
 ///
 /// # Safety
-/// Its pointers are null or texts that end with a zero.
+/// Its pointers are null or texts that end with a zero; coordinates that are not null are as many as `dims` says.
 pub(crate) unsafe fn run_options(run: &Options) -> Result<RunOptions, ClientError> {
     let needed = |thing, text: &str| match text {
         "" => Err(invalid(thing, "is not stated")),
@@ -55,7 +56,19 @@ pub(crate) unsafe fn run_options(run: &Options) -> Result<RunOptions, ClientErro
     // SAFETY: by the function's own condition, here and below.
     let read = |thing, pointer, otherwise| unsafe { text(thing, pointer, otherwise) };
     let spacing = if run.spacing == [0.0; 3] { [1.0; 3] } else { run.spacing };
-    let grid = Grid::new(sizes("dims", run.dims)?, DVec3::from(spacing), DVec3::from(run.origin))?;
+    let mut grid = Grid::new(sizes("dims", run.dims)?, DVec3::from(spacing), DVec3::from(run.origin))?;
+    let mut coordinates = None;
+    if run.coordinates.iter().any(|axis| !axis.is_null()) {
+        let mut axes = grid.coordinates();
+        for (axis, positions) in axes.iter_mut().zip(run.coordinates).filter(|(_, positions)| !positions.is_null()) {
+            let points = axis.len();
+            // SAFETY: by the function's own condition.
+            axis.copy_from_slice(unsafe { std::slice::from_raw_parts(positions, points) });
+        }
+        let given = Coordinates::new(axes)?;
+        grid = given.grid()?;
+        coordinates = Some(given);
+    }
     let color_field = match needed("color_field", read("color_field", run.color_field, "")?) {
         Ok(name) => Some((name, voxel_type("color_type", run.color_type)?)),
         Err(_) => None,
@@ -98,6 +111,7 @@ pub(crate) unsafe fn run_options(run: &Options) -> Result<RunOptions, ClientErro
     let steering = (run.steering != 0).then_some(numbers);
     Ok(RunOptions {
         color_field,
+        coordinates,
         more_fields,
         shown,
         rank,
