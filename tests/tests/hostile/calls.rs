@@ -143,7 +143,16 @@ impl Caller {
             spacing: point(values, 1.0),
             origin: point(values, 0.0),
         };
+        let axis = |values: &mut Values| {
+            let first = unit(values, 0.0);
+            let positions =
+                (0..values.below(10)).map(|n| first + if values.rarely(10) { values.real() } else { n as f64 });
+            v1::AxisCoordinates { positions: positions.collect() }
+        };
+        let axes = if values.rarely(3) { values.below(5) } else { 0 };
+        let coordinates = (0..axes).map(|_| axis(values)).collect();
         let request = v1::OpenRequest {
+            coordinates,
             name: if values.rarely(5) { values.word() } else { "hostile".to_owned() },
             field: if values.rarely(5) { values.word() } else { "density".to_owned() },
             grid: (!values.rarely(12)).then_some(grid),
