@@ -1,7 +1,7 @@
 """ParaView's reader of recorded steps: load this file in Tools > Manage Plugins, or by `LoadPlugin`.
 
-A step opens with all those of its run that have its representation and resolution, as a series in the simulation's time. A reduced volume is image data in the data's
-units; a VDI is a line for each of its supersegments, with `rgba`, `opacity` and the number of its `ray`.
+A step opens with all those of its run that have its representation and resolution, as a series in the simulation's time. A reduced volume
+is image data in the data's units; a VDI is a line for each of its supersegments, with `rgba`, `opacity` and the number of its `ray`.
 """
 
 import csv
@@ -29,10 +29,10 @@ def _package():
     return lamina
 
 
-def _kind(path):
-    """What a step is, by its first bytes."""
+def _is_vdi(path):
+    """By its first bytes: else it is a reduced volume."""
     with open(path, "rb") as file:
-        return file.read(4)
+        return file.read(4) == b"LVDI"
 
 
 def series(path):
@@ -96,7 +96,7 @@ class Reader(VTKPythonAlgorithmBase):
         return [time for time, _ in self._steps]
 
     def RequestDataObject(self, request, inputs, output):
-        wanted = vtkPolyData if _kind(self._path) == b"LVDI" else vtkImageData
+        wanted = vtkPolyData if _is_vdi(self._path) else vtkImageData
         if not isinstance(vtkDataObject.GetData(output, 0), wanted):
             output.GetInformationObject(0).Set(vtkDataObject.DATA_OBJECT(), wanted())
         return 1
@@ -108,14 +108,15 @@ class Reader(VTKPythonAlgorithmBase):
         for time in times:
             information.Append(Pipeline.TIME_STEPS(), time)
         information.Set(Pipeline.TIME_RANGE(), [times[0], times[-1]], 2)
-        if _kind(self._path) != b"LVDI":
-            dims = self._read(self._nearest(output)).units.shape
+        if not _is_vdi(self._path):
+            # Steps of one resolution have one grid.
+            dims = self._read(Path(self._path)).units.shape
             information.Set(Pipeline.WHOLE_EXTENT(), [0, dims[0] - 1, 0, dims[1] - 1, 0, dims[2] - 1], 6)
         return 1
 
     def RequestData(self, request, inputs, output):
         made, (time, file) = vtkDataObject.GetData(output, 0), self._nearest(output)
-        (lines if isinstance(made, vtkPolyData) else image_data)(self._read((time, file)), made)
+        (lines if isinstance(made, vtkPolyData) else image_data)(self._read(file), made)
         made.GetInformation().Set(vtkDataObject.DATA_TIME_STEP(), time)
         return 1
 
@@ -123,13 +124,14 @@ class Reader(VTKPythonAlgorithmBase):
         """The step at the time that is asked for: the last that is not after it."""
         information = output.GetInformationObject(0)
         if not information.Has(Pipeline.UPDATE_TIME_STEP()):
-            return next(step for step in self._steps if step[1] == Path(self._path)) if len(self._steps) > 1 else self._steps[0]
+            return next(step for step in self._steps if step[1] == Path(self._path))
         wanted = information.Get(Pipeline.UPDATE_TIME_STEP())
         return max((step for step in self._steps if step[0] <= wanted), default=self._steps[0])
 
-    def _read(self, step):
-        if self._opened is None or self._opened.path != step[1]:
-            self._opened = _package().read(step[1])
+    def _read(self, file):
+        """The step in a file; the last one is kept."""
+        if self._opened is None or self._opened.path != file:
+            self._opened = _package().read(file)
         return self._opened
 
 

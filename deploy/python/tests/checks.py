@@ -568,7 +568,6 @@ def check_paraview():
     from lamina import paraview_plugin
     from vtk.util.numpy_support import vtk_to_numpy
 
-    Pipeline = paraview_plugin.Pipeline
     run = lamina.read(FOLDER / "blast/vdi")
     last = run.path / f"step_{run.steps[-1]:06}.vdi"
     reader = paraview_plugin.Reader()
