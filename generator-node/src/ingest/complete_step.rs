@@ -53,7 +53,10 @@ impl CompleteStep {
             // What nothing reads stays as it came.
             fields.push(sources.contains(&n).then(|| {
                 let joined = brick::join(grid, voxel_type, bricks);
-                self.spec.coordinates.as_ref().map(|of| of.resample(&joined)).unwrap_or(joined)
+                match &self.spec.coordinates {
+                    Some(of) => of.resample(joined),
+                    None => joined,
+                }
             }));
             before += size;
         }

@@ -60,11 +60,11 @@ impl Coordinates {
 
     /// `voxels`, x fastest, at the points of [`Coordinates::grid`]: linear along each axis between the points around one, missing where
     /// one of those is. Double precision stays, all else becomes single.
-    pub fn resample(&self, voxels: &Voxels) -> Voxels {
+    pub fn resample(&self, voxels: Voxels) -> Voxels {
         let single = |a: f32, b: f32, t: f64| (f64::from(a) + (f64::from(b) - f64::from(a)) * t) as f32;
         match voxels {
-            Voxels::F64(values) => Voxels::F64(self.at_even(values.clone(), |a, b, t| a + (b - a) * t)),
-            Voxels::F32(values) => Voxels::F32(self.at_even(values.clone(), single)),
+            Voxels::F64(values) => Voxels::F64(self.at_even(values, |a, b, t| a + (b - a) * t)),
+            Voxels::F32(values) => Voxels::F32(self.at_even(values, single)),
             other => Voxels::F32(self.at_even((0..other.len()).map(|n| other.get(n) as f32).collect(), single)),
         }
     }
@@ -156,7 +156,7 @@ mod tests {
         let grid = coordinates.grid().unwrap();
         assert_eq!((grid.dims(), grid.origin()), ([9, 4, 3], DVec3::new(1.0, 0.0, -1.0)));
         assert!((grid.spacing() - DVec3::new(0.25, 4.0 / 3.0, 1.0)).length() < 1e-12);
-        let Voxels::F64(even) = coordinates.resample(&Voxels::F64(sampled(&axes(), linear))) else { panic!("type") };
+        let Voxels::F64(even) = coordinates.resample(Voxels::F64(sampled(&axes(), linear))) else { panic!("type") };
         let expected = sampled(&grid.coordinates(), linear);
         assert_eq!(even.len(), expected.len());
         for (a, b) in even.iter().zip(&expected) {
@@ -169,10 +169,10 @@ mod tests {
         let coordinates = Coordinates::new([vec![0.0, 1.0, 4.0, 5.0, 6.0, 7.0, 8.0], vec![0.0], vec![3.0]]).unwrap();
         // Even points are 4/3 apart: two lie between 1 and 4, none where the missing one is, at 7.
         let values = Voxels::F32(vec![0.0, 1.0, 4.0, 5.0, 6.0, f32::NAN, 8.0]);
-        let Voxels::F32(even) = coordinates.resample(&values) else { panic!("another type") };
+        let Voxels::F32(even) = coordinates.resample(values) else { panic!("another type") };
         let missing: Vec<bool> = even.iter().map(|v| v.is_nan()).collect();
         assert_eq!(missing, [false, false, false, false, false, true, false], "{even:?}");
-        let integers = coordinates.resample(&Voxels::U8(vec![0, 3, 12, 15, 18, 21, 24]));
+        let integers = coordinates.resample(Voxels::U8(vec![0, 3, 12, 15, 18, 21, 24]));
         let Voxels::F32(even) = integers else { panic!("another type") };
         assert!(even.iter().enumerate().all(|(n, v)| (v - 4.0 * n as f32).abs() < 1e-5), "{even:?}");
     }
@@ -183,7 +183,7 @@ mod tests {
         let coordinates = Coordinates::new(even.coordinates()).unwrap();
         assert!(coordinates.are_even() && !Coordinates::new(axes()).unwrap().are_even());
         let values = Voxels::F64((0..35).map(f64::from).collect());
-        assert_eq!(coordinates.resample(&values), values);
+        assert_eq!(coordinates.resample(values.clone()), values);
         for (x, words) in [
             (vec![], "0 positions along x"),
             (vec![0.0, f64::NAN], "finite"),

@@ -303,7 +303,7 @@ pub fn axes_message(coordinates: Option<&Coordinates>) -> Vec<v1::AxisCoordinate
     axes.map(|positions| v1::AxisCoordinates { positions: positions.clone() }).collect()
 }
 
-/// What [`axes_message`] says of `grid`.
+/// What [`axes_message`] says of `grid`; `None` also where it is even.
 ///
 /// # Errors
 /// If there are neither three axes nor none, their positions are wrong, or `grid` is not [`Coordinates::grid`].
@@ -318,7 +318,8 @@ pub fn axes_of(axes: Vec<v1::AxisCoordinates>, grid: &Grid) -> Result<Option<Coo
         let reason = "the grid is not the even one of as many points, from the first to the last of each axis";
         return Err(Invalid::new("coordinates", reason));
     }
-    Ok(Some(coordinates))
+    // Where points are even already, nothing is to be resampled.
+    Ok(Some(coordinates).filter(|of| !of.are_even()))
 }
 
 impl From<&(String, VoxelType)> for v1::RunField {
