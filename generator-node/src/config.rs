@@ -1,10 +1,10 @@
 //! The generator-node's configuration file.
 
-use crate::triggers::{TriggerSpec, Triggers};
+use crate::triggers::Triggers;
 use lamina_codec::{Codec, EncodeOptions, ErrorMeasure, Layout};
 use lamina_compute::CpuLimit;
 use lamina_compute::gpu::Choice;
-use lamina_model::{GenerationParams, Invalid, SamplePlan, Scene, Segmentation};
+use lamina_model::{GenerationParams, Invalid, SamplePlan, Scene, Segmentation, TriggerSpec};
 use lamina_rpc::daemon::check_log;
 use serde::{Deserialize, Serialize};
 use std::{net::SocketAddr, path::PathBuf};

@@ -25,7 +25,6 @@ mod trials;
 mod triggers;
 
 pub use config::Config;
-pub use triggers::{Action, TriggerSpec};
 
 use ingest::{Ingest, IngestService};
 use lamina_compute::CpuShare;
@@ -37,6 +36,7 @@ use lamina_rpc::v1::group_message::Kind;
 use lamina_rpc::{MAX_MESSAGE_BYTES, v1};
 use lamina_shared_memory::{Receiver, Rings};
 use overhead::Overhead;
+use parking_lot::Mutex;
 use pipeline::Steps;
 use std::{sync::Arc, time::Duration};
 use tokio::net::TcpListener;
@@ -184,9 +184,15 @@ async fn run_pipeline(
         publisher: publisher.clone(),
     }));
     let (stop, stopped) = watch::channel(false);
+    // A group has no step in one place to look at.
+    let triggers = match &steps {
+        Steps::Own(_) => Some(Arc::new(Mutex::new(Triggers::new(&config.trigger)?))),
+        Steps::Group(..) => None,
+    };
+    ingest.steering().set_triggers(triggers.as_ref().map(|triggers| triggers.lock().specs()));
     let settings = pipeline::Settings {
         config: settings,
-        triggers: Triggers::new(&config.trigger)?,
+        triggers: triggers.clone(),
         trigger_folder: config.trigger_folder.clone(),
         steering: ingest.steering().clone(),
     };
@@ -219,7 +225,7 @@ async fn run_pipeline(
     });
     let routes = routes
         .add_service(Frames::with_interceptor(
-            publish::FramesService { publisher, ingest },
+            publish::FramesService { publisher, ingest, triggers },
             AllowRoles(&[Role::Viewer]),
         ))
         .add_service(Control::with_interceptor(control::ControlService(node), AllowRoles(&[Role::Tuner])));

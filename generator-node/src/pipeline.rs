@@ -10,12 +10,12 @@ use crate::rate_control::{GeneratedStep, Rungs, generate_within, start_params};
 use crate::spans;
 use crate::steering::{Changes, SteeringRelay};
 use crate::step::{FieldSource, Purpose, Step};
-use crate::triggers::{Action, Fired, Statistics, Triggers, write_picture, write_raw};
+use crate::triggers::{Fired, Statistics, Triggers, write_picture, write_raw};
 use lamina_codec::EncodedStep;
 use lamina_compute::{Activity, Laps, Priority};
 use lamina_model::suggest::{suggest, suggest_camera};
 use lamina_model::{
-    Cost, GenerationParams, Grid, Invalid, RunInfo, Scene, Steering, SteeringRequest, StepReport, Voxels,
+    Cost, GenerationParams, Grid, Invalid, RunInfo, Scene, Steering, SteeringRequest, StepReport, TriggerAction, Voxels,
 };
 use lamina_raycast::Field;
 use lamina_rpc::credentials::Role;
@@ -31,8 +31,8 @@ use tokio::sync::watch;
 pub(crate) struct Settings {
     /// It, for what changes in it.
     pub config: watch::Receiver<Config>,
-    /// Conditions over each step.
-    pub triggers: Triggers,
+    /// Conditions over each step; a group has none.
+    pub triggers: Option<Arc<Mutex<Triggers>>>,
     /// Folder for the raw steps that they ask for.
     pub trigger_folder: PathBuf,
     /// Through which they ask the simulation.
@@ -133,7 +133,9 @@ impl Arrived {
 /// Turns steps into frames, until `stop` is true and none is left.
 pub(crate) async fn run(steps: Steps, node: Arc<NodeState>, settings: Settings, mut stop: watch::Receiver<bool>) {
     // At 0 from the start on, so that what watches sees the first time, too.
-    node.counters.fired.lock().extend(settings.triggers.names().map(|name| (name.to_owned(), 0)));
+    if let Some(triggers) = &settings.triggers {
+        node.counters.fired.lock().extend(triggers.lock().names().map(|name| (name.to_owned(), 0)));
+    }
     let (rungs, key_frames) = (Rungs::default(), KeyFrames::default());
     let pipeline =
         Pipeline { node: node.clone(), settings, run: None, start: None, rungs, key_frames, had_empty_voxels: false };
@@ -256,12 +258,22 @@ impl Pipeline {
         }
     }
 
+    /// What the triggers are to see of a step, if there are any.
+    fn look_at(&self, voxels: &Voxels) -> Option<Seen> {
+        let wants_voxels = {
+            let triggers = self.settings.triggers.as_ref()?.lock();
+            (!triggers.is_empty()).then(|| triggers.wants_voxels())?
+        };
+        Some((Statistics::of(voxels), wants_voxels.then(|| voxels.clone())))
+    }
+
     /// Looks at a step for the triggers; does what those that fire ask for. Returns their names, and whether one asks for a picture,
     /// which is to be cast once the step is on its way.
     fn pull_triggers(&mut self, step: &Step, (statistics, mut voxels): Seen, cost: &Cost) -> (Vec<String>, bool) {
         let mut is_pictured = false;
-        let Settings { triggers, trigger_folder, steering, .. } = &mut self.settings;
-        let fired = triggers.evaluate(&step.run.id, (step.step, step.time), &statistics, cost);
+        let Settings { triggers, trigger_folder, steering, .. } = &self.settings;
+        let Some(triggers) = triggers else { return Default::default() };
+        let fired = triggers.lock().evaluate(&step.run.id, (step.step, step.time), &statistics, cost);
         for Fired { name, actions } in &fired {
             tracing::warn!(step = step.step, trigger = name, "trigger fired");
             *self.node.counters.fired.lock().entry(name.clone()).or_default() += 1;
@@ -272,15 +284,15 @@ impl Pipeline {
                         .unwrap_or_else(|error| tracing::warn!(trigger = name, %error, "the simulation was not asked"));
                 };
                 match action {
-                    Action::Pause => ask(SteeringRequest::Pause),
-                    Action::Stop => ask(SteeringRequest::Stop),
+                    TriggerAction::Pause => ask(SteeringRequest::Pause),
+                    TriggerAction::Stop => ask(SteeringRequest::Stop),
                     // Once, however many ask for it.
-                    Action::Raw => {
+                    TriggerAction::Raw => {
                         if let Some(voxels) = voxels.take() {
                             write_raw(trigger_folder.clone(), &step.run, step.step, voxels);
                         }
                     }
-                    Action::Picture => is_pictured = true,
+                    TriggerAction::Picture => is_pictured = true,
                 }
             }
         }
@@ -298,11 +310,7 @@ impl Pipeline {
                 lost_ranks.clone_from(&step.lost_ranks);
                 let volume;
                 (volume, derivation) = step.into_volume(&shown)?;
-                let triggers = &self.settings.triggers;
-                if !triggers.is_empty() {
-                    let voxels = volume.voxels();
-                    seen = Some((Statistics::of(voxels), triggers.wants_voxels().then(|| voxels.clone())));
-                }
+                seen = self.look_at(volume.voxels());
                 let scene = scene.map_or_else(|| suggest(&[&volume]).map(chosen), Ok)?;
                 (FieldSource::Own(self.node.backend.clone(), Box::new(Field::new(volume, &scene))), scene)
             }

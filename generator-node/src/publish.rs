@@ -7,8 +7,9 @@ use crate::delivery::Delivery;
 use crate::ingest::Ingest;
 use crate::steering::SteeringError;
 use crate::subscribers::{Subscribers, reachable, trim};
+use crate::triggers::Triggers;
 use futures::{Stream, StreamExt, stream};
-use lamina_model::{RunInfo, SceneChange, Steering};
+use lamina_model::{RunInfo, SceneChange, Steering, TriggerChange};
 use lamina_rpc::chunks::deliver;
 use lamina_rpc::daemon::peer_of;
 use lamina_rpc::v1::{self, delivery::Part, frames_server};
@@ -208,6 +209,8 @@ fn messages(deliveries: impl Stream<Item = Delivery> + Send + 'static) -> Delive
 pub(crate) struct FramesService {
     pub publisher: Arc<Publisher>,
     pub ingest: Arc<Ingest>,
+    /// Those of the pipeline; a group has none.
+    pub triggers: Option<Arc<Mutex<Triggers>>>,
 }
 
 impl From<SteeringError> for Status {
@@ -271,6 +274,21 @@ impl frames_server::Frames for FramesService {
         })?;
         tracing::info!(run_id, change = asked_for, asked_by, "to be shown otherwise");
         Ok(Response::new(v1::ShowReply {}))
+    }
+
+    async fn change_triggers(
+        &self,
+        request: Request<v1::ChangeTriggersRequest>,
+    ) -> Result<Response<v1::ChangeTriggersReply>, Status> {
+        let request = request.into_inner();
+        let asked_by = request.asked_by.clone();
+        let change = TriggerChange::try_from(request).map_err(|e| invalid(&e))?;
+        let none = || Status::failed_precondition("trigger: a group has no step in one place to look at");
+        let mut triggers = self.triggers.as_ref().ok_or_else(none)?.lock();
+        triggers.change(&change).map_err(|e| invalid(&e))?;
+        self.ingest.steering().set_triggers(Some(triggers.specs()));
+        tracing::info!(%change, asked_by, "changed");
+        Ok(Response::new(v1::ChangeTriggersReply {}))
     }
 }
 

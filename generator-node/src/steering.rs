@@ -2,7 +2,7 @@
 
 use crate::ingest::{IngestError, RunSpec};
 use lamina_field_expression::ShownFields;
-use lamina_model::{Invalid, RunInfo, Scene, SceneChange, Steerable, SteerableNumber, Steering};
+use lamina_model::{Invalid, RunInfo, Scene, SceneChange, Steerable, SteerableNumber, Steering, TriggerSpec};
 use parking_lot::Mutex;
 use std::pin::Pin;
 use std::sync::Arc;
@@ -62,7 +62,7 @@ impl SteeringRelay {
         *self.listener.lock() = Some(sender);
         self.steerable.send_modify(|now| {
             if !RunInfo::is_same_simulation(&now.run_id, &run_id) {
-                *now = Steerable { run_id, ..Steerable::default() };
+                *now = Steerable { run_id, triggers: now.triggers.take(), ..Steerable::default() };
             }
             (now.listens, now.paused, now.stopping, now.numbers) = (true, false, false, numbers);
         });
@@ -133,6 +133,11 @@ impl SteeringRelay {
         }
         self.steerable.send_replace(steerable);
         Ok(())
+    }
+
+    /// The node's triggers are these now; none where it takes no changes of them.
+    pub(crate) fn set_triggers(&self, triggers: Option<Vec<TriggerSpec>>) {
+        self.steerable.send_modify(|now| now.triggers = triggers);
     }
 
     /// What can be asked for, now and after every change.

@@ -50,6 +50,16 @@ int main(int argc, char **argv) {
     run = right(argv[1]);
     run.spacing[2] = -1;
     expect("a negative spacing", lamina_connect(&run, &client), LAMINA_INVALID, "grid");
+    struct {
+        lamina_options known;
+        double later;
+    } newer = {.known = right(argv[1]), .later = 1};
+    expect("a newer header", lamina_connect_sized(&newer.known, sizeof newer, &client), LAMINA_INVALID, "newer");
+    /* What is behind the type of the voxels is not read of a program that does not know it. */
+    run = right("no address");
+    run.full_policy = 9;
+    size_t known = offsetof(lamina_options, color_type);
+    expect("an older header", lamina_connect_sized(&run, known, &client), LAMINA_INVALID, "http://HOST:PORT");
     run = right(argv[1]);
     run.color_field = "heat";
     expect("colors without a type", lamina_connect(&run, &client), LAMINA_INVALID, "color_type");

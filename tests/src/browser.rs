@@ -123,7 +123,7 @@ impl Browser {
     /// If there is none.
     pub fn middle(&self, selector: &str) -> [i32; 2] {
         let middle = self.js(&format!(
-            "(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{block: 'nearest'}}); \
+            "(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{block: 'center'}}); \
              const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2].map(Math.round) }})()"
         ));
         [0, 1].map(|i| middle[i].as_i64().expect("a WebDriver answer") as i32)

@@ -296,6 +296,33 @@ fn the_simulation_is_paused_paced_and_stopped_from_the_page() {
 }
 
 #[test]
+fn a_trigger_is_set_at_the_page_fires_and_is_removed() {
+    let (lamina, browser, _profile) = watched(&["--cells", "24", "--pace", "4", "--cpu-share", "100%"]);
+    browser.wait_js("!document.querySelector('#triggers').hidden");
+    browser.js("document.querySelector('#triggers').open = true");
+    let write = |id: &str, text: &str| {
+        browser.js(&format!("document.querySelector('#{id}').value = {}", json!(text)));
+    };
+    let message = "document.querySelector('#trigger-message')";
+    write("trigger-name", "late");
+    write("trigger-when", "step > pressure");
+    browser.js("document.querySelector('#trigger-ask').click()");
+    browser.wait_js(&format!("{message}.className === 'broken' && {message}.textContent.includes('pressure')"));
+    // The browser notes the refusal, too.
+    let log = browser.post("/se/log", &json!({"type": "browser"}));
+    assert!(log.as_array().unwrap().iter().any(|entry| entry["message"].to_string().contains("/api/trigger")), "{log}");
+    write("trigger-when", "step > 5 && step > prev(step)");
+    browser.js("document.querySelector('#trigger-ask').click()");
+    let fired = "document.querySelector('#trigger-list .fired')";
+    browser.wait_js(&format!("{fired} !== null && /^step \\d+$/.test({fired}.textContent)"));
+    browser.js(&format!("{fired}.click()"));
+    browser.wait_js("document.querySelector('#readout').innerText.includes('late')");
+    browser.js("document.querySelector('#trigger-list [aria-label=\"Remove trigger late\"]').click()");
+    browser.wait_js("document.querySelector('#trigger-list').children.length === 0");
+    end(&browser, lamina);
+}
+
+#[test]
 fn drafts_keep_coming_while_the_camera_turns_and_a_study_runs() {
     let (lamina, browser, _profile) = watched(&[]);
     browser.wait_js("document.querySelector('#picture').dataset.step !== undefined");

@@ -10,7 +10,7 @@ use lamina_raycast::{Backend, Field};
 use lamina_rpc::connect::connect;
 use lamina_rpc::credentials::Role;
 use lamina_rpc::v1;
-use lamina_tests::http::metric;
+use lamina_tests::http::{curl, metric};
 use lamina_tests::processes::{Daemon, free_port, is_refused, wait_for};
 use lamina_viz_node::store::StepRow;
 use lamina_volume_io::{Options, Series};
@@ -101,6 +101,66 @@ fn a_step_that_meets_a_condition_pauses_the_simulation_and_is_kept() {
         metric(&node.url()["http://".len()..], &format!("lamina_generator_triggers_fired_total{{trigger=\"{name}\"}}"))
     };
     assert_eq!([fired("burst"), fired("calm"), fired("other")], [Some(1.0), Some(2.0), None]);
+}
+
+#[test]
+fn triggers_are_set_and_removed_from_the_page_and_the_record_says_by_whom() {
+    let folder = tempfile::tempdir().unwrap();
+    let node = Daemon::start("generator-node", free_port(), &["--backend", "cpu"]);
+    let viewer = folder.path().join("viz-node.toml");
+    let store = folder.path().join("runs");
+    std::fs::write(&viewer, format!("store = \"{}\"\n", store.display())).unwrap();
+    let viz = ["--backend", "cpu", "--config", viewer.to_str().unwrap(), "--generator", &node.url()];
+    let viz = Daemon::start("viz-node", free_port(), &viz);
+    let grid = Grid::new([SIDE; 3], DVec3::ONE, DVec3::ZERO).unwrap();
+    let options = RunOptions::new(&node.url(), "bursts", "density", grid, VoxelType::F32);
+    let mut client = Client::connect(RunOptions { full_policy: FullPolicy::Block, ..options }).unwrap();
+    let file = |name: &str| -> String {
+        let runs = std::fs::read_dir(&store).into_iter().flatten().flatten();
+        runs.filter_map(|run| std::fs::read_to_string(run.path().join(name)).ok()).collect()
+    };
+    let rows = || file("steps.csv").lines().skip(1).filter_map(StepRow::from_csv).collect::<Vec<_>>();
+    let mut push = |step: u64, peak: f32| {
+        let voxels: Vec<f32> = (0..SIDE.pow(3)).map(|n| if n % 97 == 0 { peak } else { 0.3 }).collect();
+        client.push(step, step as f64, &Brick::new([0; 3], [SIDE; 3], &voxels[..])).unwrap();
+        assert!(wait_for(Duration::from_secs(20), || rows().iter().any(|row| row.step == step)), "{step}");
+    };
+    push(0, 1.0);
+
+    let known = || -> serde_json::Value {
+        let answer = curl(&format!("{}/api/state", viz.url()), &[]).1;
+        let body = answer.split_once("\r\n\r\n").map(|(_, body)| body);
+        serde_json::from_str(body.unwrap_or_default()).unwrap_or_default()
+    };
+    assert!(wait_for(Duration::from_secs(20), || known()["steerable"]["triggers"] == serde_json::json!([])));
+    let ask = |change: &str| {
+        curl(&format!("{}/api/trigger", viz.url()), &["--header", "content-type: application/json", "--data", change])
+    };
+    let burst = r#"{"name":"burst","when":"max > 3 * prev(max)","do":["pause"]}"#;
+    assert_eq!(ask(&format!("{{\"set\":{burst}}}")).0, "204");
+    push(1, 1.0);
+    push(2, 9.0);
+    for (change, words) in [
+        (r#"{"set":{"name":"x","when":"psnr > 3","do":[]}}"#, "none of step, time"),
+        (r#"{"set":{"name":"../x","when":"max > 3","do":[]}}"#, "letters, digits"),
+        (r#"{"set":{"name":"x","when":"max > 3","do":["explode"]}}"#, "explode"),
+        (r#"{"remove":"x"}"#, "there are: burst"),
+    ] {
+        let (status, answer) = ask(change);
+        assert!(status.starts_with('4') && answer.contains(words), "{change}: {status} {answer}");
+    }
+    let one = serde_json::json!([serde_json::from_str::<serde_json::Value>(burst).unwrap()]);
+    assert!(wait_for(Duration::from_secs(20), || known()["steerable"]["triggers"] == one), "{}", known());
+    assert_eq!(ask(r#"{"remove":"burst"}"#).0, "204");
+    push(3, 1.0);
+    push(4, 9.0);
+    client.close();
+    let fired: Vec<u64> = rows().iter().filter(|row| row.triggers == ["burst"]).map(|row| row.step).collect();
+    assert_eq!(fired, [2]);
+    let requests = file("requests.csv");
+    for words in ["trigger burst: when max > 3 * prev(max), pause", "trigger burst: removed", "browser at 127.0.0.1"] {
+        assert!(requests.contains(words), "{requests}");
+    }
 }
 
 #[test]

@@ -172,6 +172,7 @@ fn a_browser_enters_with_the_token_that_was_printed() {
     let contract = r#"{"contract":"size <= 1kB"}"#;
     assert_eq!([session, steerer].map(|of| post(of, "contract", contract)), ["403", "503"]);
     assert_eq!([session, steerer].map(|of| post(of, "steer", "\"pause\"")), ["403", "400"]);
+    assert_eq!(post(session, "trigger", "{\"remove\":\"x\"}"), "403");
     assert_eq!(post("none=1", "steer", "\"pause\""), "401");
     // A name that leads here is not this host's (DNS rebinding); another site's script asks (cross-site request).
     assert_eq!(curl(&page, &["--cookie", session, "--header", "Host: evil.example"]).0, "421");

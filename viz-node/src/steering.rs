@@ -3,9 +3,10 @@
 use crate::Config;
 use crate::store::{Event, Store};
 use crate::subscribe::frames;
-use lamina_model::{RunInfo, SceneChange, Steerable, Steering};
+use lamina_model::{RunInfo, SceneChange, Steerable, Steering, TriggerChange};
 use lamina_rpc::credentials::Credentials;
 use lamina_rpc::steering::show_request;
+use lamina_rpc::triggers::change_request;
 use lamina_rpc::v1;
 use parking_lot::Mutex;
 use std::sync::Arc;
@@ -59,6 +60,18 @@ impl SteeringDesk {
         let request = show_request(run.id, &change, asked_by.clone());
         frames(&self.config, self.credentials.as_ref()).await?.show(request).await?;
         self.store.record_request(&asked_by, &change.to_string());
+        Ok(())
+    }
+
+    /// Asks the generator-node for a change of its triggers, which is in force for the next step and in the record when this returns.
+    ///
+    /// # Errors
+    /// If the trigger cannot be right, there is none such, or the generator-node takes none or does not answer.
+    pub(crate) async fn change_triggers(&self, change: TriggerChange, asked_by: String) -> Result<(), Status> {
+        let words = change.to_string();
+        let request = change_request(change, asked_by.clone());
+        frames(&self.config, self.credentials.as_ref()).await?.change_triggers(request).await?;
+        self.store.record_request(&asked_by, &words);
         Ok(())
     }
 

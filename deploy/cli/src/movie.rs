@@ -25,8 +25,20 @@ pub(crate) struct Movie {
     pub size: u32,
 }
 
-/// Draws `movie` of the steps in some files and writes it to `out`, a `.webp` or `.mp4`.
+/// Draws `movie` of the steps in some files and writes it to `out`, a `.webp` or `.mp4`: whole, or what was there stays.
 pub(crate) fn write(out: &Path, steps: &[&Path], movie: &Movie, backend: &Backend) -> anyhow::Result<()> {
+    let name = out.file_name().with_context(|| format!("{}: is no name of a file", out.display()))?;
+    let unfinished = out.with_file_name(format!("unfinished-{}", name.to_string_lossy()));
+    let written = draw(&unfinished, steps, movie, backend).and_then(|()| {
+        std::fs::rename(&unfinished, out).with_context(|| format!("{}: cannot be written", out.display()))
+    });
+    if written.is_err() {
+        let _ = std::fs::remove_file(&unfinished);
+    }
+    written
+}
+
+fn draw(out: &Path, steps: &[&Path], movie: &Movie, backend: &Backend) -> anyhow::Result<()> {
     let &Movie { frames, turn, elevation, rate, size } = movie;
     Image::check_size(size, size)?;
     let mut sink: Box<dyn Sink> = match out.extension().is_some_and(|e| e.eq_ignore_ascii_case("mp4")) {
@@ -56,7 +68,15 @@ trait Sink {
 /// The encoder of another project, at work.
 struct Ffmpeg {
     process: Child,
-    pictures: ChildStdin,
+    pictures: Option<ChildStdin>,
+}
+
+/// One that has not ended by itself is ended: a picture could not be drawn.
+impl Drop for Ffmpeg {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
 }
 
 impl Ffmpeg {
@@ -74,20 +94,21 @@ impl Ffmpeg {
             }
             _ => anyhow::Error::new(error).context("ffmpeg cannot be started"),
         })?;
-        let pictures = process.stdin.take().context("ffmpeg takes no input")?;
+        let pictures = process.stdin.take();
         Ok(Self { process, pictures })
     }
 }
 
 impl Sink for Ffmpeg {
     fn add(&mut self, rgb: &[u8]) -> anyhow::Result<()> {
-        self.pictures.write_all(rgb).context("ffmpeg ended; what it says of it is above")
+        let pictures = self.pictures.as_mut().context("ffmpeg takes no input")?;
+        pictures.write_all(rgb).context("ffmpeg ended; what it says of it is above")
     }
 
-    fn finish(self: Box<Self>) -> anyhow::Result<()> {
-        let Self { mut process, pictures } = *self;
-        drop(pictures);
-        let status = process.wait()?;
+    fn finish(mut self: Box<Self>) -> anyhow::Result<()> {
+        // The end of its input.
+        self.pictures = None;
+        let status = self.process.wait()?;
         ensure!(status.success(), "ffmpeg: {status}; what it says of it is above");
         Ok(())
     }
@@ -160,6 +181,18 @@ fn u24(n: u32) -> [u8; 3] {
 mod tests {
     use super::*;
     use image_webp::{LoopCount, WebPDecoder};
+
+    #[test]
+    fn a_movie_of_a_step_that_cannot_be_read_leaves_what_was_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("x.webp");
+        std::fs::write(&out, "an earlier movie").unwrap();
+        let movie = Movie { frames: 2, turn: 0.0, elevation: 0.0, rate: 25, size: 16 };
+        let error = write(&out, &[Path::new("/missing.vdi")], &movie, &Backend::default()).unwrap_err();
+        assert!(format!("{error:#}").contains("/missing.vdi"), "{error:#}");
+        assert_eq!(std::fs::read(&out).unwrap(), b"an earlier movie");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing unfinished stays");
+    }
 
     #[test]
     fn an_independent_decoder_reads_each_picture_of_an_animated_webp_exactly() {

@@ -208,7 +208,11 @@ def _known(table, name):
 
 def _library():
     library = load("lamina_c", "LAMINA_LIBRARY")
-    library.lamina_connect.argtypes = [ctypes.POINTER(_Options), ctypes.POINTER(ctypes.c_void_p)]
+    library.lamina_connect_sized.argtypes = [
+        ctypes.POINTER(_Options),
+        ctypes.c_size_t,
+        ctypes.POINTER(ctypes.c_void_p),
+    ]
     library.lamina_push.argtypes = [ctypes.c_void_p, ctypes.c_uint64, ctypes.c_double, ctypes.POINTER(_Brick)]
     library.lamina_push_bricks.argtypes = [
         ctypes.c_void_p,
@@ -299,7 +303,8 @@ class Client:
         axes = [_positions(name, of, size) for name, of, size in zip("xyz", coordinates or (None, None, None), dims)]
         options.coordinates = (ctypes.c_void_p * 3)(*(axis and ctypes.addressof(axis) for axis in axes))
         self._client = ctypes.c_void_p()
-        self._check(self._library.lamina_connect(ctypes.byref(options), ctypes.byref(self._client)))
+        size = ctypes.sizeof(options)
+        self._check(self._library.lamina_connect_sized(ctypes.byref(options), size, ctypes.byref(self._client)))
 
     def push(self, step, time, voxels, start=(0, 0, 0), colors=None, more=None):
         """Hands in this rank's part of a step, which begins at index `start` of the run's grid; `more` has the arrays of the run's

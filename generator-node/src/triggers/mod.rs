@@ -8,45 +8,33 @@ pub(crate) use files::{write_picture, write_raw};
 pub(crate) use statistics::Statistics;
 
 use condition::Condition;
-use lamina_model::{Cost, Invalid};
-use serde::{Deserialize, Serialize};
+use lamina_model::{Cost, Invalid, TriggerAction, TriggerChange, TriggerSpec};
 use std::collections::BTreeSet;
 
-/// A trigger as the configuration states it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct TriggerSpec {
-    /// What it is called in logs and records: letters, digits, `-` and `_`.
-    pub name: String,
-    /// The condition, such as `max > 10 && max > 2 * prev(max)`.
-    pub when: String,
-    /// What is done at a step where the condition is true and was not at the step before.
-    #[serde(rename = "do")]
-    pub actions: BTreeSet<Action>,
-}
-
-/// What a trigger does; that it fired is logged and recorded in any case.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Action {
-    /// Asks the simulation to pause, through steering.
-    Pause,
-    /// Asks it to stop.
-    Stop,
-    /// Writes the step's voxels to a raw file.
-    Raw,
-    /// Writes a picture of the step, ray-cast from the scene's camera.
-    Picture,
-}
-
-/// The most triggers of a node.
-const MOST: usize = 64;
+/// The longest condition, bytes.
+const LONGEST: usize = 1000;
 
 struct Trigger {
-    name: String,
+    spec: TriggerSpec,
     condition: Condition,
-    actions: BTreeSet<Action>,
     was_true: bool,
+}
+
+impl Trigger {
+    fn new(spec: &TriggerSpec) -> Result<Self, Invalid> {
+        let TriggerSpec { name, when, .. } = spec;
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_".contains(c);
+        if name.is_empty() || name.len() > 60 || !name.chars().all(is_plain) {
+            let reason = format!("\"{name}\": a name has 1 to 60 letters, digits, - and _");
+            return Err(Invalid::new("trigger.name", reason));
+        }
+        if when.len() > LONGEST {
+            return Err(Invalid::new("trigger.when", format!("\"{name}\": longer than {LONGEST} bytes")));
+        }
+        let condition = Condition::parse(when);
+        let condition = condition.map_err(|e| Invalid::new("trigger.when", format!("\"{name}\": {e}")))?;
+        Ok(Self { spec: spec.clone(), condition, was_true: false })
+    }
 }
 
 /// A trigger that fired.
@@ -55,7 +43,7 @@ pub(crate) struct Fired {
     /// Its name.
     pub name: String,
     /// What is to be done.
-    pub actions: BTreeSet<Action>,
+    pub actions: BTreeSet<TriggerAction>,
 }
 
 /// All triggers of a node, and what they remember of a run.
@@ -73,25 +61,44 @@ impl Triggers {
     /// # Errors
     /// Names the trigger, and what is wrong with it.
     pub(crate) fn new(specs: &[TriggerSpec]) -> Result<Self, Invalid> {
-        if specs.len() > MOST {
-            return Err(Invalid::new("trigger", format!("{} triggers; at most {MOST}", specs.len())));
+        let mut triggers = Self::default();
+        for spec in specs {
+            if triggers.names().any(|name| name == spec.name) {
+                return Err(Invalid::new("trigger.name", format!("\"{}\" stands twice", spec.name)));
+            }
+            triggers.set(spec)?;
         }
-        let mut names = BTreeSet::new();
-        let read = |spec: &TriggerSpec| {
-            let TriggerSpec { name, when, actions } = spec;
-            let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_".contains(c);
-            if name.is_empty() || name.len() > 60 || !name.chars().all(is_plain) {
-                let reason = format!("\"{name}\": a name has 1 to 60 letters, digits, - and _");
-                return Err(Invalid::new("trigger.name", reason));
+        Ok(triggers)
+    }
+
+    /// Does what somebody asks for; the others remember what they have seen.
+    ///
+    /// # Errors
+    /// The trigger cannot be right, there are too many, or none of that name.
+    pub(crate) fn change(&mut self, change: &TriggerChange) -> Result<(), Invalid> {
+        match change {
+            TriggerChange::Set(spec) => self.set(spec),
+            TriggerChange::Remove(name) => {
+                let known: Vec<&str> = self.names().collect();
+                let unknown = || Invalid::new("trigger", format!("no \"{name}\"; there are: {}", known.join(", ")));
+                let at = known.iter().position(|known| known == name).ok_or_else(unknown)?;
+                self.triggers.remove(at);
+                Ok(())
             }
-            if !names.insert(name.clone()) {
-                return Err(Invalid::new("trigger.name", format!("\"{name}\" stands twice")));
+        }
+    }
+
+    /// Adds a trigger, or puts it in place of that of its name.
+    fn set(&mut self, spec: &TriggerSpec) -> Result<(), Invalid> {
+        let trigger = Trigger::new(spec)?;
+        match self.triggers.iter().position(|known| known.spec.name == spec.name) {
+            Some(at) => self.triggers[at] = trigger,
+            None if self.triggers.len() == TriggerSpec::MOST => {
+                return Err(Invalid::new("trigger", format!("there are {}, and no more can be", TriggerSpec::MOST)));
             }
-            let condition = Condition::parse(when);
-            let condition = condition.map_err(|e| Invalid::new("trigger.when", format!("\"{name}\": {e}")))?;
-            Ok(Trigger { name: name.clone(), condition, actions: actions.clone(), was_true: false })
-        };
-        Ok(Self { triggers: specs.iter().map(read).collect::<Result<_, _>>()?, ..Self::default() })
+            None => self.triggers.push(trigger),
+        }
+        Ok(())
     }
 
     /// True if there are none, and nothing of a step has to be known.
@@ -101,12 +108,17 @@ impl Triggers {
 
     /// Their names.
     pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
-        self.triggers.iter().map(|trigger| trigger.name.as_str())
+        self.triggers.iter().map(|trigger| trigger.spec.name.as_str())
+    }
+
+    /// As they are stated.
+    pub(crate) fn specs(&self) -> Vec<TriggerSpec> {
+        self.triggers.iter().map(|trigger| trigger.spec.clone()).collect()
     }
 
     /// True if a trigger may want the voxels of a step.
     pub(crate) fn wants_voxels(&self) -> bool {
-        self.triggers.iter().any(|trigger| trigger.actions.contains(&Action::Raw))
+        self.triggers.iter().any(|trigger| trigger.spec.actions.contains(&TriggerAction::Raw))
     }
 
     /// Those that fire at a step of `run_id` with these `statistics`, which cost so much to encode.
@@ -143,7 +155,8 @@ impl Triggers {
                 condition::Quantity::Quantile(p) => statistics.quantile(p),
             });
             if is_true && !trigger.was_true {
-                fired.push(Fired { name: trigger.name.clone(), actions: trigger.actions.clone() });
+                let TriggerSpec { name, actions, .. } = trigger.spec.clone();
+                fired.push(Fired { name, actions });
             }
             trigger.was_true = is_true;
         }
@@ -157,7 +170,7 @@ mod tests {
     use lamina_model::Voxels;
 
     fn spec(name: &str, when: &str) -> TriggerSpec {
-        TriggerSpec { name: name.into(), when: when.into(), actions: BTreeSet::from([Action::Pause]) }
+        TriggerSpec { name: name.into(), when: when.into(), actions: BTreeSet::from([TriggerAction::Pause]) }
     }
 
     #[test]
@@ -177,6 +190,30 @@ mod tests {
         assert_eq!(names("a", 5, 9.0), ["high", "jump"]);
         // Another run begins anew.
         assert_eq!(names("b", 0, 9.0), ["high"]);
+    }
+
+    #[test]
+    fn a_change_of_one_trigger_leaves_the_others_what_they_remember() {
+        let mut triggers = Triggers::new(&[spec("high", "max > 2"), spec("jump", "max > 2 * prev(max)")]).unwrap();
+        let fire = |triggers: &mut Triggers, value: f64| -> Vec<String> {
+            let statistics = Statistics::of(&Voxels::F64(vec![0.0, value]));
+            let fired = triggers.evaluate("a", (0, 0.0), &statistics, &Cost::default());
+            fired.into_iter().map(|fired| fired.name).collect()
+        };
+        assert_eq!(fire(&mut triggers, 3.0), ["high"]);
+        triggers.change(&TriggerChange::Set(spec("high", "max > 2.5"))).unwrap();
+        triggers.change(&TriggerChange::Set(spec("low", "max < 100"))).unwrap();
+        assert_eq!(fire(&mut triggers, 7.0), ["high", "jump", "low"], "a new one is true for the first time");
+        triggers.change(&TriggerChange::Remove("jump".into())).unwrap();
+        assert_eq!(fire(&mut triggers, 50.0), Vec::<String>::new());
+        let before = triggers.specs();
+        let refused = |triggers: &mut Triggers, change, word: &str| {
+            let error = triggers.change(&change).unwrap_err().to_string();
+            assert!(error.contains(word), "{error} does not say {word}");
+        };
+        refused(&mut triggers, TriggerChange::Remove("jump".into()), "there are: high, low");
+        refused(&mut triggers, TriggerChange::Set(spec("high", "max >")), "high");
+        assert_eq!(triggers.specs(), before);
     }
 
     #[test]
@@ -200,7 +237,9 @@ mod tests {
         refused(&[spec("a b", "max > 1")], "a b");
         refused(&[spec("a", "max > 1"), spec("a", "min < 0")], "twice");
         refused(&[spec("a", "psnr > 1")], "psnr");
+        refused(&[spec("a", &format!("max > {}1{}", "(".repeat(500), ")".repeat(500)))], "longer than");
         refused(&[spec("a", "max >")], "\"a\"");
-        refused(&vec![spec("a", "max > 1"); MOST + 1], "at most");
+        let many: Vec<_> = (0..=TriggerSpec::MOST).map(|n| spec(&format!("t{n}"), "max > 1")).collect();
+        refused(&many, "no more");
     }
 }

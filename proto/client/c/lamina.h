@@ -121,7 +121,15 @@ typedef struct lamina_client lamina_client;
 
 /* Opens a run: 0, and *client is the connection; or an error, and it is NULL, if the options cannot be right or the node
  * refuses them. A node that is not there yet is no error: it is tried again with the next pushes. */
-int32_t lamina_connect(const lamina_options *run, lamina_client **client);
+static inline int32_t lamina_connect(const lamina_options *run, lamina_client **client);
+
+/* The same with the size of lamina_options, by which a library of another version knows how much of it there is: what a program does
+ * not know yet has its default; what a library does not know yet is refused where it is not 0 or NULL. */
+int32_t lamina_connect_sized(const lamina_options *run, size_t size, lamina_client **client);
+
+static inline int32_t lamina_connect(const lamina_options *run, lamina_client **client) {
+    return lamina_connect_sized(run, sizeof(lamina_options), client);
+}
 
 /* Hands in this rank's brick of `step`, steps ascending from 0 or more, at simulation time `time`. LAMINA_ADMITTED,
  * LAMINA_DROPPED or, if the step is lost, an error; without a client (NULL) always one. */

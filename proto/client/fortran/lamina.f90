@@ -113,9 +113,10 @@ module lamina
     end type
 
     interface
-        function c_connect(run, client) bind(c, name="lamina_connect") result(code)
-            import :: c_ptr, c_int32_t, options
+        function c_connect(run, length, client) bind(c, name="lamina_connect_sized") result(code)
+            import :: c_ptr, c_int32_t, c_size_t, options
             type(options), intent(in) :: run
+            integer(c_size_t), value :: length
             type(c_ptr), intent(out) :: client
             integer(c_int32_t) :: code
         end function
@@ -243,7 +244,7 @@ contains
         if (allocated(run%x)) call along(1, run%x, x)
         if (allocated(run%y)) call along(2, run%y, y)
         if (allocated(run%z)) call along(3, run%z, z)
-        code = c_connect(o, connection%client)
+        code = c_connect(o, c_sizeof(o), connection%client)
 
     contains
 

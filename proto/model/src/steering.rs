@@ -1,6 +1,6 @@
 //! Steering: what people who watch a run may ask its simulation for.
 
-use crate::{Effects, Invalid, TransferFunction};
+use crate::{Effects, Invalid, TransferFunction, TriggerSpec};
 use serde::{Deserialize, Serialize};
 
 /// A number of a simulation that may be changed while it runs.
@@ -101,6 +101,8 @@ pub struct Steerable {
     pub transfer: Option<TransferFunction>,
     /// The effects that it is shown with.
     pub effects: Option<Effects>,
+    /// The node's triggers, which can be changed; those of a group, which has none, and of an older node cannot.
+    pub triggers: Option<Vec<TriggerSpec>>,
 }
 
 impl Steerable {

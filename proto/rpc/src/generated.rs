@@ -585,6 +585,45 @@ pub struct ShowRequest {
 }
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct ShowReply {}
+/// A condition over each step, and what is done at the step where it becomes true.
+#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct Trigger {
+    /// 1 to 60 letters, digits, - and \_.
+    #[prost(string, tag = "1")]
+    pub name: ::prost::alloc::string::String,
+    /// Such as max > 3 * prev(max).
+    #[prost(string, tag = "2")]
+    pub when: ::prost::alloc::string::String,
+    #[prost(enumeration = "TriggerAction", repeated, tag = "3")]
+    pub actions: ::prost::alloc::vec::Vec<i32>,
+}
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct TriggerList {
+    #[prost(message, repeated, tag = "1")]
+    pub triggers: ::prost::alloc::vec::Vec<Trigger>,
+}
+#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct ChangeTriggersRequest {
+    /// For people to read.
+    #[prost(string, tag = "3")]
+    pub asked_by: ::prost::alloc::string::String,
+    #[prost(oneof = "change_triggers_request::Change", tags = "1, 2")]
+    pub change: ::core::option::Option<change_triggers_request::Change>,
+}
+/// Nested message and enum types in `ChangeTriggersRequest`.
+pub mod change_triggers_request {
+    #[derive(Clone, PartialEq, Eq, Hash, ::prost::Oneof)]
+    pub enum Change {
+        /// In place of the one of its name, if there is one.
+        #[prost(message, tag = "1")]
+        Set(super::Trigger),
+        /// The name of one that is there.
+        #[prost(string, tag = "2")]
+        Remove(::prost::alloc::string::String),
+    }
+}
+#[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct ChangeTriggersReply {}
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct SteerableRequest {}
 /// What can be asked of the simulation now.
@@ -612,6 +651,9 @@ pub struct Steerable {
     pub transfer: ::core::option::Option<::lamina_message::v1::TransferFunction>,
     #[prost(message, optional, tag = "9")]
     pub effects: ::core::option::Option<::lamina_message::v1::Effects>,
+    /// The node's triggers; not stated by one that takes no changes of them.
+    #[prost(message, optional, tag = "10")]
+    pub triggers: ::core::option::Option<TriggerList>,
 }
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
 #[repr(i32)]
@@ -643,6 +685,43 @@ impl SteeringCommand {
             "STEERING_COMMAND_PAUSE" => Some(Self::Pause),
             "STEERING_COMMAND_RESUME" => Some(Self::Resume),
             "STEERING_COMMAND_STOP" => Some(Self::Stop),
+            _ => None,
+        }
+    }
+}
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
+#[repr(i32)]
+pub enum TriggerAction {
+    Unspecified = 0,
+    /// Ask the simulation to pause, or to stop.
+    Pause = 1,
+    Stop = 2,
+    /// Write the step's voxels, or a picture of it, into the node's folder.
+    Raw = 3,
+    Picture = 4,
+}
+impl TriggerAction {
+    /// String value of the enum field names used in the ProtoBuf definition.
+    ///
+    /// The values are not transformed in any way and thus are considered stable
+    /// (if the ProtoBuf definition does not change) and safe for programmatic use.
+    pub fn as_str_name(&self) -> &'static str {
+        match self {
+            Self::Unspecified => "TRIGGER_ACTION_UNSPECIFIED",
+            Self::Pause => "TRIGGER_ACTION_PAUSE",
+            Self::Stop => "TRIGGER_ACTION_STOP",
+            Self::Raw => "TRIGGER_ACTION_RAW",
+            Self::Picture => "TRIGGER_ACTION_PICTURE",
+        }
+    }
+    /// Creates an enum from field names used in the ProtoBuf definition.
+    pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
+        match value {
+            "TRIGGER_ACTION_UNSPECIFIED" => Some(Self::Unspecified),
+            "TRIGGER_ACTION_PAUSE" => Some(Self::Pause),
+            "TRIGGER_ACTION_STOP" => Some(Self::Stop),
+            "TRIGGER_ACTION_RAW" => Some(Self::Raw),
+            "TRIGGER_ACTION_PICTURE" => Some(Self::Picture),
             _ => None,
         }
     }
@@ -1650,6 +1729,32 @@ pub mod frames_client {
             req.extensions_mut().insert(GrpcMethod::new("lamina.v1.Frames", "Show"));
             self.inner.unary(req, path, codec).await
         }
+        /// Sets or removes a trigger, from the next step on and as long as the node runs. INVALID_ARGUMENT: it cannot be right.
+        /// FAILED_PRECONDITION: the node is a group.
+        pub async fn change_triggers(
+            &mut self,
+            request: impl tonic::IntoRequest<super::ChangeTriggersRequest>,
+        ) -> std::result::Result<
+            tonic::Response<super::ChangeTriggersReply>,
+            tonic::Status,
+        > {
+            self.inner
+                .ready()
+                .await
+                .map_err(|e| {
+                    tonic::Status::unknown(
+                        format!("Service was not ready: {}", e.into()),
+                    )
+                })?;
+            let codec = tonic_prost::ProstCodec::default();
+            let path = http::uri::PathAndQuery::from_static(
+                "/lamina.v1.Frames/ChangeTriggers",
+            );
+            let mut req = request.into_request();
+            req.extensions_mut()
+                .insert(GrpcMethod::new("lamina.v1.Frames", "ChangeTriggers"));
+            self.inner.unary(req, path, codec).await
+        }
     }
 }
 /// Generated server implementations.
@@ -1713,6 +1818,15 @@ pub mod frames_server {
             &self,
             request: tonic::Request<super::ShowRequest>,
         ) -> std::result::Result<tonic::Response<super::ShowReply>, tonic::Status>;
+        /// Sets or removes a trigger, from the next step on and as long as the node runs. INVALID_ARGUMENT: it cannot be right.
+        /// FAILED_PRECONDITION: the node is a group.
+        async fn change_triggers(
+            &self,
+            request: tonic::Request<super::ChangeTriggersRequest>,
+        ) -> std::result::Result<
+            tonic::Response<super::ChangeTriggersReply>,
+            tonic::Status,
+        >;
     }
     /// Generator-node, towards viz-nodes.
     #[derive(Debug)]
@@ -2001,6 +2115,51 @@ pub mod frames_server {
                     let inner = self.inner.clone();
                     let fut = async move {
                         let method = ShowSvc(inner);
+                        let codec = tonic_prost::ProstCodec::default();
+                        let mut grpc = tonic::server::Grpc::new(codec)
+                            .apply_compression_config(
+                                accept_compression_encodings,
+                                send_compression_encodings,
+                            )
+                            .apply_max_message_size_config(
+                                max_decoding_message_size,
+                                max_encoding_message_size,
+                            );
+                        let res = grpc.unary(method, req).await;
+                        Ok(res)
+                    };
+                    Box::pin(fut)
+                }
+                "/lamina.v1.Frames/ChangeTriggers" => {
+                    #[allow(non_camel_case_types)]
+                    struct ChangeTriggersSvc<T: Frames>(pub Arc<T>);
+                    impl<
+                        T: Frames,
+                    > tonic::server::UnaryService<super::ChangeTriggersRequest>
+                    for ChangeTriggersSvc<T> {
+                        type Response = super::ChangeTriggersReply;
+                        type Future = BoxFuture<
+                            tonic::Response<Self::Response>,
+                            tonic::Status,
+                        >;
+                        fn call(
+                            &mut self,
+                            request: tonic::Request<super::ChangeTriggersRequest>,
+                        ) -> Self::Future {
+                            let inner = Arc::clone(&self.0);
+                            let fut = async move {
+                                <T as Frames>::change_triggers(&inner, request).await
+                            };
+                            Box::pin(fut)
+                        }
+                    }
+                    let accept_compression_encodings = self.accept_compression_encodings;
+                    let send_compression_encodings = self.send_compression_encodings;
+                    let max_decoding_message_size = self.max_decoding_message_size;
+                    let max_encoding_message_size = self.max_encoding_message_size;
+                    let inner = self.inner.clone();
+                    let fut = async move {
+                        let method = ChangeTriggersSvc(inner);
                         let codec = tonic_prost::ProstCodec::default();
                         let mut grpc = tonic::server::Grpc::new(codec)
                             .apply_compression_config(

@@ -10,6 +10,7 @@ pub mod launcher;
 pub mod protocol;
 pub mod reference;
 pub mod steering;
+pub mod triggers;
 
 pub use lamina_message::required;
 pub use tonic::codegen::Bytes;

@@ -63,10 +63,11 @@ impl TryFrom<v1::Steering> for Steering {
 
 impl From<Steerable> for v1::Steerable {
     fn from(of: Steerable) -> Self {
-        let Steerable { run_id, listens, paused, stopping, numbers, fields, shown, transfer, effects } = of;
+        let Steerable { run_id, listens, paused, stopping, numbers, fields, shown, transfer, effects, triggers } = of;
+        let triggers = triggers.map(Into::into);
         let numbers = numbers.into_iter().map(Into::into).collect();
         let (transfer, effects) = (transfer.as_ref().map(Into::into), effects.as_ref().map(Into::into));
-        Self { run_id, listens, paused, stopping, numbers, fields, shown, transfer, effects }
+        Self { run_id, listens, paused, stopping, numbers, fields, shown, transfer, effects, triggers }
     }
 }
 
@@ -74,10 +75,12 @@ impl TryFrom<v1::Steerable> for Steerable {
     type Error = Invalid;
 
     fn try_from(of: v1::Steerable) -> Result<Self, Invalid> {
-        let v1::Steerable { run_id, listens, paused, stopping, numbers: given, fields, shown, transfer, effects } = of;
-        let transfer = transfer.map(TryInto::try_into).transpose()?;
-        let effects = effects.map(TryInto::try_into).transpose()?;
-        Ok(Self { run_id, listens, paused, stopping, numbers: numbers(given)?, fields, shown, transfer, effects })
+        let v1::Steerable { run_id, listens, paused, stopping, fields, shown, .. } = of;
+        let numbers = numbers(of.numbers)?;
+        let transfer = of.transfer.map(TryInto::try_into).transpose()?;
+        let effects = of.effects.map(TryInto::try_into).transpose()?;
+        let triggers = of.triggers.map(TryInto::try_into).transpose()?;
+        Ok(Self { run_id, listens, paused, stopping, numbers, fields, shown, transfer, effects, triggers })
     }
 }
 

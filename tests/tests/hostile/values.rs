@@ -59,7 +59,7 @@ const WORDS: [&str; 18] = [
     "=1+1",
     "\u{202e}\u{1f4a5}",
 ];
-const PATHS: [&str; 14] = [
+const PATHS: [&str; 15] = [
     "/",
     "/api/state",
     "/api/trials",
@@ -71,13 +71,14 @@ const PATHS: [&str; 14] = [
     "/api/contract",
     "/api/steer",
     "/api/show",
+    "/api/trigger",
     "/metrics",
     "/lamina.v1.Quality/Measure",
     "/../../etc/passwd",
 ];
 const KEYS: [&str; 11] =
     ["step", "run", "alone", "azimuth", "elevation", "zoom", "size", "draft", "appearance", "token", "contract"];
-const BODIES: [&str; 8] = [
+const BODIES: [&str; 10] = [
     "",
     "{}",
     "null",
@@ -85,6 +86,8 @@ const BODIES: [&str; 8] = [
     "{\"contract\":\"size <= 0kB\"}",
     "{\"contract\":\"maximise q - 1e308 * sigma ^ 9999\"}",
     "{\"field\":\"magnitude(\",\"camera\":{\"position\":[1e999,0,0]}}",
+    "{\"set\":{\"name\":\"a\",\"when\":\"max > ((((((((((((((((((((((\",\"do\":[]}}",
+    "{\"remove\":\"\\u0000\"}",
     "{\"request\":\"pause\",\"number\":{\"name\":\"cfl\",\"value\":1e999}}",
 ];
 

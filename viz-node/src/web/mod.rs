@@ -55,6 +55,7 @@ impl Web {
             .route("/api/contract", post(requests::contract))
             .route("/api/steer", post(requests::steer))
             .route("/api/show", post(requests::show))
+            .route("/api/trigger", post(requests::trigger))
             .route("/api/runs", get(runs))
             .route("/api/runs/{run}", get(run_steps))
             .route("/api/step/{step}", get(step))

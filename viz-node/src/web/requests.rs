@@ -1,4 +1,4 @@
-//! Requests from the page: another contract of the tuner, another way to show the run, and steering of the simulation.
+//! Requests from the page: another contract of the tuner, another way to show the run, other triggers, and steering of the simulation.
 
 use super::Web;
 use super::guard::Rights;
@@ -7,7 +7,9 @@ use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
-use lamina_model::{ControlPoint, Effects, Invalid, SceneChange, Steering, SteeringRequest, TransferFunction};
+use lamina_model::{
+    ControlPoint, Effects, Invalid, SceneChange, Steering, SteeringRequest, TransferFunction, TriggerChange,
+};
 use lamina_rpc::daemon::Peer;
 use serde::Deserialize;
 use tonic::Status;
@@ -66,6 +68,19 @@ pub(super) async fn steer(
         return refusal;
     }
     answer(web.steering.ask(Steering { request, asked_by: asked_by(peer) }).await)
+}
+
+/// Asks the generator-node for a change of its triggers; answered when it is in force.
+pub(super) async fn trigger(
+    State(web): State<Web>,
+    Extension(rights): Extension<Rights>,
+    Extension(peer): Extension<Peer>,
+    Json(change): Json<TriggerChange>,
+) -> Response {
+    if let Some(refusal) = refusal(rights) {
+        return refusal;
+    }
+    answer(web.steering.change_triggers(change, asked_by(peer)).await)
 }
 
 /// How the run is to be shown; what is left out stays.

@@ -82,6 +82,16 @@ export interface SteerableNumber {
   most: number;
 }
 
+/** What is done where a trigger fires, beside that it is recorded. */
+export type TriggerAction = "pause" | "stop" | "raw" | "picture";
+
+/** A condition over each step, and what is done at the step where it becomes true. */
+export interface Trigger {
+  name: string;
+  when: string;
+  do: TriggerAction[];
+}
+
 /** What the simulation can be asked for. */
 export interface Steerable {
   listens: boolean;
@@ -94,6 +104,8 @@ export interface Steerable {
   /** In which colors, and with which effects. */
   transfer: TransferFunction | null;
   effects: Effects | null;
+  /** Null where they cannot be changed. */
+  triggers: Trigger[] | null;
 }
 
 export interface PageState {

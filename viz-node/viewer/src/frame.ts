@@ -16,6 +16,7 @@ import { byId, motion, shownIndex, store, view } from "./state";
 import { drawRun, drawState } from "./status";
 import { drawSlices } from "./slices";
 import { drawSteering } from "./steering";
+import { drawTriggers } from "./triggers";
 import { drawTrust } from "./trust";
 
 /** `everything`: more than the status changed since the last frame. */
@@ -59,6 +60,7 @@ function draw(): void {
   drawContract();
   drawField();
   drawSteering();
+  drawTriggers();
   drawSlices();
   if (store.loaded && !motion.held && !motion.timer) writeAddress();
 }

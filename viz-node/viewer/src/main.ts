@@ -24,6 +24,7 @@ import { byId, shownIndex } from "./state";
 import { drawRun } from "./status";
 import { listenToSlices } from "./slices";
 import { listenToSteering } from "./steering";
+import { listenToTriggers } from "./triggers";
 import { listenToVideo } from "./video";
 import { choose, followNewest } from "./steps";
 
@@ -58,6 +59,7 @@ listenToContract();
 listenToField();
 listenToGenerationCamera();
 listenToSteering();
+listenToTriggers();
 listenToSlices();
 document.addEventListener("keydown", onKey);
 onClick("previous", () => choose(shownIndex() - 1));

@@ -65,7 +65,7 @@ export const store: Store = {
   studyAt: 0,
   tuner: null,
   maySteer: false,
-  steerable: { listens: false, paused: false, stopping: false, numbers: [], fields: [], shown: "", transfer: null, effects: null },
+  steerable: { listens: false, paused: false, stopping: false, numbers: [], fields: [], shown: "", transfer: null, effects: null, triggers: null },
 };
 
 /** `step: null` follows the newest; the camera is relative to the generation camera. */

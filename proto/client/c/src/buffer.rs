@@ -10,7 +10,7 @@ const MOST_BUFFERS: usize = 16;
 /// See `lamina.h`.
 ///
 /// # Safety
-/// `client` comes from [`lamina_connect`], is not closed, and no other thread uses it; the others are null or as the header says.
+/// `client` comes from [`lamina_connect_sized`], is not closed, and no other thread uses it; the others are null or as the header says.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lamina_buffer(
     client: *mut Connection,

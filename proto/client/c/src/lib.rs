@@ -177,17 +177,15 @@ unsafe fn slice<'a>(
 /// See `lamina.h`.
 ///
 /// # Safety
-/// `run` is null or as the header says, `client` is null or writable.
+/// `run` is null or as the header says and has `size` bytes, `client` is null or writable.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lamina_connect(run: *const Options, client: *mut *mut Connection) -> i32 {
+pub unsafe extern "C" fn lamina_connect_sized(run: *const Options, size: usize, client: *mut *mut Connection) -> i32 {
     let connect = || {
         // SAFETY: null or writable, by the function's own condition.
         let place = unsafe { client.as_mut() }.ok_or_else(|| invalid("client", "is NULL"))?;
         *place = std::ptr::null_mut();
-        // SAFETY: null or a valid pointer, by the function's own condition, which holds for the texts too.
-        let run = unsafe { run.as_ref() }.ok_or_else(|| invalid("run", "is NULL"))?;
-        // SAFETY: as above.
-        let options = unsafe { run_options(run) }?;
+        // SAFETY: null or that many bytes, by the function's own condition, which holds for the texts too.
+        let options = unsafe { run_options(&Options::read(run, size)?) }?;
         let client = Client::connect(options)?;
         let connection = Connection {
             client,
@@ -205,7 +203,7 @@ pub unsafe extern "C" fn lamina_connect(run: *const Options, client: *mut *mut C
 /// See `lamina.h`.
 ///
 /// # Safety
-/// `client` comes from [`lamina_connect`], is not closed, and no other thread uses it; `brick` is as the header says.
+/// `client` comes from [`lamina_connect_sized`], is not closed, and no other thread uses it; `brick` is as the header says.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lamina_push(client: *mut Connection, step: u64, time: f64, brick: *const CBrick) -> i32 {
     let push = || {
@@ -265,7 +263,7 @@ fn code_of(receipt: Receipt) -> i32 {
 /// The connection behind a pointer from the simulation.
 ///
 /// # Safety
-/// It is null, or comes from [`lamina_connect`], is not closed, and no other thread uses it.
+/// It is null, or comes from [`lamina_connect_sized`], is not closed, and no other thread uses it.
 unsafe fn connection<'a>(client: *mut Connection) -> Result<&'a mut Connection, ClientError> {
     // SAFETY: null or valid and used by nobody else, by the function's own condition.
     let connection = unsafe { client.as_mut() }.ok_or_else(|| invalid("client", "is NULL"))?;
@@ -328,7 +326,7 @@ impl Connection {
 /// See `lamina.h`.
 ///
 /// # Safety
-/// `client` is null or comes from [`lamina_connect`], and nobody uses it any more; `summary` is null or writable.
+/// `client` is null or comes from [`lamina_connect_sized`], and nobody uses it any more; `summary` is null or writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lamina_close(client: *mut Connection, summary: *mut Summary) {
     if client.is_null() {

@@ -37,6 +37,34 @@ pub struct Options {
     coordinates: [*const f64; 3],
 }
 
+impl Options {
+    /// The options at `from`, of a program that may have been compiled for another version of this library: what it does not know
+    /// yet has its default.
+    ///
+    /// # Errors
+    /// There are none, or it states what this library does not know yet.
+    ///
+    /// # Safety
+    /// `from` is null, or `size` bytes there may be read, of which each pointer is null or as the header says.
+    pub(crate) unsafe fn read(from: *const Self, size: usize) -> Result<Self, ClientError> {
+        if from.is_null() {
+            return Err(invalid("run", "is NULL"));
+        }
+        // SAFETY: not null, so that many by the function's own condition.
+        let bytes = unsafe { std::slice::from_raw_parts(from.cast::<u8>(), size) };
+        let known = size.min(size_of::<Self>());
+        if bytes[known..].iter().any(|&byte| byte != 0) {
+            return Err(invalid("run", "states what this library does not know: lamina.h is newer than liblamina_c"));
+        }
+        let mut options = std::mem::MaybeUninit::<Self>::zeroed();
+        // SAFETY: no more than both have; bytes that are zero are right for numbers and, as null, for pointers.
+        unsafe {
+            std::ptr::copy_nonoverlapping(bytes.as_ptr(), options.as_mut_ptr().cast(), known);
+            Ok(options.assume_init())
+        }
+    }
+}
+
 /// `lamina_field` of the header.
 #[repr(C)]
 pub struct CField {

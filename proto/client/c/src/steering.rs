@@ -53,7 +53,7 @@ pub(crate) unsafe fn numbers(numbers: *const CNumber, count: u32) -> Result<Vec<
 /// See `lamina.h`.
 ///
 /// # Safety
-/// `client` comes from [`lamina_connect`](crate::lamina_connect), is not closed, and no other thread uses it; `request` is null or
+/// `client` comes from [`lamina_connect_sized`](crate::lamina_connect_sized), is not closed, and no other thread uses it; `request` is null or
 /// writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lamina_steering(client: *mut Connection, request: *mut Request) -> i32 {

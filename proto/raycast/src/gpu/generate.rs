@@ -176,10 +176,11 @@ impl VdiGeneration<'_> {
         let mismatches = gpu.buffer("mismatches", 4, RESULT);
         let bindings = gpu.bind(&pipelines.generate, &[&settings, lists, &segments, &mismatches]);
         let wanted = if sum.is_some() { (lists, 0..lists.size()) } else { (&segments, 0..size) };
+        let pipeline = march.generate(gpu, pipelines);
         let mut copies = gpu.submit(
             "generate",
             |pass| {
-                pass.set_pipeline(&march.generate);
+                pass.set_pipeline(pipeline);
                 pass.set_bind_group(0, field, &[]);
                 pass.set_bind_group(1, &bindings, &[]);
                 pass.set_bind_group(2, effects, &[]);

@@ -118,7 +118,7 @@ impl GpuKernels {
             let set = EffectSet::of(field);
             let known = marches.iter().position(|m| m.kind == resident.kind && m.set == set);
             let n = known.unwrap_or_else(|| {
-                marches.push(self.pipelines.march(gpu, resident.kind, set));
+                marches.push(MarchPipelines::new(resident.kind, set));
                 marches.len() - 1
             });
             let tables = resident.tables(gpu, field, rays.step_length);

@@ -1,4 +1,4 @@
-//! Pipelines and bind group layouts. Pipelines that march are compiled per voxel type and set of effects, at first use.
+//! Pipelines and bind group layouts. Those that march are of a voxel type and a set of effects.
 
 use super::effects::EffectResources;
 use super::resident::{ResidentField, ResidentTables};
@@ -11,15 +11,58 @@ use lamina_compute::gpu::wgpu::{
     BindGroup, BindGroupLayout, BindingResource, BindingType, Buffer, ComputePipeline, TextureSampleType,
     TextureViewDimension,
 };
+use std::borrow::Cow;
+use std::sync::OnceLock;
 
-/// Pipelines that march, for one voxel type and one set of effects.
+/// Pipelines that march, for one voxel type and one set of effects. Each is compiled at its first use, which is inside [`Gpu::run`]: a
+/// driver may take seconds.
 #[derive(Debug)]
 pub(super) struct MarchPipelines {
     pub kind: VoxelKind,
     pub set: EffectSet,
-    pub raycast_rows: ComputePipeline,
-    pub raycast_pixels: ComputePipeline,
-    pub generate: ComputePipeline,
+    /// Source of the ray caster.
+    raycast: Cow<'static, str>,
+    raycast_rows: OnceLock<ComputePipeline>,
+    raycast_pixels: OnceLock<ComputePipeline>,
+    generate: OnceLock<ComputePipeline>,
+}
+
+impl MarchPipelines {
+    pub(super) fn new(kind: VoxelKind, set: EffectSet) -> Self {
+        Self::with_ray_caster(kind, set, RAYCAST.into())
+    }
+
+    /// The ray caster being `raycast`.
+    pub(super) fn with_ray_caster(kind: VoxelKind, set: EffectSet, raycast: Cow<'static, str>) -> Self {
+        let (raycast_rows, raycast_pixels, generate) = Default::default();
+        Self { kind, set, raycast, raycast_rows, raycast_pixels, generate }
+    }
+
+    pub(super) fn raycast_rows(&self, gpu: &Gpu, layouts: &Pipelines) -> &ComputePipeline {
+        let compile = || self.compile(gpu, (&self.raycast, "color_rows"), layouts, &layouts.raycast);
+        self.raycast_rows.get_or_init(compile)
+    }
+
+    pub(super) fn raycast_pixels(&self, gpu: &Gpu, layouts: &Pipelines) -> &ComputePipeline {
+        let compile = || self.compile(gpu, (&self.raycast, "color_pixels"), layouts, &layouts.raycast);
+        self.raycast_pixels.get_or_init(compile)
+    }
+
+    pub(super) fn generate(&self, gpu: &Gpu, layouts: &Pipelines) -> &ComputePipeline {
+        self.generate.get_or_init(|| self.compile(gpu, (GENERATE, "generate"), layouts, &layouts.generate))
+    }
+
+    fn compile(
+        &self,
+        gpu: &Gpu,
+        (source, entry): (&str, &str),
+        layouts: &Pipelines,
+        own: &BindGroupLayout,
+    ) -> ComputePipeline {
+        let constants: Vec<(&str, f64)> =
+            std::iter::once(("KIND", f64::from(self.kind as u32))).chain(self.set.constants()).collect();
+        gpu.pipeline(&gpu.module(entry, source), entry, &[&layouts.field, own, &layouts.effects], &constants)
+    }
 }
 
 /// Bind group layouts, and the pipelines that do not depend on the field.
@@ -54,26 +97,6 @@ impl Pipelines {
             scan_blocks: pipeline("scan_blocks"),
             add_sums: pipeline("add_sums"),
             scan,
-        }
-    }
-
-    /// Compiles the pipelines for one voxel type and one set of effects.
-    pub(super) fn march(&self, gpu: &Gpu, kind: VoxelKind, set: EffectSet) -> MarchPipelines {
-        self.march_of(gpu, kind, set, RAYCAST)
-    }
-
-    /// Compiles them with the source `raycast` of the ray caster.
-    pub(super) fn march_of(&self, gpu: &Gpu, kind: VoxelKind, set: EffectSet, raycast: &str) -> MarchPipelines {
-        let (raycast, generate) = (gpu.module("raycast", raycast), gpu.module("generate", GENERATE));
-        let constants: Vec<(&str, f64)> =
-            std::iter::once(("KIND", f64::from(kind as u32))).chain(set.constants()).collect();
-        let raycaster = |entry| gpu.pipeline(&raycast, entry, &[&self.field, &self.raycast, &self.effects], &constants);
-        MarchPipelines {
-            kind,
-            set,
-            raycast_rows: raycaster("color_rows"),
-            raycast_pixels: raycaster("color_pixels"),
-            generate: gpu.pipeline(&generate, "generate", &[&self.field, &self.generate, &self.effects], &constants),
         }
     }
 

@@ -18,7 +18,8 @@ impl GpuKernels {
         let rays = PerspectiveRays { camera, width, height, step_length: field.scene().step_length(field.grid()) };
         let colors = self.with("a picture", field, &rays, |bound| {
             let uniforms = |first, count| uniforms(field, first, count);
-            Ok(color_pass(bound, &bound.bindings()).rows(&bound.march.raycast_rows, [width, height], uniforms)?)
+            let pipeline = bound.march.raycast_rows(bound.gpu, bound.pipelines);
+            Ok(color_pass(bound, &bound.bindings()).rows(pipeline, [width, height], uniforms)?)
         })?;
         Image::new(width, height, colors).map_err(GpuError::Invalid)
     }
@@ -39,7 +40,8 @@ impl GpuKernels {
         let rays = PerspectiveRays { camera, width, height, step_length: field.scene().step_length(field.grid()) };
         self.with("pixels of a picture", field, &rays, |bound| {
             let uniforms = |count| uniforms(field, 0, count);
-            Ok(color_pass(bound, &bound.bindings()).pixels(&bound.march.raycast_pixels, pixels, uniforms)?)
+            let pipeline = bound.march.raycast_pixels(bound.gpu, bound.pipelines);
+            Ok(color_pass(bound, &bound.bindings()).pixels(pipeline, pixels, uniforms)?)
         })
     }
 }

@@ -3,10 +3,11 @@
 use crate::Field;
 use crate::count::cases;
 use crate::gpu::GpuKernels;
+use crate::gpu::pipelines::MarchPipelines;
 use crate::kernel::RAYCAST;
 use crate::kernel::effects::EffectSet;
 use crate::kernel::field::VoxelKind;
-use lamina_compute::gpu::{DeviceError, testing};
+use lamina_compute::gpu::testing;
 use lamina_model::Effects;
 
 /// Where each count is raised, and the three sums that are told: exact in single precision for counts below 4096.
@@ -65,10 +66,7 @@ fn pixels() -> Vec<(u32, u32)> {
 
 /// Makes `source` the kernel for `field`.
 fn put(kernels: &GpuKernels, field: &Field, source: &str) {
-    let gpu = &kernels.gpu;
-    let kernel =
-        || Ok::<_, DeviceError>(kernels.pipelines.march_of(gpu, VoxelKind::Single, EffectSet::of(field), source));
-    let march = gpu.run("compiling", kernel).unwrap();
+    let march = MarchPipelines::with_ray_caster(VoxelKind::Single, EffectSet::of(field), source.to_owned().into());
     kernels.state.lock().marches.push(march);
 }
 

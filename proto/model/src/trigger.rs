@@ -1,0 +1,75 @@
+//! Triggers: conditions over each step, and what is done at the step where one becomes true.
+
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+use std::fmt;
+
+/// A trigger as it is stated; a generator-node has at most [`TriggerSpec::MOST`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TriggerSpec {
+    /// What it is called in logs and records: letters, digits, `-` and `_`.
+    pub name: String,
+    /// The condition, such as `max > 10 && max > 2 * prev(max)`.
+    pub when: String,
+    /// What is done at a step where the condition is true and was not at the step before.
+    #[serde(rename = "do")]
+    pub actions: BTreeSet<TriggerAction>,
+}
+
+impl TriggerSpec {
+    /// The most of a node.
+    pub const MOST: usize = 64;
+}
+
+impl fmt::Display for TriggerSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let actions: Vec<&str> = self.actions.iter().map(TriggerAction::name).collect();
+        let actions = if actions.is_empty() { "record".to_owned() } else { actions.join(", ") };
+        write!(f, "trigger {}: when {}, {actions}", self.name, self.when)
+    }
+}
+
+/// What a trigger does; that it fired is logged and recorded in any case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TriggerAction {
+    /// Asks the simulation to pause, through steering.
+    Pause,
+    /// Asks it to stop.
+    Stop,
+    /// Writes the step's voxels to a raw file.
+    Raw,
+    /// Writes a picture of the step, ray-cast from the scene's camera.
+    Picture,
+}
+
+impl TriggerAction {
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Pause => "pause",
+            Self::Stop => "stop",
+            Self::Raw => "raw",
+            Self::Picture => "picture",
+        }
+    }
+}
+
+/// What somebody asks for of a node's triggers.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TriggerChange {
+    /// This one, in place of one of the same name.
+    Set(TriggerSpec),
+    /// None of this name.
+    Remove(String),
+}
+
+impl fmt::Display for TriggerChange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Set(trigger) => trigger.fmt(f),
+            Self::Remove(name) => write!(f, "trigger {name}: removed"),
+        }
+    }
+}
