@@ -146,8 +146,16 @@ impl Config {
             return Err(Invalid::new("waiting_steps", "0: no step could wait for its turn; give 1 or more"));
         }
         self.encode_options().check()?;
-        Triggers::new(&self.trigger)?;
+        Triggers::new(&self.trigger, false)?;
         Ok(self)
+    }
+
+    /// Whether a group can do what its triggers ask for.
+    ///
+    /// # Errors
+    /// Names the trigger, and what is wrong with it.
+    pub fn check_triggers_of_group(&self) -> Result<(), Invalid> {
+        Triggers::new(&self.trigger, true).map(|_| ())
     }
 
     /// How VDIs and reduced volumes are encoded.

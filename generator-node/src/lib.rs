@@ -184,12 +184,9 @@ async fn run_pipeline(
         publisher: publisher.clone(),
     }));
     let (stop, stopped) = watch::channel(false);
-    // A group has no step in one place to look at.
-    let triggers = match &steps {
-        Steps::Own(_) => Some(Arc::new(Mutex::new(Triggers::new(&config.trigger)?))),
-        Steps::Group(..) => None,
-    };
-    ingest.steering().set_triggers(triggers.as_ref().map(|triggers| triggers.lock().specs()));
+    let triggers = Triggers::new(&config.trigger, matches!(steps, Steps::Group(..)))?;
+    ingest.steering().set_triggers(triggers.specs());
+    let triggers = Arc::new(Mutex::new(triggers));
     let settings = pipeline::Settings {
         config: settings,
         triggers: triggers.clone(),

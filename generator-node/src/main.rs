@@ -45,9 +45,7 @@ async fn main() -> std::process::ExitCode {
 /// # Errors
 /// If not.
 fn can_be_shared(config: &Config) -> anyhow::Result<()> {
-    if !config.trigger.is_empty() {
-        anyhow::bail!("trigger: a group has no step in one place to look at; leave [[trigger]] out, or use one node");
-    }
+    config.check_triggers_of_group()?;
     if config.encode_options().codec != Codec::ContextMixing {
         anyhow::bail!("codec: the members of a group code by context-mixing; leave codec out, or use one node");
     }

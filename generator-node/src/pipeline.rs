@@ -31,8 +31,8 @@ use tokio::sync::watch;
 pub(crate) struct Settings {
     /// It, for what changes in it.
     pub config: watch::Receiver<Config>,
-    /// Conditions over each step; a group has none.
-    pub triggers: Option<Arc<Mutex<Triggers>>>,
+    /// Conditions over each step.
+    pub triggers: Arc<Mutex<Triggers>>,
     /// Folder for the raw steps that they ask for.
     pub trigger_folder: PathBuf,
     /// Through which they ask the simulation.
@@ -133,9 +133,7 @@ impl Arrived {
 /// Turns steps into frames, until `stop` is true and none is left.
 pub(crate) async fn run(steps: Steps, node: Arc<NodeState>, settings: Settings, mut stop: watch::Receiver<bool>) {
     // At 0 from the start on, so that what watches sees the first time, too.
-    if let Some(triggers) = &settings.triggers {
-        node.counters.fired.lock().extend(triggers.lock().names().map(|name| (name.to_owned(), 0)));
-    }
+    node.counters.fired.lock().extend(settings.triggers.lock().names().map(|name| (name.to_owned(), 0)));
     let (rungs, key_frames) = (Rungs::default(), KeyFrames::default());
     let pipeline =
         Pipeline { node: node.clone(), settings, run: None, start: None, rungs, key_frames, had_empty_voxels: false };
@@ -261,7 +259,7 @@ impl Pipeline {
     /// What the triggers are to see of a step, if there are any.
     fn look_at(&self, voxels: &Voxels) -> Option<Seen> {
         let wants_voxels = {
-            let triggers = self.settings.triggers.as_ref()?.lock();
+            let triggers = self.settings.triggers.lock();
             (!triggers.is_empty()).then(|| triggers.wants_voxels())?
         };
         Some((Statistics::of(voxels), wants_voxels.then(|| voxels.clone())))
@@ -272,7 +270,6 @@ impl Pipeline {
     fn pull_triggers(&mut self, step: &Step, (statistics, mut voxels): Seen, cost: &Cost) -> (Vec<String>, bool) {
         let mut is_pictured = false;
         let Settings { triggers, trigger_folder, steering, .. } = &self.settings;
-        let Some(triggers) = triggers else { return Default::default() };
         let fired = triggers.lock().evaluate(&step.run.id, (step.step, step.time), &statistics, cost);
         for Fired { name, actions } in &fired {
             tracing::warn!(step = step.step, trigger = name, "trigger fired");
@@ -304,10 +301,11 @@ impl Pipeline {
         let (NextRun { id, info, changes, is_new }, scene, before) = self.next_run(run_id, &spec);
         let shown = spec.shown_fields(&info.field, scene.as_ref())?;
         let chosen = |scene| changes.all.apply(beside(scene, before.as_ref()));
-        let (mut lost_ranks, mut seen, mut derivation) = (Vec::new(), None, Duration::ZERO);
+        let (lost_ranks, seen);
+        let mut derivation = Duration::ZERO;
         let (source, scene) = match step {
             Arrived::Own(step) => {
-                lost_ranks.clone_from(&step.lost_ranks);
+                lost_ranks = step.lost_ranks.clone();
                 let volume;
                 (volume, derivation) = step.into_volume(&shown)?;
                 seen = self.look_at(volume.voxels());
@@ -324,7 +322,10 @@ impl Pipeline {
                         chosen(whole_view(scene, &spec.grid)?)
                     }
                 };
-                let of_members = GroupField::prepare(&root, step, (&spec, &info.field), scene.clone(), members)?;
+                let has_triggers = !self.settings.triggers.lock().is_empty();
+                let of_run = (&spec, &*info.field, has_triggers);
+                let mut of_members = GroupField::prepare(&root, step, of_run, scene.clone(), members)?;
+                seen = of_members.take_statistics().map(|statistics| (statistics, None));
                 (FieldSource::Group(Box::new(of_members)), scene)
             }
         };

@@ -209,8 +209,8 @@ fn messages(deliveries: impl Stream<Item = Delivery> + Send + 'static) -> Delive
 pub(crate) struct FramesService {
     pub publisher: Arc<Publisher>,
     pub ingest: Arc<Ingest>,
-    /// Those of the pipeline; a group has none.
-    pub triggers: Option<Arc<Mutex<Triggers>>>,
+    /// Those of the pipeline.
+    pub triggers: Arc<Mutex<Triggers>>,
 }
 
 impl From<SteeringError> for Status {
@@ -283,10 +283,9 @@ impl frames_server::Frames for FramesService {
         let request = request.into_inner();
         let asked_by = request.asked_by.clone();
         let change = TriggerChange::try_from(request).map_err(|e| invalid(&e))?;
-        let none = || Status::failed_precondition("trigger: a group has no step in one place to look at");
-        let mut triggers = self.triggers.as_ref().ok_or_else(none)?.lock();
+        let mut triggers = self.triggers.lock();
         triggers.change(&change).map_err(|e| invalid(&e))?;
-        self.ingest.steering().set_triggers(Some(triggers.specs()));
+        self.ingest.steering().set_triggers(triggers.specs());
         tracing::info!(%change, asked_by, "changed");
         Ok(Response::new(v1::ChangeTriggersReply {}))
     }

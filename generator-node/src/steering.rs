@@ -135,9 +135,9 @@ impl SteeringRelay {
         Ok(())
     }
 
-    /// The node's triggers are these now; none where it takes no changes of them.
-    pub(crate) fn set_triggers(&self, triggers: Option<Vec<TriggerSpec>>) {
-        self.steerable.send_modify(|now| now.triggers = triggers);
+    /// The node's triggers are these now.
+    pub(crate) fn set_triggers(&self, triggers: Vec<TriggerSpec>) {
+        self.steerable.send_modify(|now| now.triggers = Some(triggers));
     }
 
     /// What can be asked for, now and after every change.

@@ -247,7 +247,7 @@ impl Step {
     pub(crate) fn picture(&self, side: u32) -> Result<Image, Invalid> {
         match &self.source {
             FieldSource::Own(backend, field) => backend.raycast(field, &field.scene().camera, side, side),
-            FieldSource::Group(_) => Err(Invalid::new("trigger", "a group casts no whole pictures")),
+            FieldSource::Group(of_members) => of_members.picture(side),
         }
     }
 

@@ -11,6 +11,7 @@ use lamina_model::{
 use lamina_tests::languages::source;
 use lamina_tests::processes::{Daemon, binary, free_port, wait_for};
 use lamina_vdi_render::{Backend, Detail, Drawable};
+use lamina_viz_node::store::StepRow;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -105,8 +106,15 @@ fn record(url: &str, folder: &Path) -> Vec<Vec<u8>> {
         files.sort_by_key(std::fs::DirEntry::path);
         files.iter().map(|f| std::fs::read(f.path()).unwrap()).collect()
     };
-    assert!(wait_for(Duration::from_secs(60), || files().len() as u64 == STEPS), "{} steps", files().len());
+    assert!(wait_for(Duration::from_secs(60), || rows(&store).len() as u64 == STEPS), "{} steps", files().len());
     files()
+}
+
+/// What `steps.csv` of the run recorded in `store` says.
+fn rows(store: &Path) -> Vec<StepRow> {
+    let runs = std::fs::read_dir(store).into_iter().flatten().flatten();
+    let tables = runs.filter_map(|run| std::fs::read_to_string(run.path().join("steps.csv")).ok());
+    tables.flat_map(|table| table.lines().skip(1).filter_map(StepRow::from_csv).collect::<Vec<_>>()).collect()
 }
 
 fn config(folder: &Path, gamma: f64) -> std::path::PathBuf {
@@ -201,6 +209,27 @@ fn a_group_publishes_what_one_node_does_however_many_members_it_has() {
             }
         }
     }
+}
+
+#[test]
+fn a_trigger_of_a_group_looks_at_the_whole_step() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = config(folder.path(), 0.02);
+    // The whole has 64,000 points, and no member's part of them all: its greatest value is in the middle, its least in a corner.
+    let trigger = "[[trigger]]\nname = \"late\"\nwhen = \"step > 0 && missing == 0 && max > 0.9 && min < 0.01\"\ndo = [\"picture\"]\n";
+    let kept = std::fs::read_to_string(&config).unwrap();
+    std::fs::write(&config, format!("trigger_folder = \"{}\"\n{kept}{trigger}", folder.path().display())).unwrap();
+    let port = free_port();
+    let group = Daemon::spawn(mpiexec(2, port, &config), port);
+    record(&group.url(), folder.path());
+    let rows = rows(&folder.path().join("runs"));
+    let fired: Vec<u64> = rows.iter().filter(|row| row.triggers == ["late"]).map(|row| row.step).collect();
+    assert_eq!(fired, [1]);
+    let pictures = || -> usize {
+        let files = std::fs::read_dir(folder.path()).unwrap().flatten();
+        files.filter(|file| file.path().extension().is_some_and(|e| e == "png")).count()
+    };
+    assert!(wait_for(Duration::from_secs(10), || pictures() == 1));
 }
 
 #[test]

@@ -28,6 +28,8 @@ pub(super) struct Preparation {
     pub scene: Scene,
     /// Of each member.
     pub members: Vec<Vec<GridBox>>,
+    /// Statistics are asked for.
+    pub statistics: bool,
 }
 
 impl Preparation {
@@ -59,6 +61,7 @@ impl Preparation {
             shown: self.shown.clone(),
             scene: Some((&self.scene).into()),
             members: self.members.iter().map(boxes).collect(),
+            statistics: self.statistics,
         }
     }
 
@@ -70,14 +73,20 @@ impl Preparation {
             shown: message.shown,
             scene: required(message.scene, "scene")?.try_into()?,
             members: message.members.iter().map(|m| boxes(&m.boxes, &grid)).collect::<Result<_, _>>()?,
+            statistics: message.statistics,
             grid,
         })
     }
 
     /// Of a run of which `shown` is shown.
-    pub(super) fn of_run(spec: &RunSpec, shown: &str, scene: Scene, members: Vec<Vec<GridBox>>) -> Self {
+    pub(super) fn of_run(
+        spec: &RunSpec,
+        (shown, statistics): (&str, bool),
+        scene: Scene,
+        members: Vec<Vec<GridBox>>,
+    ) -> Self {
         let fields = spec.fields().map(|(name, voxel_type)| (name.to_owned(), voxel_type)).collect();
-        Self { grid: spec.grid, fields, shown: shown.to_owned(), scene, members }
+        Self { grid: spec.grid, fields, shown: shown.to_owned(), scene, members, statistics }
     }
 }
 

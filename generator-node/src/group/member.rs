@@ -1,6 +1,7 @@
 //! A member at work: carries out the root's commands on the bricks of its own ranks.
 
 use super::convert::{Preparation, read_cast};
+use super::window::OwnPoints;
 use super::{Kind, send, sums, window};
 use crate::ingest::{BrickBytes, GridBox, RunSpec};
 use glam::DVec3;
@@ -9,6 +10,7 @@ use lamina_mpi::Outbox;
 use lamina_raycast::{Backend, Field, GridPart, PartSums};
 use lamina_rpc::v1;
 use parking_lot::Mutex;
+use prost::Message as _;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
@@ -207,51 +209,21 @@ impl Member {
                 rest = behind;
             }
         }
-        let meet = |windows: &[GridBox], boxes: &[GridBox]| {
-            windows.iter().any(|w| boxes.iter().any(|b| w.intersection(b).is_some()))
-        };
+        let filled = self.exchange_ghosts(sequence, &preparation, (&windows, &sources), (&own, &types))?;
         let mine = &preparation.members[me];
-        for other in (0..members).filter(|&other| other != me && meet(&windows[other], mine)) {
-            let of_fields = own.iter().zip(&types).map(|(own, t)| window::ghosts(&windows[other], own, t.size_bytes()));
-            let bytes: Vec<u8> = of_fields.flatten().collect();
-            send(&self.outbox, other as u32, sequence, Kind::Ghost(bytes));
-        }
-        let owing = (0..members).filter(|&other| other != me && meet(&windows[me], &preparation.members[other]));
-        let ghosts = self.gather(sequence, owing.map(|m| m as u32).collect(), ghost_points)?;
-        let mut filled: Vec<Vec<Option<Voxels>>> = vec![vec![None; types.len()]; windows[me].len()];
-        let mut consumed = vec![0; ghosts.len()];
-        for &source in &sources {
-            let (own, voxel_type) = (&own[source], types[source]);
-            let size = voxel_type.size_bytes();
-            let empty = |w: &GridBox| (*w, vec![0; w.voxels() * size]);
-            let mut of_field: Vec<(GridBox, Vec<u8>)> = windows[me].iter().map(empty).collect();
-            let whole = window::ghosts(&windows[me], own, size);
-            let mut complete = window::fill(&mut of_field, mine, size, &whole);
-            for ((from, bytes), consumed) in ghosts.iter().zip(&mut consumed) {
-                let boxes = &preparation.members[*from as usize];
-                let points = windows[me].iter().flat_map(|w| boxes.iter().filter_map(|b| w.intersection(b)));
-                let length = points.map(|b| b.voxels()).sum::<usize>() * size;
-                let part = bytes.get(*consumed..*consumed + length).unwrap_or_default();
-                complete &= window::fill(&mut of_field, boxes, size, part);
-                *consumed += length;
-            }
-            if !complete {
-                return Err(Invalid::new("group", format!("step {}: ghost points of another kind arrived", step.1)));
-            }
-            for (window, (_, bytes)) in filled.iter_mut().zip(of_field) {
-                window[source] = Some(Voxels::from_le_bytes(voxel_type, &bytes));
-            }
-        }
         // Each box is counted in the first window that has all of it: a point may be in several. One of points without a cell is in none.
         let counted_in = |own: &GridBox| windows[me].iter().position(|w| w.intersection(own).as_ref() == Some(own));
         let without_cells = |n: usize| {
             let boxes = own[n].iter().filter(|(brick, _)| counted_in(brick).is_none());
-            boxes.map(|(brick, bytes)| not_finite(&Voxels::from_le_bytes(types[n], bytes), brick, brick)).sum()
+            let voxel_type = types[n];
+            boxes.map(move |(brick, bytes)| (*brick, Voxels::from_le_bytes(voxel_type, bytes)))
         };
-        let (mut empty_voxels, mut empty_seen): (u64, _) = (shown.plain().map_or(0, without_cells), false);
+        let loose: Vec<(GridBox, Voxels)> = shown.plain().into_iter().flat_map(without_cells).collect();
+        let mut empty_voxels: u64 = loose.iter().map(|(brick, voxels)| not_finite(voxels, brick, brick)).sum();
+        let mut empty_seen = false;
         // The simulation gets its memory back.
         drop(bricks);
-        let mut fields = Vec::new();
+        let mut volumes = Vec::new();
         let windowed = parts.swap_remove(me).into_iter().zip(&windows[me]).zip(filled).enumerate();
         for (n, ((part, window), of_window)) in windowed {
             let grid = Grid::new(part.dims(), preparation.grid.spacing(), DVec3::ZERO)?;
@@ -259,12 +231,24 @@ impl Member {
             let here = mine.iter().filter(|own| counted_in(own) == Some(n));
             empty_voxels += here.map(|own| not_finite(volume.voxels(), window, own)).sum::<u64>();
             empty_seen |= not_finite(volume.voxels(), window, window) > 0;
-            fields.push(Field::part(volume, (preparation.grid, part), &preparation.scene)?);
+            volumes.push((part, volume));
+        }
+        let mut statistics = None;
+        if preparation.statistics {
+            let in_window = |own: &GridBox| {
+                let n = counted_in(own)?;
+                Some(OwnPoints { own: *own, window: windows[me][n], voxels: volumes[n].1.voxels() })
+            };
+            let alone = loose.iter().map(|(own, voxels)| OwnPoints { own: *own, window: *own, voxels });
+            let points: Vec<OwnPoints<'_>> = mine.iter().filter_map(in_window).chain(alone).collect();
+            statistics = Some(self.statistics_of(sequence, &points, &preparation.grid)?);
         }
         let Preparation { grid, scene, .. } = preparation;
+        let field = |(part, volume)| Field::part(volume, (grid, part), &scene);
+        let fields = volumes.into_iter().map(field).collect::<Result<Vec<_>, _>>()?;
         let parts = if scene.effects.needs_light_volume() { self.light(sequence, fields)? } else { fields };
         self.fields.insert(step, PartFields { grid, scene, parts });
-        Ok([&empty_voxels.to_le_bytes()[..], &[u8::from(empty_seen)]].concat())
+        Ok(v1::GroupPrepared { empty_voxels, empty_seen, statistics }.encode_to_vec())
     }
 
     /// Its parts, in the light that all members' parts let through.
@@ -337,17 +321,13 @@ impl Member {
     }
 }
 
-fn ghost_points(kind: &Kind) -> Option<&[u8]> {
-    if let Kind::Ghost(bytes) = kind { Some(bytes) } else { None }
-}
-
 fn extinction_sums(kind: &Kind) -> Option<&[u8]> {
     if let Kind::Extinction(bytes) = kind { Some(bytes) } else { None }
 }
 
 fn is_between_members(message: &v1::GroupMessage) -> bool {
-    use Kind::{Extinction, Failed, Ghost, Lists, Rows, Statistics};
-    matches!(message.kind, Some(Ghost(_) | Lists(_) | Statistics(_) | Rows(_) | Extinction(_) | Failed(_)))
+    use Kind::{Extinction, Failed, Ghost, Lists, Moments, Rows, Statistics};
+    matches!(message.kind, Some(Ghost(_) | Lists(_) | Statistics(_) | Rows(_) | Extinction(_) | Moments(_) | Failed(_)))
 }
 
 /// Points of a box whose index is a multiple of `stride` on all axes, x fastest.

@@ -5,9 +5,11 @@
 
 mod convert;
 mod door;
+mod ghosts;
 mod lists;
 mod member;
 mod root;
+mod statistics;
 mod sums;
 #[cfg(test)]
 mod tests;

@@ -4,11 +4,12 @@ use super::convert::{Preparation, cast_message};
 use super::member::lattice;
 use super::{Kind, send, sums};
 use crate::ingest::{GridBox, RunSpec};
+use crate::triggers::Statistics;
 use glam::DVec3;
 use lamina_codec::BandStatistics;
 use lamina_field_expression::ShownFields;
 use lamina_model::{
-    Aabb, Grid, Invalid, ReducedVolume, ReferenceSamples, SamplePlan, Scene, Segmentation, VdiParams, Volume,
+    Aabb, Grid, Image, Invalid, ReducedVolume, ReferenceSamples, SamplePlan, Scene, Segmentation, VdiParams, Volume,
     VolumeParams, VoxelType, Voxels,
 };
 use lamina_mpi::Outbox;
@@ -131,32 +132,48 @@ pub(crate) struct GroupField {
     empty_voxels: u64,
     /// Some member has such voxels, also among its ghost points.
     empty_seen: bool,
+    /// Of what is shown, if they were asked for.
+    statistics: Option<Statistics>,
 }
 
 impl GroupField {
-    /// Lets all members prepare what is `shown` of the step whose boxes are those of `members`.
+    /// Lets all members prepare what is `shown` of the step whose boxes are those of `members`, and gather its `statistics`.
     pub(crate) fn prepare(
         root: &Arc<Root>,
         (run_id, step): (&str, u64),
-        (spec, shown): (&RunSpec, &str),
+        (spec, shown, statistics): (&RunSpec, &str, bool),
         scene: Scene,
         members: Vec<Vec<GridBox>>,
     ) -> Result<Self, Invalid> {
-        let preparation = Preparation::of_run(spec, shown, scene, members);
+        let preparation = Preparation::of_run(spec, (shown, statistics), scene, members);
         let step = message(run_id, step);
         let answers = root.ask(&Kind::Prepare(preparation.message(step.clone())))?;
-        let number = |reply: &v1::GroupReply| reply.payload.first_chunk().map_or(0, |bytes| u64::from_le_bytes(*bytes));
-        let empty_voxels = answers.iter().map(number).sum();
-        let empty_seen = answers.iter().any(|reply| reply.payload.last() == Some(&1));
+        let prepared = answers.iter().map(|reply| v1::GroupPrepared::decode(&reply.payload[..]));
+        let prepared = prepared.collect::<Result<Vec<_>, _>>().map_err(|e| Invalid::new("group", e.to_string()))?;
+        let empty_voxels = prepared.iter().map(|of_member| of_member.empty_voxels).sum();
+        let empty_seen = prepared.iter().any(|of_member| of_member.empty_seen);
+        let statistics = prepared.into_iter().filter_map(|of_member| of_member.statistics).collect();
+        let statistics = super::statistics::of_all(statistics, &preparation.grid);
         let parts = (0..preparation.members.len()).map(|member| preparation.parts(member));
         let parts = parts.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
         let Preparation { grid, scene, .. } = preparation;
-        Ok(Self { root: root.clone(), step, grid, scene, parts, empty_voxels, empty_seen })
+        Ok(Self { root: root.clone(), step, grid, scene, parts, empty_voxels, empty_seen, statistics })
     }
 
     /// Voxels that are NaN or infinite.
     pub(crate) fn empty_voxels(&self) -> u64 {
         self.empty_voxels
+    }
+
+    /// Its statistics, once, if they were asked for.
+    pub(crate) fn take_statistics(&mut self) -> Option<Statistics> {
+        self.statistics.take()
+    }
+
+    /// A picture from the scene's camera, `side` pixels a side.
+    pub(crate) fn picture(&self, side: u32) -> Result<Image, Invalid> {
+        let plan = SamplePlan { image_size: side, tile: 1, batches: 1, angles_deg: vec![0.0] };
+        Image::new(side, side, self.reference_slice(&plan, 0..1)?.colors.swap_remove(0))
     }
 
     /// The VDI of the whole, encoded.

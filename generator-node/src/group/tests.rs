@@ -2,11 +2,12 @@
 
 use super::*;
 use crate::ingest::{GridBox, RunSpec};
+use crate::triggers::Statistics;
 use glam::DVec3;
 use lamina_codec::{DecodeLimits, EncodeOptions, band_sizes, decode, encode};
 use lamina_model::{
     Effects, Grid, SamplePlan, Scene, Segmentation, SquaredError, VdiParams, Volume, VolumeParams, VoxelType, Voxels,
-    suggest::suggest,
+    psnr, suggest::suggest,
 };
 use lamina_raycast::{Backend, Field, reduce};
 use std::sync::Arc;
@@ -106,7 +107,8 @@ fn a_group_makes_the_vdi_of_one_node() {
     for layout in layouts() {
         let root = group(&layout, 3);
         for step in 0..3 {
-            let field = GroupField::prepare(&root, ("a", step), (&spec(), "f"), scene.clone(), layout.clone()).unwrap();
+            let field =
+                GroupField::prepare(&root, ("a", step), (&spec(), "f", false), scene.clone(), layout.clone()).unwrap();
             assert_eq!(field.empty_voxels(), 1);
             for (gamma, segmentation) in [(0.0, Segmentation::Greedy), (0.02, Segmentation::Fitted)] {
                 let params = VdiParams::new(33, gamma).unwrap();
@@ -134,7 +136,8 @@ fn members_code_the_bands_of_a_large_vdi_to_the_bytes_of_one_node() {
     assert!(bands >= 3, "{bands} bands");
     for layout in layouts() {
         let field =
-            GroupField::prepare(&group(&layout, 1), ("a", 0), (&spec(), "f"), scene.clone(), layout.clone()).unwrap();
+            GroupField::prepare(&group(&layout, 1), ("a", 0), (&spec(), "f", false), scene.clone(), layout.clone())
+                .unwrap();
         assert!(field.generate(&params, Segmentation::Greedy).unwrap().bytes == bytes, "{} members", layout.len());
     }
 }
@@ -149,7 +152,7 @@ fn a_group_casts_the_shadows_of_one_node() {
         let unlit = Backend::cpu().reference_slice(&whole(&scene()), &plan, 0, 0..3).unwrap();
         for layout in layouts() {
             let root = group(&layout, 1);
-            let field = GroupField::prepare(&root, ("a", 0), (&spec(), "f"), lit.clone(), layout).unwrap();
+            let field = GroupField::prepare(&root, ("a", 0), (&spec(), "f", false), lit.clone(), layout).unwrap();
             let together = field.reference_slice(&plan, 0..3).unwrap();
             for ((a, b), unlit) in alone.colors.iter().zip(&together.colors).zip(&unlit.colors) {
                 let [mut error, mut darkness] = [SquaredError::default(); 2];
@@ -167,7 +170,7 @@ fn a_group_reduces_to_the_volume_of_one_node() {
     let scene = scene();
     for layout in layouts() {
         let root = group(&layout, 1);
-        let field = GroupField::prepare(&root, ("a", 0), (&spec(), "f"), scene.clone(), layout.clone()).unwrap();
+        let field = GroupField::prepare(&root, ("a", 0), (&spec(), "f", false), scene.clone(), layout.clone()).unwrap();
         assert_eq!(field.longest_side(), 21);
         for longest in [21, 11, 4] {
             let params = VolumeParams::new(longest, 0.01).unwrap();
@@ -189,7 +192,7 @@ fn reference_pixels_of_a_group_are_those_of_one_node() {
     let alone = Backend::cpu().reference_slice(&whole(&scene), &plan, 0, 1..3).unwrap();
     for layout in layouts() {
         let root = group(&layout, 1);
-        let field = GroupField::prepare(&root, ("a", 0), (&spec(), "f"), scene.clone(), layout).unwrap();
+        let field = GroupField::prepare(&root, ("a", 0), (&spec(), "f", false), scene.clone(), layout).unwrap();
         let together = field.reference_slice(&plan, 1..3).unwrap();
         assert_eq!((&together.plan, &together.batches, together.colors.len()), (&alone.plan, &alone.batches, 3));
         for (a, b) in alone.colors.iter().zip(&together.colors) {
@@ -219,7 +222,7 @@ fn a_scene_can_be_chosen_from_a_coarse_volume() {
 fn what_a_member_lacks_or_cannot_make_is_said_with_its_number_and_the_group_goes_on() {
     let layout = &layouts()[1];
     let root = group(layout, 1);
-    let prepare = |step| GroupField::prepare(&root, ("a", step), (&spec(), "f"), scene(), layout.clone());
+    let prepare = |step| GroupField::prepare(&root, ("a", step), (&spec(), "f", false), scene(), layout.clone());
     let missing = prepare(7).err().unwrap();
     assert!(missing.reason.contains("member 0") && missing.reason.contains("nothing of step 7"), "{missing}");
     let field = prepare(0).unwrap();
@@ -238,7 +241,7 @@ fn nobody_waits_for_what_a_member_that_lacks_the_step_cannot_send() {
     let layout = &layouts()[1];
     let lacking = (layout.len() - 1) as u32;
     let root = group_of(layout, |member| u64::from(member != lacking) + 1);
-    let prepare = |step| GroupField::prepare(&root, ("a", step), (&spec(), "f"), scene(), layout.clone());
+    let prepare = |step| GroupField::prepare(&root, ("a", step), (&spec(), "f", false), scene(), layout.clone());
     let shown = spec().shown_fields("f", None).unwrap();
     let missing = root.coarse(("a", 1), (&spec(), &shown), layout).err().unwrap();
     assert!(missing.reason.contains("member 1 lacks points of step 1"), "{missing}");
@@ -280,10 +283,32 @@ fn what_members_compute_of_several_fields_is_what_one_node_does() {
         for layout in layouts() {
             let bytes = |b: &GridBox| (0..3).fold(bytes_of(b), |bytes, axis| [bytes, field(axis, b)].concat());
             let root = group_with(&layout, &run, bytes, |_| 1);
-            let made = GroupField::prepare(&root, ("a", 0), (&run, &text), scene.clone(), layout.clone()).unwrap();
+            let made =
+                GroupField::prepare(&root, ("a", 0), (&run, &text, false), scene.clone(), layout.clone()).unwrap();
             assert_eq!(made.empty_voxels(), empty, "{text}");
             assert!(made.generate(&params, Segmentation::Greedy).unwrap().bytes == expected, "{text}: samples differ");
         }
+    }
+}
+
+#[test]
+fn statistics_and_pictures_of_parts_are_those_of_the_whole() {
+    let scene = scene();
+    let alone = Statistics::of(&Voxels::F32(floats(&bytes_of(&at([0; 3], DIMS)))));
+    let picture = Backend::cpu().raycast(&whole(&scene), &scene.camera, 40, 40).unwrap();
+    for layout in layouts() {
+        let root = group(&layout, 1);
+        let run = (&spec(), "f", true);
+        let mut field = GroupField::prepare(&root, ("a", 0), run, scene.clone(), layout.clone()).unwrap();
+        let together = field.take_statistics().unwrap();
+        assert_eq!((together.min, together.max, together.missing), (alone.min, alone.max, 1));
+        assert!((together.mean - alone.mean).abs() < 1e-12, "summed in another order");
+        assert_eq!([0.0, 0.3, 0.99].map(|p| together.quantile(p)), [0.0, 0.3, 0.99].map(|p| alone.quantile(p)));
+        assert_eq!(together.entropy(), alone.entropy());
+        let bits = |of: &Statistics| of.samples.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&together), bits(&alone));
+        let db = psnr(&picture, &field.picture(40).unwrap()).unwrap();
+        assert!(db > 90.0, "{db} dB");
     }
 }
 
@@ -299,6 +324,6 @@ fn empty_points_without_a_cell_are_counted_too() {
         bytes
     };
     let root = group_with(layout, &spec(), bytes, |_| 1);
-    let field = GroupField::prepare(&root, ("a", 0), (&spec(), "f"), scene(), layout.clone()).unwrap();
+    let field = GroupField::prepare(&root, ("a", 0), (&spec(), "f", false), scene(), layout.clone()).unwrap();
     assert_eq!(field.empty_voxels(), 2);
 }

@@ -5,7 +5,7 @@ mod files;
 mod statistics;
 
 pub(crate) use files::{write_picture, write_raw};
-pub(crate) use statistics::Statistics;
+pub(crate) use statistics::{Moments, Statistics, sample_stride};
 
 use condition::Condition;
 use lamina_model::{Cost, Invalid, TriggerAction, TriggerChange, TriggerSpec};
@@ -50,18 +50,20 @@ pub(crate) struct Fired {
 #[derive(Default)]
 pub(crate) struct Triggers {
     triggers: Vec<Trigger>,
+    /// No step is in one place, to be kept there.
+    of_group: bool,
     run_id: String,
     /// Sampled values of the step before, for `change`.
     samples: Vec<f64>,
 }
 
 impl Triggers {
-    /// Reads all conditions.
+    /// Reads all conditions, of one node or of a group.
     ///
     /// # Errors
     /// Names the trigger, and what is wrong with it.
-    pub(crate) fn new(specs: &[TriggerSpec]) -> Result<Self, Invalid> {
-        let mut triggers = Self::default();
+    pub(crate) fn new(specs: &[TriggerSpec], of_group: bool) -> Result<Self, Invalid> {
+        let mut triggers = Self { of_group, ..Self::default() };
         for spec in specs {
             if triggers.names().any(|name| name == spec.name) {
                 return Err(Invalid::new("trigger.name", format!("\"{}\" stands twice", spec.name)));
@@ -91,6 +93,12 @@ impl Triggers {
     /// Adds a trigger, or puts it in place of that of its name.
     fn set(&mut self, spec: &TriggerSpec) -> Result<(), Invalid> {
         let trigger = Trigger::new(spec)?;
+        if self.of_group && spec.actions.contains(&TriggerAction::Raw) {
+            let name = &spec.name;
+            let reason =
+                format!("\"{name}\": a group has no step in one place to keep; leave \"raw\" out, or use one node");
+            return Err(Invalid::new("trigger.do", reason));
+        }
         match self.triggers.iter().position(|known| known.spec.name == spec.name) {
             Some(at) => self.triggers[at] = trigger,
             None if self.triggers.len() == TriggerSpec::MOST => {
@@ -175,7 +183,8 @@ mod tests {
 
     #[test]
     fn a_trigger_fires_at_the_step_where_its_condition_becomes_true() {
-        let mut triggers = Triggers::new(&[spec("high", "max > 2"), spec("jump", "max > 2 * prev(max)")]).unwrap();
+        let mut triggers =
+            Triggers::new(&[spec("high", "max > 2"), spec("jump", "max > 2 * prev(max)")], false).unwrap();
         let mut names = |run: &str, step: u64, value: f64| -> Vec<String> {
             let statistics = Statistics::of(&Voxels::F64(vec![0.0, value]));
             let fired = triggers.evaluate(run, (step, 0.5), &statistics, &Cost::default());
@@ -194,7 +203,8 @@ mod tests {
 
     #[test]
     fn a_change_of_one_trigger_leaves_the_others_what_they_remember() {
-        let mut triggers = Triggers::new(&[spec("high", "max > 2"), spec("jump", "max > 2 * prev(max)")]).unwrap();
+        let mut triggers =
+            Triggers::new(&[spec("high", "max > 2"), spec("jump", "max > 2 * prev(max)")], false).unwrap();
         let fire = |triggers: &mut Triggers, value: f64| -> Vec<String> {
             let statistics = Statistics::of(&Voxels::F64(vec![0.0, value]));
             let fired = triggers.evaluate("a", (0, 0.0), &statistics, &Cost::default());
@@ -218,7 +228,7 @@ mod tests {
 
     #[test]
     fn change_is_that_of_the_step_before_in_ranges() {
-        let mut triggers = Triggers::new(&[spec("moved", "change >= 0.25")]).unwrap();
+        let mut triggers = Triggers::new(&[spec("moved", "change >= 0.25")], false).unwrap();
         let mut fires = |values: Vec<f64>| {
             let statistics = Statistics::of(&Voxels::F64(values));
             !triggers.evaluate("a", (0, 0.0), &statistics, &Cost::default()).is_empty()
@@ -231,7 +241,7 @@ mod tests {
     #[test]
     fn what_is_no_trigger_is_refused_by_name() {
         let refused = |specs: &[TriggerSpec], word: &str| {
-            let error = Triggers::new(specs).err().unwrap();
+            let error = Triggers::new(specs, false).err().unwrap();
             assert!(error.to_string().contains(word), "{error} does not say {word}");
         };
         refused(&[spec("a b", "max > 1")], "a b");

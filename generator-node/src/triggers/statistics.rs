@@ -9,6 +9,70 @@ const ENTROPY_BINS: usize = 256;
 /// The most voxels that steps are compared at.
 const SAMPLES: usize = 1 << 16;
 
+/// The least and the largest of some values, their sum and number; of a step's parts it is added up.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Moments {
+    /// The least finite value; infinite if there is none.
+    pub min: f64,
+    /// The largest.
+    pub max: f64,
+    /// Of the finite values.
+    pub sum: f64,
+    /// Finite values.
+    pub count: u64,
+    /// Values that are NaN or infinite.
+    pub missing: u64,
+}
+
+impl Moments {
+    /// Of no values.
+    pub(crate) const NONE: Self = Self { min: f64::INFINITY, max: f64::NEG_INFINITY, sum: 0.0, count: 0, missing: 0 };
+
+    /// Of `values`.
+    pub(crate) fn of(values: impl Iterator<Item = f64>) -> Self {
+        let mut all = Self::NONE;
+        for v in values {
+            if v.is_finite() {
+                (all.min, all.max) = (all.min.min(v), all.max.max(v));
+                (all.sum, all.count) = (all.sum + v, all.count + 1);
+            } else {
+                all.missing += 1;
+            }
+        }
+        all
+    }
+
+    /// Of both parts.
+    pub(crate) fn and(self, other: Self) -> Self {
+        Self {
+            min: self.min.min(other.min),
+            max: self.max.max(other.max),
+            sum: self.sum + other.sum,
+            count: self.count + other.count,
+            missing: self.missing + other.missing,
+        }
+    }
+
+    /// How many of `values`, which lie between the least and the largest, are in each of [`BINS`] equal bins; none where no value is
+    /// finite.
+    pub(crate) fn histogram(&self, values: impl Iterator<Item = f64>) -> Vec<u64> {
+        if self.count == 0 {
+            return Vec::new();
+        }
+        let mut counts = vec![0; BINS];
+        let scale = if self.max > self.min { BINS as f64 / (self.max - self.min) } else { 0.0 };
+        for v in values.filter(|v| v.is_finite()) {
+            counts[(((v - self.min) * scale) as usize).min(BINS - 1)] += 1;
+        }
+        counts
+    }
+}
+
+/// Steps are compared at every so manieth of `voxels` voxels.
+pub(crate) fn sample_stride(voxels: usize) -> usize {
+    voxels.div_ceil(SAMPLES).max(1)
+}
+
 /// What a step's finite voxels are like; without any, all values are NaN.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Statistics {
@@ -29,21 +93,16 @@ pub(crate) struct Statistics {
 impl Statistics {
     /// Of `voxels`, in two passes.
     pub(crate) fn of(voxels: &Voxels) -> Self {
-        let (mut min, mut max, mut sum, mut count) = (f64::INFINITY, f64::NEG_INFINITY, 0.0, 0_u64);
         let values = || (0..voxels.len()).map(|n| voxels.get(n));
-        for v in values().filter(|v| v.is_finite()) {
-            (min, max, sum, count) = (min.min(v), max.max(v), sum + v, count + 1);
-        }
-        let stride = voxels.len().div_ceil(SAMPLES).max(1);
-        let samples = values().step_by(stride).collect();
-        let missing = voxels.len() as u64 - count;
+        let moments = Moments::of(values());
+        Self::new(&moments, moments.histogram(values()), values().step_by(sample_stride(voxels.len())).collect())
+    }
+
+    /// Of a step with these `moments`, the histogram of all its values and some of them.
+    pub(crate) fn new(moments: &Moments, counts: Vec<u64>, samples: Vec<f64>) -> Self {
+        let &Moments { min, max, sum, count, missing } = moments;
         if count == 0 {
             return Self { min: f64::NAN, max: f64::NAN, mean: f64::NAN, missing, samples, counts: Vec::new() };
-        }
-        let mut counts = vec![0; BINS];
-        let scale = if max > min { BINS as f64 / (max - min) } else { 0.0 };
-        for v in values().filter(|v| v.is_finite()) {
-            counts[(((v - min) * scale) as usize).min(BINS - 1)] += 1;
         }
         Self { min, max, mean: sum / count as f64, missing, samples, counts }
     }

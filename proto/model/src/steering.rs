@@ -101,7 +101,7 @@ pub struct Steerable {
     pub transfer: Option<TransferFunction>,
     /// The effects that it is shown with.
     pub effects: Option<Effects>,
-    /// The node's triggers, which can be changed; those of a group, which has none, and of an older node cannot.
+    /// The node's triggers, which can be changed; those of an older node cannot.
     pub triggers: Option<Vec<TriggerSpec>>,
 }
 

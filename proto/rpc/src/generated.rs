@@ -651,7 +651,7 @@ pub struct Steerable {
     pub transfer: ::core::option::Option<::lamina_message::v1::TransferFunction>,
     #[prost(message, optional, tag = "9")]
     pub effects: ::core::option::Option<::lamina_message::v1::Effects>,
-    /// The node's triggers; not stated by one that takes no changes of them.
+    /// The node's triggers; not stated by an older one, which takes no changes of them.
     #[prost(message, optional, tag = "10")]
     pub triggers: ::core::option::Option<TriggerList>,
 }
@@ -1730,7 +1730,6 @@ pub mod frames_client {
             self.inner.unary(req, path, codec).await
         }
         /// Sets or removes a trigger, from the next step on and as long as the node runs. INVALID_ARGUMENT: it cannot be right.
-        /// FAILED_PRECONDITION: the node is a group.
         pub async fn change_triggers(
             &mut self,
             request: impl tonic::IntoRequest<super::ChangeTriggersRequest>,
@@ -1819,7 +1818,6 @@ pub mod frames_server {
             request: tonic::Request<super::ShowRequest>,
         ) -> std::result::Result<tonic::Response<super::ShowReply>, tonic::Status>;
         /// Sets or removes a trigger, from the next step on and as long as the node runs. INVALID_ARGUMENT: it cannot be right.
-        /// FAILED_PRECONDITION: the node is a group.
         async fn change_triggers(
             &self,
             request: tonic::Request<super::ChangeTriggersRequest>,
@@ -3897,8 +3895,7 @@ pub struct GroupSample {
     #[prost(uint32, tag = "2")]
     pub stride: u32,
 }
-/// Members exchange ghost points, and what light meets where the scene has shadows or ambient occlusion, and make a field of each of their boxes. Answer: the number of its own points that are not finite,
-/// u64, and whether there are any in all that it has, u8.
+/// Members exchange ghost points, and what light meets where the scene has shadows or ambient occlusion, and make a field of each of their boxes. Answer: GroupPrepared.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct GroupPrepare {
     #[prost(message, optional, tag = "1")]
@@ -3915,6 +3912,50 @@ pub struct GroupPrepare {
     pub fields: ::prost::alloc::vec::Vec<RunField>,
     #[prost(string, tag = "8")]
     pub shown: ::prost::alloc::string::String,
+    /// There are triggers, which look at statistics of what is shown.
+    #[prost(bool, tag = "9")]
+    pub statistics: bool,
+}
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct GroupPrepared {
+    /// Of the member's own points those that are not finite.
+    #[prost(uint64, tag = "1")]
+    pub empty_voxels: u64,
+    /// There are such among all that it has, ghost points among them.
+    #[prost(bool, tag = "2")]
+    pub empty_seen: bool,
+    /// Where they were asked for.
+    #[prost(message, optional, tag = "3")]
+    pub statistics: ::core::option::Option<GroupStatistics>,
+}
+#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+pub struct GroupMoments {
+    /// Of finite values.
+    #[prost(double, tag = "1")]
+    pub min: f64,
+    #[prost(double, tag = "2")]
+    pub max: f64,
+    #[prost(double, tag = "3")]
+    pub sum: f64,
+    #[prost(uint64, tag = "4")]
+    pub count: u64,
+    /// Values that are not finite.
+    #[prost(uint64, tag = "5")]
+    pub missing: u64,
+}
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct GroupStatistics {
+    /// Of all members' points.
+    #[prost(message, optional, tag = "1")]
+    pub moments: ::core::option::Option<GroupMoments>,
+    /// Of the member's own points, in equal bins between the least and the largest value of all.
+    #[prost(uint64, repeated, tag = "2")]
+    pub counts: ::prost::alloc::vec::Vec<u64>,
+    /// Some of its own points: their indexes in the grid, and their values.
+    #[prost(uint64, repeated, tag = "3")]
+    pub indexes: ::prost::alloc::vec::Vec<u64>,
+    #[prost(double, repeated, tag = "4")]
+    pub samples: ::prost::alloc::vec::Vec<f64>,
 }
 /// Members send each other the lists of their boxes by tile, and composite their own tile. Where the VDI is to be encoded, each quantizes
 /// its tile and tells member 0 what it has to know of it, which tells all what there is to know of the whole; rows go to the members that
@@ -3997,7 +4038,7 @@ pub struct GroupMessage {
     pub sequence: u64,
     #[prost(
         oneof = "group_message::Kind",
-        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 17, 18, 16, 13, 14, 15, 19, 20, 21"
+        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 17, 18, 16, 22, 13, 14, 15, 19, 20, 21"
     )]
     pub kind: ::core::option::Option<group_message::Kind>,
 }
@@ -4035,6 +4076,9 @@ pub mod group_message {
         Rows(::prost::alloc::vec::Vec<u8>),
         #[prost(bytes, tag = "16")]
         Extinction(::prost::alloc::vec::Vec<u8>),
+        /// Between members: a GroupMoments of the sender's own points.
+        #[prost(bytes, tag = "22")]
+        Moments(::prost::alloc::vec::Vec<u8>),
         /// Instead of any: why there is none.
         #[prost(string, tag = "13")]
         Failed(::prost::alloc::string::String),
