@@ -19,6 +19,8 @@ mod region;
 #[cfg(all(target_os = "linux", target_endian = "little"))]
 mod sender;
 #[cfg(all(target_os = "linux", target_endian = "little"))]
+mod slot_state;
+#[cfg(all(target_os = "linux", target_endian = "little"))]
 pub use {
     receiver::{Receiver, Rings, SharedBytes},
     sender::{Lease, Ring},

@@ -60,17 +60,17 @@ impl Deref for SharedBytes {
 impl Drop for SharedBytes {
     fn drop(&mut self) {
         self.kept.fetch_sub(1, Ordering::Relaxed);
-        self.region.free();
+        self.region.state().free();
     }
 }
 
 impl Rings {
-    /// The first `len` bytes of slot `slot` of ring `ring`; `None` if that one is not there, is shorter, or was not handed over.
+    /// The first `len` bytes of slot `slot` of ring `ring`; `None` if that one is not there, is shorter, or was not handed over since it was taken.
     pub fn take(&self, ring: u64, slot: u32, len: usize) -> Option<SharedBytes> {
         let rings = self.rings.lock();
         let ring = rings.get(&ring)?;
         let region = ring.slots.get(slot as usize)?.as_ref()?;
-        if !region.is_kept() || region.bytes() < len {
+        if region.bytes() < len || !region.state().keep() {
             return None;
         }
         ring.kept.fetch_add(1, Ordering::Relaxed);

@@ -1,23 +1,17 @@
 //! A memory region of two processes: a memfd of fixed size, mapped by both. One page of header, then the data.
 #![allow(unsafe_code, reason = "memory that another process maps, too")]
 
+use crate::slot_state::SlotState;
 use memmap2::{MmapOptions, MmapRaw};
 use nix::fcntl::{FallocateFlags, FcntlArg, SealFlag, fallocate, fcntl};
 use nix::sys::memfd::{MFdFlags, memfd_create};
 use std::fs::File;
 use std::io;
 use std::os::fd::{AsRawFd, OwnedFd};
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::AtomicU32;
 
 /// Where the data begins.
 const HEADER_BYTES: usize = 4096;
-
-/// Nobody uses the region.
-const FREE: u32 = 0;
-/// The sender writes.
-const LEASED: u32 = 1;
-/// The receiver reads.
-const KEPT: u32 = 2;
 
 /// A region that this process maps.
 #[derive(Debug)]
@@ -41,7 +35,7 @@ impl Region {
         fallocate(&fd, FallocateFlags::empty(), 0, all.ok_or(io::ErrorKind::InvalidInput)?)?;
         fcntl(&fd, FcntlArg::F_ADD_SEALS(seals()))?;
         let region = Self::map(&fd)?;
-        region.state().store(LEASED, Ordering::Relaxed);
+        region.state().begin();
         Ok((region, fd))
     }
 
@@ -69,33 +63,10 @@ impl Region {
         self.map.len() - HEADER_BYTES
     }
 
-    fn state(&self) -> &AtomicU32 {
+    /// Whose it is.
+    pub(crate) fn state(&self) -> SlotState<'_, AtomicU32> {
         // SAFETY: the map begins on a page, has a header, and lives as long as `self`; both processes use the word atomically.
-        unsafe { AtomicU32::from_ptr(self.map.as_mut_ptr().cast()) }
-    }
-
-    fn change(&self, from: u32, to: u32) -> bool {
-        self.state().compare_exchange(from, to, Ordering::AcqRel, Ordering::Relaxed).is_ok()
-    }
-
-    /// Leases a free region to the caller; false if it is not free.
-    pub(crate) fn lease(&self) -> bool {
-        self.change(FREE, LEASED)
-    }
-
-    /// Hands the caller's lease over to the receiver.
-    pub(crate) fn hand_over(&self) {
-        self.change(LEASED, KEPT);
-    }
-
-    /// True if it was handed over and not given back.
-    pub(crate) fn is_kept(&self) -> bool {
-        self.state().load(Ordering::Acquire) == KEPT
-    }
-
-    /// Gives it back, whoever has it.
-    pub(crate) fn free(&self) {
-        self.state().store(FREE, Ordering::Release);
+        SlotState(unsafe { AtomicU32::from_ptr(self.map.as_mut_ptr().cast()) })
     }
 
     /// The first `len` bytes of data, which the caller has kept.

@@ -51,11 +51,11 @@ impl Ring {
     /// # Errors
     /// If the system gives no more memory, or the receiver does not take it.
     pub fn lease(&mut self, bytes: usize) -> io::Result<Option<Lease>> {
-        let fitting = self.slots.iter().position(|region| region.bytes() >= bytes && region.lease());
+        let fitting = self.slots.iter().position(|region| region.bytes() >= bytes && region.state().lease());
         let slot = match fitting {
             Some(slot) => slot,
             None if self.slots.len() < SLOTS => self.add(bytes, self.slots.len())?,
-            None => match self.slots.iter().position(|region| region.lease()) {
+            None => match self.slots.iter().position(|region| region.state().lease()) {
                 // Too small: another takes its place.
                 Some(slot) => self.add(bytes, slot)?,
                 None => return Ok(None),
@@ -110,14 +110,14 @@ impl Lease {
     /// Leaves the memory to the receiver, which is to be told next.
     pub fn hand_over(&self) {
         self.handed_over.store(true, Ordering::Relaxed);
-        self.region.hand_over();
+        self.region.state().hand_over();
     }
 }
 
 impl Drop for Lease {
     fn drop(&mut self) {
         if !*self.handed_over.get_mut() {
-            self.region.free();
+            self.region.state().free();
         }
     }
 }

@@ -43,6 +43,7 @@ fn bytes_are_read_where_they_were_written_and_the_slot_comes_back() {
         lease.hand_over();
         let taken = rings.take(lease.ring(), lease.slot(), 10_000).unwrap();
         assert_eq!((lease.slot(), taken.kept_slots()), (0, 1), "one slot serves them all");
+        assert!(rings.take(lease.ring(), 0, 10_000).is_none(), "what is kept is not handed over a second time");
         assert!(taken.len() == 10_000 && taken.iter().all(|&b| b == value));
     }
 }
