@@ -3,6 +3,7 @@
 use super::member::Member;
 use super::window::OwnPoints;
 use super::{Kind, send};
+use crate::ingest::GridBox;
 use crate::triggers::{Moments, Statistics, sample_stride};
 use lamina_model::{Grid, Invalid};
 use lamina_rpc::v1;
@@ -33,9 +34,11 @@ impl Member {
             all = all
                 .and(moments(&v1::GroupMoments::decode(&bytes[..]).map_err(|e| Invalid::new("group", e.to_string()))?));
         }
-        let stride = sample_stride(grid.voxels()) as u64;
-        let indexed = points.iter().flat_map(|points| points.indexes(grid).zip(points.values()));
-        let (indexes, samples) = indexed.filter(|(index, _)| index.is_multiple_of(stride)).unzip();
+        let (stride, whole) =
+            (sample_stride(grid.voxels()), GridBox::new([0; 3], grid.dims().map(|n| n as u64), grid)?);
+        let indexed = points.iter().flat_map(|points| points.indexes(&whole).zip(points.values()));
+        let sampled = indexed.filter(|(index, _)| index.is_multiple_of(stride));
+        let (indexes, samples) = sampled.map(|(index, sample)| (index as u64, sample)).unzip();
         Ok(v1::GroupStatistics { moments: Some(message(&all)), counts: all.histogram(values()), indexes, samples })
     }
 }

@@ -1,7 +1,7 @@
 //! The points that a field of one box needs: the box and its ghost points, copied from the boxes that have them.
 
 use crate::ingest::GridBox;
-use lamina_model::{Grid, Voxels};
+use lamina_model::Voxels;
 
 /// Boxes with their bytes.
 pub(super) type Bricks<'a> = [(GridBox, &'a [u8])];
@@ -32,16 +32,13 @@ pub(super) struct OwnPoints<'a> {
 impl OwnPoints<'_> {
     /// Their values, x fastest.
     pub(super) fn values(&self) -> impl Iterator<Item = f64> {
-        let rows = row_starts(&self.window, &self.own);
-        rows.flat_map(|first| (first..first + self.own.dims()[0]).map(|n| self.voxels.get(n)))
+        self.indexes(&self.window).map(|n| self.voxels.get(n))
     }
 
-    /// Index of each point in `grid`, in the order of the values.
-    pub(super) fn indexes(&self, grid: &Grid) -> impl Iterator<Item = u64> {
-        let whole = grid.dims().map(|n| n as u64);
-        let ([x0, y0, z0], [nx, ny, nz]) = (self.own.start(), self.own.dims());
-        let rows = (z0..z0 + nz).flat_map(move |z| (y0..y0 + ny).map(move |y| (y as u64, z as u64)));
-        rows.flat_map(move |(y, z)| (x0..x0 + nx).map(move |x| (z * whole[1] + y) * whole[0] + x as u64))
+    /// Their indexes among the points of `of`, which has them all, in the order of the values.
+    pub(super) fn indexes(&self, of: &GridBox) -> impl Iterator<Item = usize> {
+        let row = self.own.dims()[0];
+        row_starts(of, &self.own).flat_map(move |first| first..first + row)
     }
 }
 

@@ -14,8 +14,8 @@ const KEPT: u32 = 3;
 /// A word of two processes; in the tests one of a model, which tries all orders of their steps.
 pub(crate) trait SharedWord {
     fn store(&self, value: u32, order: Ordering);
-    /// True if it was `from`, and is `to` now.
-    fn change(&self, from: u32, to: u32) -> bool;
+    /// True if it was `from`, and is `to` now; a change has `order`, none has no order.
+    fn change(&self, from: u32, to: u32, order: Ordering) -> bool;
 }
 
 impl SharedWord for AtomicU32 {
@@ -23,8 +23,8 @@ impl SharedWord for AtomicU32 {
         self.store(value, order);
     }
 
-    fn change(&self, from: u32, to: u32) -> bool {
-        self.compare_exchange(from, to, Ordering::AcqRel, Ordering::Relaxed).is_ok()
+    fn change(&self, from: u32, to: u32, order: Ordering) -> bool {
+        self.compare_exchange(from, to, order, Ordering::Relaxed).is_ok()
     }
 }
 
@@ -40,17 +40,17 @@ impl<W: SharedWord> SlotState<'_, W> {
 
     /// Leases a free slot to the sender; false if it is not free.
     pub(crate) fn lease(&self) -> bool {
-        self.0.change(FREE, LEASED)
+        self.0.change(FREE, LEASED, Ordering::AcqRel)
     }
 
     /// Hands the sender's lease over.
     pub(crate) fn hand_over(&self) {
-        self.0.change(LEASED, HANDED_OVER);
+        self.0.change(LEASED, HANDED_OVER, Ordering::AcqRel);
     }
 
     /// The receiver keeps what was handed over, once; false if nothing was.
     pub(crate) fn keep(&self) -> bool {
-        self.0.change(HANDED_OVER, KEPT)
+        self.0.change(HANDED_OVER, KEPT, Ordering::AcqRel)
     }
 
     /// Gives it back, whoever has it.
@@ -72,8 +72,8 @@ mod tests {
             self.store(value, order);
         }
 
-        fn change(&self, from: u32, to: u32) -> bool {
-            self.compare_exchange(from, to, Ordering::AcqRel, Ordering::Relaxed).is_ok()
+        fn change(&self, from: u32, to: u32, order: Ordering) -> bool {
+            self.compare_exchange(from, to, order, Ordering::Relaxed).is_ok()
         }
     }
 
