@@ -167,7 +167,7 @@ pub struct Recorded {
 /// What the command line says about raw files.
 pub fn read_options(raw: &cli::Raw) -> Options {
     let spec = RawSpec { dims: raw.dims.map(|d| d.0), voxel_type: raw.dtype, ..RawSpec::default() };
-    Options { raw: spec, field: raw.field.clone(), missing: raw.missing }
+    Options { raw: spec, field: raw.field.clone(), missing: raw.missing, axes: raw.axes, level: raw.level }
 }
 
 /// The scene of a series: of `file`, where that leaves something open chosen from first, middle and last step.

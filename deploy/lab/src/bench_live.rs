@@ -16,6 +16,7 @@ use lamina_compute::{Activity, CpuLimit, CpuShare, Priority};
 use lamina_model::{Representation, SamplePlan, Scene, TuningState, Volume};
 use lamina_tuner::search::SearchGrid;
 use lamina_viz_node::store::{QualityStatus, StepRow};
+use lamina_volume_io::AxisOrder;
 use parking_lot::Mutex;
 use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -135,7 +136,14 @@ fn beside_busy<T>(busy: u16, work: impl FnOnce(&Burnt) -> anyhow::Result<T>) -> 
 fn source(arguments: &cli::BenchLive) -> anyhow::Result<Box<dyn Source>> {
     Ok(match &arguments.replay {
         Some(series) => {
-            let raw = lamina::cli::Raw { dims: None, dtype: None, field: None, missing: None };
+            let raw = lamina::cli::Raw {
+                dims: None,
+                dtype: None,
+                field: None,
+                missing: None,
+                axes: AxisOrder::default(),
+                level: None,
+            };
             Box::new(Recorded::open(series, &read_options(&raw), None)?)
         }
         None => Box::new(Example::new(arguments.cells, 1, &[], arguments.threads, None)?),

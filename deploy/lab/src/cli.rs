@@ -38,7 +38,7 @@ pub(crate) enum LabCommand {
 /// Options of `lamina-lab study`.
 #[derive(Args)]
 pub(crate) struct StudyArguments {
-    /// .pvd, .vti, .nhdr, .nrrd, .raw or .raw.gz; one or more
+    /// What `lamina replay` takes; one or more
     #[arg(value_name = "INPUT", required = true)]
     pub inputs: Vec<PathBuf>,
     /// Folder for measurements.csv, report.html and what else is found; what an interrupted study measured is there too

@@ -39,9 +39,13 @@ def _native() -> ctypes.CDLL:
     return library
 
 
+class Unfit(ValueError):
+    """What was read is no step, and time will not make it one."""
+
+
 def _check(library: ctypes.CDLL, code: int) -> None:
     if code:
-        raise ValueError(library.lamina_read_error().decode())
+        raise (Unfit if code == -2 else ValueError)(library.lamina_read_error().decode())
 
 
 class _Opened:
@@ -276,19 +280,28 @@ class Run:
         return view(self)._repr_mimebundle_(**options)
 
 
+def is_plotfile(path: Path) -> bool:
+    """Whether the folder is one of AMReX."""
+    return path.is_dir() and (path / "Header").is_file() and (path / "Level_0").is_dir()
+
+
 def read(
     path: str | os.PathLike[str],
     step: int = 0,
     field: str | None = None,
     dims: tuple[int, int, int] | None = None,
     dtype: str | None = None,
+    axes: str | None = None,
+    level: int | None = None,
 ) -> Vdi | Reduced | Volume | Run:
-    """A recorded step; step number `step` (from 0) of a .pvd, .vti, .nhdr, .nrrd, .raw or .raw.gz, array `field` of it, `dims` and `dtype`
-    being those of a raw file; or the run recorded in a folder. ValueError names what is wrong with a file."""
+    """A recorded step; step number `step` (from 0) of a .pvd, .vti, .nhdr, .nrrd, .raw, .raw.gz, .h5, .vtkhdf, .nc, .zarr, .tif or an AMReX
+    plotfile, array `field` of it; or the run recorded in a folder. `dims` and `dtype` are those of a raw file, `axes` the order of those
+    of an array that does not name them, such as "xyz", the slowest first, `level` is that of an adaptive mesh. ValueError names what is
+    wrong with a file."""
     path = Path(path)
-    if path.is_dir():
+    if path.is_dir() and path.suffix != ".zarr" and not is_plotfile(path):
         return Run(path)
-    request = {"step": step, "field": field, "dims": dims, "dtype": dtype}
+    request = {"step": step, "field": field, "dims": dims, "dtype": dtype, "axes": axes, "level": level}
     opened = _Opened(path, **{name: of for name, of in request.items() if of is not None})
     opened.__class__ = {"vdi": Vdi, "volume": Reduced, "file": Volume}[opened.description["kind"]]
     return opened  # type: ignore[return-value]

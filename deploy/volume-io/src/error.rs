@@ -26,7 +26,8 @@ pub enum ReadError {
     },
     /// The name does not tell a format.
     #[error(
-        "{}: the name has none of the endings understood, .pvd .vti .nrrd .nhdr .raw .raw.gz; rename or convert it",
+        "{}: the name has none of the endings understood, .pvd .vti .nrrd .nhdr .raw .raw.gz .h5 .hdf5 .vtkhdf .nc .zarr .tif, and \
+         it is no folder of an AMReX plotfile; rename or convert it",
         path.display()
     )]
     Extension {
@@ -80,6 +81,22 @@ pub enum ReadError {
         what: String,
         /// What would be read.
         remedy: &'static str,
+    },
+    /// An array is larger than the memory.
+    #[error(
+        "{}: \"{name}\" takes {:.1} GB, more than the {:.1} GB of memory that are free; \
+         read it in slabs (--memory) or write a smaller one",
+        path.display(), *bytes as f64 / 1e9, *free as f64 / 1e9
+    )]
+    Memory {
+        /// The file.
+        path: PathBuf,
+        /// The array.
+        name: String,
+        /// What reading it takes.
+        bytes: u64,
+        /// What there is.
+        free: u64,
     },
     /// A recorded step cannot be decoded.
     #[error("{}: {source}", path.display())]
@@ -140,6 +157,15 @@ pub enum ReadError {
 }
 
 impl ReadError {
+    /// Whether it will be the same when whoever writes the file has finished.
+    pub fn is_lasting(&self) -> bool {
+        match self {
+            Self::Field { present, .. } => present != "none",
+            Self::Extension { .. } | Self::RawShape { .. } | Self::Unsupported { .. } | Self::Memory { .. } => true,
+            _ => false,
+        }
+    }
+
     pub(crate) fn damaged(path: &Path, reason: impl Into<String>) -> Self {
         Self::Damaged { path: path.into(), reason: reason.into() }
     }

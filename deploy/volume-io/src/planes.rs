@@ -1,7 +1,8 @@
-//! Some planes of a volume whose file is larger than memory: those files of one plain array are read from the middle.
+//! Some planes of a volume whose file is larger than memory, of files that can be read from the middle.
 
 use crate::ReadError;
-use crate::series::{Series, SeriesSource};
+use crate::series::Series;
+use crate::source::SeriesSource;
 use lamina_model::{Grid, Volume};
 use std::ops::Range;
 
@@ -15,15 +16,14 @@ impl Series {
             let remedy = "write it as raw values, described by NRRD or by its name, or leave out --memory";
             Err(ReadError::unsupported(&self.path, format!("planes of {what}"), remedy))
         };
-        if self.shown.plain().is_none() {
-            return whole("an expression");
-        }
+        let Some(field) = self.shown.plain() else { return whole("an expression") };
         match &self.step(index)?.source {
             SeriesSource::Vti(_) => whole("VTK image data"),
             SeriesSource::Nrrd(nrrd) if nrrd.is_packed() => whole("a packed or text NRRD"),
             SeriesSource::Raw(raw) if raw.is_packed() => whole("a gzipped file"),
             SeriesSource::Nrrd(nrrd) => Ok(*nrrd.grid()),
             SeriesSource::Raw(raw) => Ok(*raw.grid()),
+            SeriesSource::Arrays(arrays) => arrays.file()?.grid(&self.names[field]),
         }
     }
 
@@ -42,6 +42,10 @@ impl Series {
         let voxels = match &self.step(index)?.source {
             SeriesSource::Nrrd(nrrd) => nrrd.read_points(points)?,
             SeriesSource::Raw(raw) => raw.read_points(points)?,
+            SeriesSource::Arrays(arrays) => {
+                let volume = arrays.file()?.read(arrays.step, &self.names[self.shown.plain().unwrap_or(0)], planes)?;
+                return self.marked(volume);
+            }
             SeriesSource::Vti(_) => unreachable!("refused above"),
         };
         let mut origin = grid.origin();

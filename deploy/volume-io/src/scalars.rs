@@ -73,6 +73,26 @@ impl ScalarType {
         with_type!(self, T => decode::<T>(source, order, count))
     }
 
+    /// Room for `count` values, all of them `fill`, of which the caller has made sure that they fit into memory.
+    pub(crate) fn filled(self, count: usize, fill: f64) -> io::Result<Voxels> {
+        with_type!(self, T => {
+            let mut kept = room_for(count)?;
+            kept.resize(count, T::of_f64(fill));
+            Ok(T::voxels(kept))
+        })
+    }
+
+    /// Decodes `bytes` into the values from place `at` on. `voxels` are of the kind that this type is kept as.
+    pub(crate) fn decode_at(self, voxels: &mut Voxels, at: usize, bytes: &[u8], order: ByteOrder) -> io::Result<()> {
+        with_type!(self, T => {
+            let Some(kept) = T::kept(voxels) else { return Err(invalid("values of another type")) };
+            for (kept, scalar) in kept[at..].iter_mut().zip(bytes.chunks_exact(size_of::<T>())) {
+                *kept = exactly(T::of_bytes(scalar, order))?;
+            }
+            Ok(())
+        })
+    }
+
     /// Takes exactly `count` scalars written as words. The caller has made sure that `count` is not a lie.
     pub(crate) fn parse(self, text: &mut dyn BufRead, count: usize) -> io::Result<Voxels> {
         with_type!(self, T => parse::<T>(text, count))
@@ -81,12 +101,26 @@ impl ScalarType {
 
 /// One scalar in a file, and what a volume keeps of it.
 trait Stored: Copy + std::str::FromStr + std::fmt::Display {
-    type Kept;
+    type Kept: Clone;
     /// `bytes` are as many as the type has.
     fn of_bytes(bytes: &[u8], order: ByteOrder) -> Self;
     /// The kept value, if it is the same number.
     fn keep(self) -> Option<Self::Kept>;
     fn voxels(kept: Vec<Self::Kept>) -> Voxels;
+    /// The values of voxels that keep this type.
+    fn kept(voxels: &mut Voxels) -> Option<&mut [Self::Kept]>;
+    /// The nearest value to a number.
+    fn of_f64(value: f64) -> Self::Kept;
+}
+
+/// A number of a type, the nearest to `$value`.
+macro_rules! nearest {
+    (f16, $value:ident) => {
+        f16::from_f64($value)
+    };
+    ($T:ident, $value:ident) => {
+        $value as $T
+    };
 }
 
 /// `stored => kept`, the voxels that hold it, and how one becomes the other.
@@ -108,6 +142,15 @@ macro_rules! stored {
             }
             fn voxels(kept: Vec<$kept>) -> Voxels {
                 Voxels::$voxels(kept)
+            }
+            fn kept(voxels: &mut Voxels) -> Option<&mut [$kept]> {
+                match voxels {
+                    Voxels::$voxels(kept) => Some(kept),
+                    _ => None,
+                }
+            }
+            fn of_f64(value: f64) -> $kept {
+                nearest!($kept, value)
             }
         }
     )*};

@@ -1,26 +1,12 @@
 //! A recorded time series under one roof: whatever the format, numbered steps with a time and a volume each.
 
 use crate::missing::mark_missing;
-use crate::nrrd::Nrrd;
-use crate::pvd::read_collection;
-use crate::raw::{RawFile, RawSpec};
-use crate::{ReadError, vti};
+use crate::raw::RawSpec;
+use crate::source::{self, SeriesSource, SeriesStep};
+use crate::{Options, ReadError, vti};
 use lamina_field_expression::FieldExpression;
 use lamina_model::{Invalid, Volume, Voxels};
-use std::fs;
 use std::path::{Path, PathBuf};
-
-/// What a user may say about a file that the file does not, or not unambiguously.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Options {
-    /// The shape of raw files; none for files that describe themselves.
-    pub raw: RawSpec,
-    /// The array to read where a file has several, or an expression over them ([`FieldExpression`]). Raw and NRRD files have a
-    /// single, nameless one, which expressions call `scalar`: it takes any other name.
-    pub field: Option<String>,
-    /// The value that stands where a voxel is missing; NaN is missing in any case.
-    pub missing: Option<f64>,
-}
 
 /// A recorded time series, opened: its steps are known, their voxels are read on demand.
 #[derive(Debug)]
@@ -30,42 +16,24 @@ pub struct Series {
     field: String,
     pub(crate) shown: FieldExpression,
     /// Of all scalars in a step's file.
-    names: Vec<String>,
+    pub(crate) names: Vec<String>,
     missing: Option<f64>,
     steps: Vec<SeriesStep>,
-}
-
-#[derive(Debug)]
-pub(crate) struct SeriesStep {
-    time: f64,
-    pub(crate) source: SeriesSource,
-}
-
-#[derive(Debug)]
-pub(crate) enum SeriesSource {
-    Vti(PathBuf),
-    Nrrd(Box<Nrrd>),
-    Raw(RawFile),
+    has_times: bool,
 }
 
 impl Series {
-    /// Opens a collection or a single file, which the ending tells. A single file is a series of one step at time 0.
+    /// Opens a collection, a file or store, or all that a pattern (`*` in the name) or a folder holds; the ending tells the format.
     ///
     /// # Errors
-    /// If the file, or of a collection the first step's header, cannot be read, or a step's file is not there.
+    /// If a file, or of a collection the first step's header, cannot be read, or a step's file is not there.
     pub fn open(path: &Path, options: &Options) -> Result<Self, ReadError> {
-        let (stem, ending) = split_name(path);
-        let single = |source| vec![SeriesStep { time: 0.0, source }];
+        let name = source::split_name(path).0;
+        let (steps, has_times) = source::steps(path, options)?;
         let wanted = options.field.as_deref();
-        let steps = match ending.as_str() {
-            "pvd" => open_collection(path)?,
-            "vti" => single(SeriesSource::Vti(path.into())),
-            "nrrd" | "nhdr" => single(SeriesSource::Nrrd(Box::new(Nrrd::open(path)?))),
-            "raw" | "raw.gz" => single(SeriesSource::Raw(RawFile::open(path, &options.raw)?)),
-            _ => return Err(ReadError::Extension { path: path.into() }),
-        };
         let (field, shown, names) = match steps.first().map(|step| &step.source) {
             Some(SeriesSource::Vti(first)) => choose_in_vti(first, wanted)?,
+            Some(SeriesSource::Arrays(first)) => choose_in_arrays(path, first.file()?.names(), wanted)?,
             _ => choose_single(path, wanted)?,
         };
         let raw = steps.iter().all(|step| matches!(step.source, SeriesSource::Raw(_)));
@@ -73,7 +41,7 @@ impl Series {
             let remedy = "it tells its own: leave out --dims and --dtype";
             return Err(ReadError::unsupported(path, "a shape from outside", remedy));
         }
-        Ok(Self { path: path.into(), name: stem, field, shown, names, missing: options.missing, steps })
+        Ok(Self { path: path.into(), name, field, shown, names, missing: options.missing, steps, has_times })
     }
 
     /// Number of steps, one or more.
@@ -91,6 +59,10 @@ impl Series {
     /// The name of the scalar, `scalar` where neither file nor options say, or the expression.
     pub fn field(&self) -> &str {
         &self.field
+    }
+    /// Whether the recording states times; else they are the steps' numbers.
+    pub fn has_times(&self) -> bool {
+        self.has_times
     }
     /// The time of step `index`, in the unit of the recording; times ascend.
     ///
@@ -134,6 +106,11 @@ impl Series {
             SeriesSource::Vti(path) => vti::read(path, Some(&self.names[field])),
             SeriesSource::Nrrd(nrrd) => nrrd.read(),
             SeriesSource::Raw(raw) => raw.read(),
+            SeriesSource::Arrays(arrays) => {
+                let (file, name) = (arrays.file()?, &self.names[field]);
+                let planes = 0..file.grid(name)?.dims()[2];
+                file.read(arrays.step, name, planes)
+            }
         }?;
         self.marked(volume)
     }
@@ -146,7 +123,7 @@ impl Series {
     /// `volume` without what stands for missing voxels.
     pub(crate) fn marked(&self, volume: Volume) -> Result<Volume, ReadError> {
         match self.missing {
-            Some(value) => mark_missing(volume, value).map_err(|e| ReadError::grid(&self.path, e)),
+            Some(value) => mark_missing(volume, &[value], None).map_err(|e| ReadError::grid(&self.path, e)),
             None => Ok(volume),
         }
     }
@@ -200,6 +177,21 @@ fn choose_in_vti(path: &Path, wanted: Option<&str>) -> Result<FieldChoice, ReadE
     Ok((field, shown, names))
 }
 
+/// The same of a file of arrays, whose names may be paths: the last part is enough.
+fn choose_in_arrays(path: &Path, names: Vec<String>, wanted: Option<&str>) -> Result<FieldChoice, ReadError> {
+    let last = |name: &str| name.rsplit('/').next().map(str::to_owned);
+    let found = match wanted {
+        None => names.first(),
+        Some(wanted) => {
+            let whole = names.iter().find(|name| *name == wanted);
+            whole.or_else(|| names.iter().find(|name| last(name).as_deref() == Some(wanted)))
+        }
+    };
+    let field = found.cloned().or(wanted.map(str::to_owned)).unwrap_or_default();
+    let shown = expression(path, &field, &names)?;
+    Ok((field, shown, names))
+}
+
 /// The same of a file whose one array has no name.
 fn choose_single(path: &Path, wanted: Option<&str>) -> Result<FieldChoice, ReadError> {
     let unnamed = vec![vti::UNNAMED_FIELD.to_owned()];
@@ -209,43 +201,4 @@ fn choose_single(path: &Path, wanted: Option<&str>) -> Result<FieldChoice, ReadE
     }
     let names = vec![wanted.unwrap_or(vti::UNNAMED_FIELD).to_owned()];
     Ok((names[0].clone(), expression(path, &names[0], &names)?, names))
-}
-
-fn open_collection(path: &Path) -> Result<Vec<SeriesStep>, ReadError> {
-    let entries = read_collection(path)?;
-    // A file that is missing is reported before a long run starts, not in its middle.
-    for entry in &entries {
-        if split_name(&entry.file).1 != "vti" {
-            let what = format!("{} in a collection", entry.file.display());
-            return Err(ReadError::unsupported(path, what, "convert the steps to .vti"));
-        }
-        fs::metadata(&entry.file).map_err(|e| ReadError::while_reading(&entry.file, e))?;
-    }
-    Ok(entries.into_iter().map(|e| SeriesStep { time: e.time, source: SeriesSource::Vti(e.file) }).collect())
-}
-
-/// The name's stem and its lower-case ending; `.raw.gz` counts as one ending.
-fn split_name(path: &Path) -> (String, String) {
-    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let lower = name.to_ascii_lowercase();
-    let dot = if lower.ends_with(".raw.gz") { Some(name.len() - ".raw.gz".len()) } else { name.rfind('.') };
-    match dot {
-        Some(dot) => (name[..dot].to_owned(), lower[dot + 1..].to_owned()),
-        None => (name, String::new()),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn endings_are_told_from_stems() {
-        let split = |name: &str| split_name(Path::new(name));
-        assert_eq!(split("a/run.1.PVD"), ("run.1".into(), "pvd".into()));
-        assert_eq!(split("a/x_2x2x2_uint8.Raw.gz"), ("x_2x2x2_uint8".into(), "raw.gz".into()));
-        assert_eq!(split("x.tar.gz"), ("x.tar".into(), "gz".into()));
-        assert_eq!(split("a/none"), ("none".into(), String::new()));
-        assert_eq!(split("/"), (String::new(), String::new()));
-    }
 }

@@ -8,7 +8,7 @@ use lamina_model::VoxelType;
 use lamina_volume_io::{Options, RawSpec, ReadError, Series, write_pvd};
 use std::fs;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 fn failure(path: &Path, options: &Options) -> String {
     let error = Series::open(path, options).and_then(|series| series.read(0)).unwrap_err().to_string();
@@ -169,4 +169,77 @@ fn nrrd_files_that_are_left_out_or_broken() {
     refused("a.nrrd", with("raw\n", "raw\nspace origin: (1,2)\n"), &["space origin", "3 numbers"]);
     refused("a.nrrd", with("raw\n", "raw\nspacings: 1 1\n"), &["names 2 axes of 3"]);
     refused("a.nrrd", with("raw\n", "raw\nnonsense\n"), &["no field", "nonsense"]);
+}
+
+/// A Zarr array of version 2 on 60 points in one chunk, packed by gzip.
+fn zarr(folder: &Path, more: &str, chunk: &[u8]) -> PathBuf {
+    let store = folder.join("a.zarr");
+    fs::create_dir_all(&store).unwrap();
+    let meta = r#"{"zarr_format":2,"shape":[5,3,4],"chunks":[5,3,4],"dtype":"<f4","fill_value":0,"order":"C","filters":null,
+                   "compressor":{"id":"gzip","level":5}}"#;
+    let meta = if more.is_empty() { meta.to_owned() } else { more.to_owned() };
+    fs::write(store.join(".zarray"), meta).unwrap();
+    fs::write(store.join("0.0.0"), chunk).unwrap();
+    store
+}
+
+#[test]
+fn stores_that_claim_more_than_they_hold_or_hold_more_than_they_claim() {
+    let folder = tempfile::tempdir().unwrap();
+    let packed = |bytes: usize| {
+        let mut gzip = GzEncoder::new(Vec::new(), Compression::best());
+        gzip.write_all(&vec![0; bytes]).unwrap();
+        gzip.finish().unwrap()
+    };
+    let said = |more: &str, chunk: &[u8]| {
+        let error = Series::open(&zarr(folder.path(), more, chunk), &Options::default()).and_then(|s| s.read(0));
+        error.map(|_| String::new()).unwrap_or_else(|e| e.to_string())
+    };
+    assert_eq!(said("", &packed(240)), "");
+    let bomb = said("", &packed(64 << 20));
+    assert!(bomb.contains("0.0.0") && bomb.contains("unpacks to more than 244 bytes"), "{bomb}");
+    assert!(said("", &packed(239)).contains("a chunk of 239 bytes, which its shape makes 240"));
+    assert!(said("", b"text").contains("gzip"));
+    let shape = |shape: &str| {
+        let codec = r#""dtype":"<f4","fill_value":0,"order":"C","filters":null,"compressor":null"#;
+        said(&format!(r#"{{"zarr_format":2,"shape":{shape},"chunks":[5,3,4],{codec}}}"#), b"")
+    };
+    let large = shape("[40000,30000,100]");
+    assert!(large.contains("\"scalar\" takes") && large.contains("memory"), "{large}");
+    assert!(shape("[5,3,-4]").contains("no list of lengths") && shape("[]").contains("chunks"));
+    assert!(shape("[5,0,4]").contains("grid.dims"));
+    let chunks = r#"{"zarr_format":2,"shape":[5,3,4],"chunks":[99999,99999,99999],"dtype":"<f4"}"#;
+    assert!(said(chunks, b"").contains("too many"));
+    assert!(said("{", b"").contains("JSON"));
+    assert!(said(&"[".repeat(100_000), b"").contains("JSON"));
+    let other = r#"{"zarr_format":2,"shape":[5,3,4],"chunks":[5,3,4],"dtype":"|S4"}"#;
+    assert!(said(other, b"").contains("|S4"));
+}
+
+#[test]
+fn files_of_arrays_that_are_none() {
+    refused("a.h5", "", &["HDF5"]);
+    refused("a.h5", "P5", &["HDF5"]);
+    refused("a.nc", "CDF", &["HDF5"]);
+    refused("a.nc", "CDF\x01", &["damaged"]);
+    refused("a.tif", "II*\0", &["damaged"]);
+    refused("a.zarr", "", &["no folder", "unpack"]);
+    let folder = tempfile::tempdir().unwrap();
+    let plot = folder.path().join("plt0");
+    fs::create_dir_all(plot.join("Level_0")).unwrap();
+    for (header, word) in [
+        ("", "does not begin"),
+        ("HyperCLaw-V1.1\nmany", "number of components"),
+        ("HyperCLaw-V1.1\n99999999999\nrho", "component is missing"),
+        ("HyperCLaw-V1.1\n1\nrho\n2\n", "three dimensions"),
+        (
+            "HyperCLaw-V1.1\n1\nrho\n3\n0\n0\n0 0 0\n1 1 1\n\n((0,0,0) (1,1,1) (0,0,0))\n../../x/Level_0/Cell\n",
+            "levels",
+        ),
+        ("HyperCLaw-V1.1\n1\nrho\n3\n0\n0\n0 0 0\n1 1 1\n\n((0,0,0) (1,1,1) (0,0,0))\nLevel_0/../../Cell\n", "outside"),
+    ] {
+        fs::write(plot.join("Header"), header).unwrap();
+        let error = Series::open(&plot, &Options::default()).unwrap_err().to_string();
+        assert!(error.contains(word), "no \"{word}\" in: {error}");
+    }
 }

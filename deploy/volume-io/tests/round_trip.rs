@@ -112,7 +112,7 @@ fn raw_files_read_with_a_shape_given_and_what_is_given_goes_before_the_name() {
     for (name, content) in [("a_9x9x9_uint8.raw", bytes.clone()), ("b.RAW.GZ", gzipped(&bytes))] {
         let path = folder.path().join(name);
         fs::write(&path, content).unwrap();
-        let options = Options { raw, field: Some("rho".into()), missing: None };
+        let options = Options { raw, field: Some("rho".into()), ..Options::default() };
         let series = Series::open(&path, &options).unwrap();
         let read = series.read(0).unwrap();
         assert_eq!(read.voxels(), &Voxels::from_le_bytes(VoxelType::F32, &bytes));

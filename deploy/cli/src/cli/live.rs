@@ -44,7 +44,7 @@ pub enum Term {
 /// Options of `lamina replay`.
 #[derive(Debug, Args)]
 pub struct Replay {
-    /// .pvd, .vti, .nhdr, .nrrd, .raw or .raw.gz
+    /// .pvd, .vti, .nhdr, .nrrd, .raw, .raw.gz, .h5, .vtkhdf, .nc, .zarr, .tif, a plotfile, or a pattern or folder of them
     #[arg(value_name = "SERIES")]
     pub input: PathBuf,
     #[command(flatten)]

@@ -15,6 +15,7 @@ use clap::{Args, Parser, Subcommand};
 use lamina_compute::gpu::Choice;
 use lamina_model::VoxelType;
 use lamina_rpc::credentials::Role;
+use lamina_volume_io::AxisOrder;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -138,12 +139,18 @@ pub struct Raw {
     /// Value that stands where a voxel is missing, such as -9999; NaN is missing in any case
     #[arg(long, value_name = "VALUE", allow_hyphen_values = true)]
     pub missing: Option<f64>,
+    /// Order of the axes of arrays that do not name them (HDF5, Zarr), the slowest first
+    #[arg(long, value_name = "ORDER", default_value = "zyx")]
+    pub axes: AxisOrder,
+    /// Of an adaptive mesh (AMReX): the level whose cells are shown, instead of the finest
+    #[arg(long, value_name = "N")]
+    pub level: Option<usize>,
 }
 
 /// One volume of a file, the scene it is shown under, and the backend that casts its rays.
 #[derive(Debug, Args)]
 pub struct Input {
-    /// .pvd, .vti, .nhdr, .nrrd, .raw or .raw.gz
+    /// .pvd, .vti, .nhdr, .nrrd, .raw, .raw.gz, .h5, .vtkhdf, .nc, .zarr, .tif, a plotfile, or a pattern or folder of them
     pub input: PathBuf,
     #[command(flatten)]
     pub raw: Raw,

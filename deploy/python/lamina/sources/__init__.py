@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy
 
+from ..reader import Unfit
+
 
 @dataclass
 class Step:
@@ -65,10 +67,6 @@ class Options:
 
 class NotReady(Exception):
     """The file is not finished, or not one of this kind."""
-
-
-class Unfit(ValueError):
-    """What was read is no step, and time will not make it one."""
 
 
 def check_size(size_bytes: int, where: str) -> None:

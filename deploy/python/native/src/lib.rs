@@ -1,9 +1,10 @@
 //! What `lamina.read` of the Python package calls: a file opened, described as JSON, copied into arrays and drawn.
 //!
-//! A function returns 0, or -1 with a sentence at [`lamina_read_error`].
+//! A function returns 0, or -1 with a sentence at [`lamina_read_error`]; -2, if that will be the same when the file is finished.
 
 mod opened;
 
+use lamina_volume_io::ReadError;
 use opened::{OpenedFile, Request};
 use std::cell::RefCell;
 use std::error::Error;
@@ -14,15 +15,16 @@ thread_local! {
     static ERROR: RefCell<CString> = RefCell::default();
 }
 
-/// 0 where `work` succeeds; else -1, and its error is kept. No panic crosses to Python.
+/// 0 where `work` succeeds; else -1 or -2, and its error is kept. No panic crosses to Python.
 fn guarded(work: impl FnOnce() -> Result<(), Box<dyn Error>>) -> i32 {
-    let error = match catch_unwind(AssertUnwindSafe(work)) {
+    let (code, error) = match catch_unwind(AssertUnwindSafe(work)) {
         Ok(Ok(())) => return 0,
-        Ok(Err(error)) => error.to_string(),
-        Err(_) => "a fault in the reader; its message is on standard error".to_owned(),
+        Ok(Err(error)) if error.downcast_ref().is_some_and(ReadError::is_lasting) => (-2, error.to_string()),
+        Ok(Err(error)) => (-1, error.to_string()),
+        Err(_) => (-1, "a fault in the reader; its message is on standard error".to_owned()),
     };
     ERROR.set(CString::new(error.replace('\0', " ")).unwrap_or_default());
-    -1
+    code
 }
 
 /// The sentence of this thread's last error, until its next one.

@@ -26,6 +26,10 @@ pub struct Request {
     dims: Option<[usize; 3]>,
     /// Voxel type of a raw file.
     dtype: Option<VoxelType>,
+    /// Order of the axes of arrays that do not name them.
+    axes: Option<String>,
+    /// Of an adaptive mesh.
+    level: Option<usize>,
 }
 
 /// What is known of it.
@@ -124,13 +128,15 @@ impl OpenedFile {
     /// A step of a volume file.
     fn file(request: &Request) -> Result<Self, Box<dyn Error>> {
         let raw = RawSpec { dims: request.dims, voxel_type: request.dtype, ..RawSpec::default() };
-        let series = Series::open(&request.path, &Options { raw, field: request.field.clone(), missing: None })?;
+        let axes = request.axes.as_deref().map(str::parse).transpose()?.unwrap_or_default();
+        let options = Options { raw, field: request.field.clone(), axes, level: request.level, ..Options::default() };
+        let series = Series::open(&request.path, &options)?;
         let volume = series.read(request.step)?;
         let scene = suggest::suggest(&[&volume])?;
         let description = Description {
             scene: Some(&scene),
             field: Some(series.field()),
-            time: Some(series.time(request.step)),
+            time: series.has_times().then(|| series.time(request.step)),
             steps: Some(series.len()),
             ..Description::of("file", scene.camera, volume.grid().bounds())
                 .on(volume.grid(), volume.voxels().voxel_type())

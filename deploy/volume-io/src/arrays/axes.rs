@@ -1,0 +1,182 @@
+//! What the axes of a stored array are: by their names, or by the order that the user states.
+
+use lamina_model::Voxels;
+use std::str::FromStr;
+
+/// What a stored axis is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum AxisRole {
+    X,
+    Y,
+    Z,
+    Time,
+    /// None of these: only what has this index is read.
+    Index(usize),
+}
+
+/// Order of the axes of arrays that do not name them, the slowest first. By default z, y, x.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AxisOrder(pub(super) [AxisRole; 3]);
+
+impl Default for AxisOrder {
+    fn default() -> Self {
+        Self([AxisRole::Z, AxisRole::Y, AxisRole::X])
+    }
+}
+
+impl FromStr for AxisOrder {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let roles: Vec<AxisRole> = text.chars().filter_map(|letter| space(&letter.to_string())).collect();
+        match <[AxisRole; 3]>::try_from(roles) {
+            Ok(order) if text.len() == 3 && names_each_once(&order) => Ok(Self(order)),
+            _ => Err(format!("\"{text}\" is no order of axes; state x, y and z, the slowest first, such as zyx")),
+        }
+    }
+}
+
+fn names_each_once(roles: &[AxisRole]) -> bool {
+    [AxisRole::X, AxisRole::Y, AxisRole::Z].iter().all(|axis| roles.iter().filter(|role| *role == axis).count() == 1)
+}
+
+/// The axis of space of that name, also of those that climate models use.
+fn space(name: &str) -> Option<AxisRole> {
+    Some(match name.to_ascii_lowercase().as_str() {
+        "x" | "lon" | "longitude" => AxisRole::X,
+        "y" | "lat" | "latitude" => AxisRole::Y,
+        "z" | "lev" | "level" | "depth" | "height" => AxisRole::Z,
+        _ => return None,
+    })
+}
+
+/// Whether an axis of that name is time.
+pub(super) fn is_time(name: &str) -> bool {
+    matches!(name.to_ascii_lowercase().as_str(), "time" | "t" | "step")
+}
+
+/// What the axes of an array are; none, if it is no field of three axes of space.
+pub(super) fn roles(shape: &[usize], names: Option<&[String]>, order: AxisOrder) -> Option<Vec<AxisRole>> {
+    let named = |n: usize| names.and_then(|names| names.get(n)).map(String::as_str);
+    let mut roles: Vec<Option<AxisRole>> = shape.iter().map(|_| None).collect();
+    for (n, role) in roles.iter_mut().enumerate() {
+        *role = named(n).filter(|name| is_time(name)).map(|_| AxisRole::Time);
+    }
+    let open = |roles: &[Option<AxisRole>]| roles.iter().filter(|role| role.is_none()).count();
+    // Axes of one point that are none of space.
+    for n in 0..shape.len() {
+        let is_of_space = named(n).and_then(space).is_some();
+        if open(&roles) > 3 && roles[n].is_none() && shape[n] == 1 && !is_of_space {
+            roles[n] = Some(AxisRole::Index(0));
+        }
+    }
+    // An array of four axes without names is a series.
+    if names.is_none() && open(&roles) == 4 && shape.len() == 4 {
+        roles[0] = Some(AxisRole::Time);
+    }
+    if open(&roles) != 3 {
+        return None;
+    }
+    let by_name: Vec<Option<AxisRole>> =
+        (0..shape.len()).filter(|&n| roles[n].is_none()).map(|n| named(n).and_then(space)).collect();
+    let by_name: Option<Vec<AxisRole>> = by_name.into_iter().collect();
+    let mut in_order = match by_name {
+        Some(by_name) if names_each_once(&by_name) => by_name,
+        _ => order.0.to_vec(),
+    }
+    .into_iter();
+    let roles: Vec<AxisRole> = roles.into_iter().filter_map(|role| role.or_else(|| in_order.next())).collect();
+    (roles.iter().filter(|&&role| role == AxisRole::Time).count() <= 1).then_some(roles)
+}
+
+/// Values as a volume has them, x fastest, of values in the order of `roles`; axes that descend are turned round. `dims`: along
+/// x, y and z.
+pub(super) fn reordered(voxels: Voxels, roles: &[AxisRole], dims: [usize; 3], descends: [bool; 3]) -> Voxels {
+    let space: Vec<AxisRole> =
+        roles.iter().copied().filter(|role| matches!(role, AxisRole::X | AxisRole::Y | AxisRole::Z)).collect();
+    if space == [AxisRole::Z, AxisRole::Y, AxisRole::X] && descends == [false; 3] {
+        return voxels;
+    }
+    // The stride of each axis, and where its first point lies.
+    let (mut strides, mut stride, mut first) = ([0isize; 3], 1isize, 0isize);
+    for role in space.iter().rev() {
+        let axis = [AxisRole::X, AxisRole::Y, AxisRole::Z].iter().position(|axis| axis == role).unwrap_or(0);
+        strides[axis] = if descends[axis] { -stride } else { stride };
+        first += if descends[axis] { stride * (dims[axis] as isize - 1) } else { 0 };
+        stride *= dims[axis] as isize;
+    }
+    match voxels {
+        Voxels::U8(v) => Voxels::U8(gathered(&v, dims, strides, first)),
+        Voxels::U16(v) => Voxels::U16(gathered(&v, dims, strides, first)),
+        Voxels::I16(v) => Voxels::I16(gathered(&v, dims, strides, first)),
+        Voxels::F16(v) => Voxels::F16(gathered(&v, dims, strides, first)),
+        Voxels::F32(v) => Voxels::F32(gathered(&v, dims, strides, first)),
+        Voxels::F64(v) => Voxels::F64(gathered(&v, dims, strides, first)),
+    }
+}
+
+/// Points of a side of the blocks that are reordered at a time: source and destination of one stay in the cache.
+const BLOCK: usize = 16;
+
+fn gathered<T: Copy + Default>(from: &[T], [nx, ny, nz]: [usize; 3], strides: [isize; 3], first: isize) -> Vec<T> {
+    let mut to = vec![T::default(); from.len()];
+    let blocks = |n: usize| (0..n).step_by(BLOCK).map(move |start| start..n.min(start + BLOCK));
+    for (zs, (ys, xs)) in blocks(nz).flat_map(|z| {
+        blocks(ny).flat_map(move |y| blocks(nx).map(move |x| (y.clone(), x))).map(move |yx| (z.clone(), yx))
+    }) {
+        for (z, y) in zs.flat_map(|z| ys.clone().map(move |y| (z, y))) {
+            let row = first + z as isize * strides[2] + y as isize * strides[1];
+            let start = (z * ny + y) * nx;
+            for x in xs.clone() {
+                to[start + x] = from[(row + x as isize * strides[0]) as usize];
+            }
+        }
+    }
+    to
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(text: &str) -> Vec<String> {
+        text.split_whitespace().map(str::to_owned).collect()
+    }
+
+    #[test]
+    fn axes_are_told_by_name_then_by_order() {
+        let order: AxisOrder = "xyz".parse().unwrap();
+        assert_eq!(roles(&[2, 3, 4], None, order), Some(vec![AxisRole::X, AxisRole::Y, AxisRole::Z]));
+        let climate = names("time lev lat lon");
+        let zyx = [AxisRole::Z, AxisRole::Y, AxisRole::X];
+        assert_eq!(roles(&[9, 2, 3, 4], Some(&climate), order), Some([&[AxisRole::Time][..], &zyx].concat()));
+        let strange = names("member a b c");
+        assert_eq!(
+            roles(&[1, 2, 3, 4], Some(&strange), AxisOrder::default()),
+            Some([&[AxisRole::Index(0)][..], &zyx].concat())
+        );
+        assert_eq!(roles(&[5, 2, 3, 4], Some(&strange), order), None, "five members, of which none is stated");
+        assert_eq!(roles(&[5, 2, 3, 4], None, order).unwrap()[0], AxisRole::Time);
+        assert_eq!(roles(&[2, 3], None, order), None);
+        assert_eq!(roles(&[1, 3, 4], Some(&names("z y x")), order), Some(zyx.to_vec()));
+        for bad in ["xy", "xxz", "zyxx", "abc", "zyx "] {
+            assert!(bad.parse::<AxisOrder>().unwrap_err().contains("no order"), "{bad}");
+        }
+    }
+
+    #[test]
+    fn values_are_put_in_order_and_descending_axes_turned() {
+        let dims = [19, 5, 33];
+        let value = |x: usize, y: usize, z: usize| ((z * dims[1] + y) * dims[0] + x) as f32;
+        let wanted: Vec<f32> = (0..19 * 5 * 33).map(|n| n as f32).collect();
+        // Stored as x, z, y with z descending.
+        let mut stored = Vec::new();
+        for x in 0..19 {
+            for z in (0..33).rev() {
+                stored.extend((0..5).map(|y| value(x, y, z)));
+            }
+        }
+        let roles = [AxisRole::Time, AxisRole::X, AxisRole::Z, AxisRole::Y];
+        assert_eq!(reordered(Voxels::F32(stored), &roles, dims, [false, false, true]), Voxels::F32(wanted));
+    }
+}

@@ -1,0 +1,115 @@
+//! Zarr stores in folders, versions 2 and 3 of the format.
+//!
+//! <https://zarr-specs.readthedocs.io/en/latest/>. The crate `zarrs` would read the same, but without its C libraries neither Blosc
+//! nor Zstandard, in which Zarr packs by default, and with some fifty crates more.
+
+mod chunks;
+mod codecs;
+mod metadata;
+
+use super::axes;
+use super::coordinates::{Attributes, stated_time};
+use super::described::DescribedArray;
+use super::file::{ArrayFile, ArrayOptions, ArrayStore, MOST_POINTS};
+use crate::ReadError;
+use lamina_model::Voxels;
+use metadata::{StoreNode, ZarrArray};
+use serde_json::{Map, Value};
+use std::collections::HashMap;
+use std::fs;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// Folders within folders that are looked into, and arrays in all.
+const DEEPEST: usize = 16;
+const MOST_ARRAYS: usize = 10_000;
+
+/// Opens a store: an array, or a group of arrays.
+pub(super) fn open(path: &Path, options: ArrayOptions) -> Result<ArrayFile, ReadError> {
+    let system = |e| ReadError::while_reading(path, e);
+    if !fs::metadata(path).map_err(system)?.is_dir() {
+        return Err(ReadError::unsupported(path, "a Zarr store that is no folder", "unpack it into a folder"));
+    }
+    let mut found = Vec::new();
+    visit(path, "", &mut found)?;
+    let of_group = match StoreNode::read(path)? {
+        Some(StoreNode::Group(attributes)) => attributes,
+        Some(StoreNode::Array(_)) => Map::new(),
+        None => {
+            return Err(ReadError::damaged(path, "there is no Zarr metadata (zarr.json, .zgroup or .zarray) in it"));
+        }
+    };
+    let places: HashMap<&str, usize> = found.iter().enumerate().map(|(n, (name, _))| (name.as_str(), n)).collect();
+    let store = ZarrStore(found.iter().map(|(_, array)| array.clone()).collect());
+    // The coordinates of an axis lie beside the array.
+    let points = |of: &str, axis: &str| {
+        let group = of.rfind('/').map_or("", |slash| &of[..=slash]);
+        let key = *places.get(format!("{group}{axis}").as_str())?;
+        let [length @ ..=MOST_POINTS] = store.0[key].shape[..] else { return None };
+        let voxels = store.read(key, std::slice::from_ref(&(0..length))).ok()?;
+        Some((0..voxels.len()).map(|n| voxels.get(n)).collect::<Vec<f64>>())
+    };
+    let (mut fields, mut times, mut stated) = (Vec::new(), None, None);
+    for (key, (name, array)) in found.iter().enumerate() {
+        let stored = DescribedArray {
+            name: name.clone(),
+            key,
+            shape: array.shape.clone(),
+            axes: array.axes.clone(),
+            attributes: &array.attributes,
+        };
+        if let Some(field) = stored.field(options.axes, |axis| points(name, axis)) {
+            let time = array.axes.as_ref().and_then(|axes| axes.iter().find(|axis| axes::is_time(axis)));
+            times = times.or_else(|| points(name, time?));
+            stated = stated.or_else(|| stated_time(&array.attributes));
+            fields.push(field);
+        }
+    }
+    let times = times.or_else(|| stated.or_else(|| stated_time(&of_group)).map(|time| vec![time]));
+    ArrayFile::new(path, times, fields, store)
+}
+
+/// All arrays in a folder, by their paths in the store; that of a store which is one array is `scalar`.
+fn visit(folder: &Path, prefix: &str, found: &mut Vec<(String, ZarrArray)>) -> Result<(), ReadError> {
+    let system = |e| ReadError::while_reading(folder, e);
+    match StoreNode::read(folder)? {
+        Some(StoreNode::Array(array)) => {
+            let name = prefix.trim_end_matches('/');
+            found.push((if name.is_empty() { crate::vti::UNNAMED_FIELD } else { name }.to_owned(), *array));
+            if found.len() > MOST_ARRAYS {
+                let what = format!("a store of more than {MOST_ARRAYS} arrays");
+                return Err(ReadError::unsupported(folder, what, "open the group that is to be seen"));
+            }
+        }
+        Some(StoreNode::Group(_)) if prefix.matches('/').count() < DEEPEST => {
+            let mut folders: Vec<PathBuf> =
+                fs::read_dir(folder).map_err(system)?.flatten().map(|e| e.path()).filter(|p| p.is_dir()).collect();
+            folders.sort();
+            for inner in folders {
+                let Some(name) = inner.file_name().and_then(|name| name.to_str()) else { continue };
+                visit(&inner, &format!("{prefix}{name}/"), found)?;
+            }
+        }
+        _ => (),
+    }
+    Ok(())
+}
+
+impl Attributes for Map<String, Value> {
+    fn numbers(&self, name: &str) -> Vec<f64> {
+        match self.get(name) {
+            Some(Value::Array(values)) => values.iter().filter_map(metadata::number).collect(),
+            Some(value) => metadata::number(value).into_iter().collect(),
+            None => Vec::new(),
+        }
+    }
+}
+
+#[derive(Debug)]
+struct ZarrStore(Vec<ZarrArray>);
+
+impl ArrayStore for ZarrStore {
+    fn read(&self, key: usize, region: &[Range<usize>]) -> Result<Voxels, ReadError> {
+        chunks::read(&self.0[key], region)
+    }
+}
