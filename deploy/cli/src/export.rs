@@ -1,6 +1,6 @@
 //! `lamina export`: recorded steps for other tools.
 //!
-//! Reduced volumes become VTK image data, in the data's units; any step becomes pictures of a Cinema database (Spec D: `data.csv`, whose
+//! Reduced volumes become VTK image data (XML or HDF5), in the data's units; any step becomes pictures of a Cinema database (Spec D: `data.csv`, whose
 //! last column names a file for each combination of the others), or of a movie.
 
 use crate::cli;
@@ -10,7 +10,7 @@ use anyhow::{Context, bail, ensure};
 use lamina_model::{Image, Intermediate, ReducedVolume, ScalarRange, Scale, Volume, Voxels};
 use lamina_vdi_render::{Backend, Detail, Drawable};
 use lamina_viz_node::store::Run;
-use lamina_volume_io::{read_recorded, write_pvd, write_vti};
+use lamina_volume_io::{read_recorded, write_pvd, write_vti, write_vtkhdf};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -29,11 +29,14 @@ pub fn export(arguments: &cli::Export) -> anyhow::Result<()> {
     let steps = recorded(input)?;
     match (ending.as_str(), &steps[..]) {
         ("vti", [step]) => write_vti(out, &volume(&step.file)?, &field_of(&step.file))?,
-        ("vti", _) => bail!("{}: a .vti holds one step of the {} there are; name a .pvd", out.display(), steps.len()),
+        ("vtkhdf", [step]) => write_vtkhdf(out, &volume(&step.file)?, &field_of(&step.file))?,
+        ("vti" | "vtkhdf", _) => {
+            bail!("{}: a .{ending} holds one step of the {} there are; name a .pvd", out.display(), steps.len())
+        }
         ("pvd", _) => collection(out, &steps)?,
         ("cdb", _) => cinema(arguments, &steps)?,
         ("webp" | "mp4", _) => film(arguments, &steps)?,
-        _ => bail!("{}: cannot be written; name a .vti, .pvd, .cdb, .webp or .mp4", out.display()),
+        _ => bail!("{}: cannot be written; name a .vti, .vtkhdf, .pvd, .cdb, .webp or .mp4", out.display()),
     }
     say!("{}: {} steps", out.display(), steps.len());
     Ok(())

@@ -26,6 +26,7 @@ mod vti;
 mod vti_blocks;
 mod vti_header;
 mod write;
+mod write_vtkhdf;
 mod xml;
 
 pub use arrays::AxisOrder;
@@ -35,3 +36,4 @@ pub use raw::RawSpec;
 pub use recorded::{read_recorded, read_with_bytes};
 pub use series::Series;
 pub use write::{write_pvd, write_vti};
+pub use write_vtkhdf::write_vtkhdf;

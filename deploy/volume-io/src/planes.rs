@@ -13,7 +13,7 @@ impl Series {
     /// If there is no such step, or its file has to be read from its beginning: it is packed, text, or VTK's.
     pub fn grid_of_planes(&self, index: usize) -> Result<Grid, ReadError> {
         let whole = |what: &str| {
-            let remedy = "write it as raw values, described by NRRD or by its name, or leave out --memory";
+            let remedy = "write it as raw values or in chunks (HDF5, Zarr), or leave out --memory";
             Err(ReadError::unsupported(&self.path, format!("planes of {what}"), remedy))
         };
         let Some(field) = self.shown.plain() else { return whole("an expression") };

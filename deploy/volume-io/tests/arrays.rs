@@ -74,6 +74,8 @@ fn hdf5_of_any_layout_filter_and_type() {
     }
     let said = failure("bzip2_f4_latest.h5", None);
     assert!(said.contains("307") && said.contains("h5repack"), "{said}");
+    let said = failure("bomb.h5", None);
+    assert!(said.contains("ramp") && said.contains("damaged"), "{said}");
     assert_eq!(open("circle.h5", Some("ramp")).field(), "a/b/ramp");
     check("circle.h5", &read("circle.h5"), DIMS, 0.0);
     assert!(failure("circle.h5", Some("rampe")).contains("a/b/ramp"));

@@ -6,7 +6,7 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use glam::DVec3;
 use lamina_model::{Grid, Volume, VoxelType, Voxels};
-use lamina_volume_io::{Options, RawSpec, Series, write_pvd, write_vti};
+use lamina_volume_io::{Options, RawSpec, Series, write_pvd, write_vti, write_vtkhdf};
 use std::fs;
 use std::io::Write;
 use std::path::Path;
@@ -45,7 +45,22 @@ fn image_data_comes_back_bit_for_bit_in_every_type() {
         write_vti(&path, &written, "a <b> & \"c\"").unwrap();
         assert_eq!(read(&path), written);
         assert_eq!(open(&path).field(), "a <b> & \"c\"");
+        let path = path.with_extension("vtkhdf");
+        write_vtkhdf(&path, &written, "a <b> & \"c\"").unwrap();
+        assert_eq!(read(&path), written);
+        assert_eq!(open(&path).field(), "a <b> & \"c\"");
     }
+    // In several chunks, with a second field.
+    let path = folder.path().join("b.vtkhdf");
+    let written = volume([130, 3, 70], Voxels::F32((0..27300).map(|n| (n as f32).sin()).collect()));
+    let written = written.with_color_field("E/x", Voxels::U8((0..27300).map(|n| n as u8).collect())).unwrap();
+    write_vtkhdf(&path, &written, "rho").unwrap();
+    let options = Options { field: Some("rho".into()), ..Options::default() };
+    let series = Series::open(&path, &options).unwrap();
+    let first = series.read(0).unwrap();
+    let second = series.with_color_field(0, "E.x", first.clone()).unwrap();
+    assert_eq!(first.voxels(), written.voxels());
+    assert_eq!(second.color_field().unwrap().1, written.color_field().unwrap().1);
 }
 
 #[test]

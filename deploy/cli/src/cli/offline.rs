@@ -129,9 +129,9 @@ pub struct Export {
     /// A recorded step, or the folder of a recorded run
     #[arg(value_name = "STEP|RUN")]
     pub input: PathBuf,
-    /// A .vti file for a reduced volume, a .pvd for a run of them; a .cdb folder for a Cinema database of pictures; a movie, .webp (lossless)
-    /// or .mp4 (by ffmpeg)
-    #[arg(long, value_name = "FILE.vti|FILE.pvd|DIR.cdb|FILE.webp|FILE.mp4")]
+    /// A .vti or .vtkhdf file for a reduced volume, a .pvd for a run of them; a .cdb folder for a Cinema database of pictures; a movie,
+    /// .webp (lossless) or .mp4 (by ffmpeg)
+    #[arg(long, value_name = "FILE.vti|FILE.vtkhdf|FILE.pvd|DIR.cdb|FILE.webp|FILE.mp4")]
     pub out: PathBuf,
     /// Of a Cinema database: cameras around the data
     #[arg(long, default_value_t = 12, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=360))]
