@@ -175,6 +175,20 @@ impl FieldArray {
     }
 }
 
+/// An array that is so many times as large as its file was not written into it: no packing does that with more than these bytes.
+const MOST_PACKED: u64 = 1 << 14;
+const SMALL: u64 = 64 << 20;
+
+/// Refuses an array of `bytes` that the file at `path` cannot hold.
+pub(super) fn check_claim(path: &Path, name: &str, bytes: u64) -> Result<(), ReadError> {
+    let size = std::fs::metadata(path).map_err(|e| ReadError::while_reading(path, e))?.len();
+    if bytes > SMALL && bytes / MOST_PACKED > size {
+        let reason = format!("\"{name}\" is said to have {bytes} bytes, which {size} bytes of file cannot hold");
+        return Err(ReadError::damaged(path, reason));
+    }
+    Ok(())
+}
+
 /// Refuses what the memory that is free cannot hold, before it is set aside: a small file may claim a large array.
 fn check_memory(path: &Path, name: &str, bytes: u64) -> Result<(), ReadError> {
     let free = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| {

@@ -2,7 +2,7 @@
 
 use super::axes::AxisRole;
 use super::coordinates::Placement;
-use super::file::{ArrayFile, ArrayOptions, ArrayStore, FieldArray};
+use super::file::{ArrayFile, ArrayOptions, ArrayStore, FieldArray, check_claim};
 use crate::ReadError;
 use crate::scalars::{ByteOrder, ScalarType};
 use crate::vti::UNNAMED_FIELD;
@@ -44,6 +44,8 @@ pub(super) fn open(path: &Path, _: ArrayOptions) -> Result<ArrayFile, ReadError>
         let what = format!("a stack of {images} images in {count} pages, as ImageJ writes those above 4 GB,");
         return Err(ReadError::unsupported(path, what, "write it as BigTIFF, each plane a page"));
     }
+    let bytes = u64::from(width) * u64::from(height) * scalar.size_bytes();
+    check_claim(path, UNNAMED_FIELD, bytes.saturating_mul(count as u64))?;
     let depth = stated("spacing").filter(|spacing| *spacing > 0.0).unwrap_or(1.0);
     let field = FieldArray {
         name: UNNAMED_FIELD.into(),

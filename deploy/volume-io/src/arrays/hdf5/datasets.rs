@@ -2,7 +2,7 @@
 
 use crate::ReadError;
 use crate::arrays::coordinates::Attributes;
-use crate::arrays::file::{ArrayStore, MOST_POINTS};
+use crate::arrays::file::{ArrayStore, MOST_POINTS, check_claim};
 use half::f16;
 use hdf5_reader::error::{ByteOrder, Error};
 use hdf5_reader::group::Group;
@@ -77,6 +77,8 @@ impl fmt::Debug for Datasets {
 impl ArrayStore for Datasets {
     fn read(&self, key: usize, region: &[Range<usize>]) -> Result<Voxels, ReadError> {
         let dataset = &self.datasets[key];
+        let count = region.iter().fold(1, |n: u64, range| n.saturating_mul(range.len() as u64));
+        check_claim(&self.path, dataset.name(), count)?;
         read(dataset, region).map_err(|error| failed(&self.path, dataset.name(), error))
     }
 }
