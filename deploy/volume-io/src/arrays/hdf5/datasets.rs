@@ -78,7 +78,7 @@ impl ArrayStore for Datasets {
     fn read(&self, key: usize, region: &[Range<usize>]) -> Result<Voxels, ReadError> {
         let dataset = &self.datasets[key];
         let count = region.iter().fold(1, |n: u64, range| n.saturating_mul(range.len() as u64));
-        check_claim(&self.path, dataset.name(), count)?;
+        check_claim(&self.path, dataset.name(), count.saturating_mul(4))?;
         read(dataset, region).map_err(|error| failed(&self.path, dataset.name(), error))
     }
 }
