@@ -93,6 +93,18 @@ fn axes_of_arrays_without_names_are_in_the_order_stated() {
 }
 
 #[test]
+fn vectors_are_three_fields_wherever_their_components_lie() {
+    for name in ["last", "first", "series"] {
+        let of = |axis: &str| open("vectors.h5", Some(&format!("{name}.{axis}"))).read(0).unwrap();
+        check(name, &of("x"), DIMS, 0.0);
+        assert_eq!(of("y").voxels().get(59), -of("x").voxels().get(59));
+        assert_eq!(of("z").voxels().get(59), 2.0 * of("x").voxels().get(59));
+    }
+    let length = open("vectors.h5", Some("magnitude(first)")).read(0).unwrap();
+    assert!((length.voxels().get(59) - 6f64.sqrt() * 423.0).abs() < 1e-3);
+}
+
+#[test]
 fn vtkhdf_image_data_with_vectors_cells_and_steps() {
     let image = read("image.vtkhdf");
     check("image", &image, DIMS, 0.0);

@@ -55,8 +55,13 @@ pub(super) fn is_time(name: &str) -> bool {
     matches!(name.to_ascii_lowercase().as_str(), "time" | "t" | "step")
 }
 
-/// What the axes of an array are; none, if it is no field of three axes of space.
-pub(super) fn roles(shape: &[usize], names: Option<&[String]>, order: AxisOrder) -> Option<Vec<AxisRole>> {
+/// What the axes of an array are; none, if it is no field of three axes of space. Of an axis along which a vector's three components lie,
+/// also which one it is.
+pub(super) fn roles(
+    shape: &[usize],
+    names: Option<&[String]>,
+    order: AxisOrder,
+) -> Option<(Vec<AxisRole>, Option<usize>)> {
     let named = |n: usize| names.and_then(|names| names.get(n)).map(String::as_str);
     let mut roles: Vec<Option<AxisRole>> = shape.iter().map(|_| None).collect();
     for (n, role) in roles.iter_mut().enumerate() {
@@ -70,8 +75,15 @@ pub(super) fn roles(shape: &[usize], names: Option<&[String]>, order: AxisOrder)
             roles[n] = Some(AxisRole::Index(0));
         }
     }
-    // An array of four axes without names is a series.
-    if names.is_none() && open(&roles) == 4 && shape.len() == 4 {
+    // The components of a vector come last or first.
+    let may_be_components = |n: &usize| shape[*n] == 3 && roles[*n].is_none() && named(*n).and_then(space).is_none();
+    let ends = [shape.len().saturating_sub(1), (0..shape.len()).find(|&n| roles[n].is_none()).unwrap_or(0)];
+    let components = ends.into_iter().filter(|_| open(&roles) > 3).find(may_be_components);
+    if let Some(n) = components {
+        roles[n] = Some(AxisRole::Index(0));
+    }
+    // A further axis without a name is time.
+    if names.is_none() && open(&roles) == 4 && roles[0].is_none() {
         roles[0] = Some(AxisRole::Time);
     }
     if open(&roles) != 3 {
@@ -86,7 +98,7 @@ pub(super) fn roles(shape: &[usize], names: Option<&[String]>, order: AxisOrder)
     }
     .into_iter();
     let roles: Vec<AxisRole> = roles.into_iter().filter_map(|role| role.or_else(|| in_order.next())).collect();
-    (roles.iter().filter(|&&role| role == AxisRole::Time).count() <= 1).then_some(roles)
+    (roles.iter().filter(|&&role| role == AxisRole::Time).count() <= 1).then_some((roles, components))
 }
 
 /// Values as a volume has them, x fastest, of values in the order of `roles`; axes that descend are turned round. `dims`: along
@@ -146,19 +158,27 @@ mod tests {
     #[test]
     fn axes_are_told_by_name_then_by_order() {
         let order: AxisOrder = "xyz".parse().unwrap();
-        assert_eq!(roles(&[2, 3, 4], None, order), Some(vec![AxisRole::X, AxisRole::Y, AxisRole::Z]));
+        let of = |shape: &[usize], names: Option<&[String]>, order| roles(shape, names, order).map(|(roles, _)| roles);
+        assert_eq!(of(&[2, 3, 4], None, order), Some(vec![AxisRole::X, AxisRole::Y, AxisRole::Z]));
         let climate = names("time lev lat lon");
         let zyx = [AxisRole::Z, AxisRole::Y, AxisRole::X];
-        assert_eq!(roles(&[9, 2, 3, 4], Some(&climate), order), Some([&[AxisRole::Time][..], &zyx].concat()));
+        assert_eq!(of(&[9, 2, 3, 4], Some(&climate), order), Some([&[AxisRole::Time][..], &zyx].concat()));
         let strange = names("member a b c");
-        assert_eq!(
-            roles(&[1, 2, 3, 4], Some(&strange), AxisOrder::default()),
-            Some([&[AxisRole::Index(0)][..], &zyx].concat())
-        );
-        assert_eq!(roles(&[5, 2, 3, 4], Some(&strange), order), None, "five members, of which none is stated");
-        assert_eq!(roles(&[5, 2, 3, 4], None, order).unwrap()[0], AxisRole::Time);
-        assert_eq!(roles(&[2, 3], None, order), None);
-        assert_eq!(roles(&[1, 3, 4], Some(&names("z y x")), order), Some(zyx.to_vec()));
+        let member = Some([&[AxisRole::Index(0)][..], &zyx].concat());
+        assert_eq!(of(&[1, 2, 3, 4], Some(&strange), AxisOrder::default()), member);
+        assert_eq!(of(&[5, 2, 3, 4], Some(&strange), order), None, "five members, of which none is stated");
+        assert_eq!(of(&[5, 2, 3, 4], None, order).unwrap()[0], AxisRole::Time);
+        assert_eq!(of(&[2, 3], None, order), None);
+        assert_eq!(of(&[1, 3, 4], Some(&names("z y x")), order), Some(zyx.to_vec()));
+        // Vectors.
+        let standard = AxisOrder::default();
+        let vector = |shape: &[usize]| roles(shape, None, standard).unwrap().1;
+        assert_eq!((vector(&[5, 6, 7, 3]), vector(&[3, 6, 7, 8]), vector(&[4, 6, 7, 8])), (Some(3), Some(0), None));
+        let (both, at) = roles(&[9, 6, 7, 8, 3], None, standard).unwrap();
+        assert_eq!((both[0], at), (AxisRole::Time, Some(4)));
+        let named = names("z y x direction");
+        assert_eq!(roles(&[5, 6, 7, 3], Some(&named), standard).unwrap().1, Some(3));
+        assert_eq!(roles(&[4, 3, 3, 3], Some(&climate), standard).unwrap().1, None);
         for bad in ["xy", "xxz", "zyxx", "abc", "zyx "] {
             assert!(bad.parse::<AxisOrder>().unwrap_err().contains("no order"), "{bad}");
         }

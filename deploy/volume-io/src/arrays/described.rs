@@ -6,6 +6,9 @@ use super::coordinates::{Attributes, Placement};
 use super::file::FieldArray;
 use crate::missing::Packing;
 
+/// Names of a vector's components.
+const COMPONENTS: [&str; 3] = ["x", "y", "z"];
+
 /// What is said of an array.
 pub(super) struct DescribedArray<'a> {
     pub(super) name: String,
@@ -17,19 +20,21 @@ pub(super) struct DescribedArray<'a> {
 }
 
 impl DescribedArray<'_> {
-    /// The field that it is, if it is one: `coordinate` gives the points of a named axis.
-    pub(super) fn field(self, order: AxisOrder, coordinate: impl Fn(&str) -> Option<Vec<f64>>) -> Option<FieldArray> {
-        let roles = axes::roles(&self.shape, self.axes.as_deref(), order)?;
+    /// The fields that it holds, one, or the components of a vector: `coordinate` gives the points of a named axis.
+    pub(super) fn fields(self, order: AxisOrder, coordinate: impl Fn(&str) -> Option<Vec<f64>>) -> Vec<FieldArray> {
+        let Some((roles, components)) = axes::roles(&self.shape, self.axes.as_deref(), order) else {
+            return Vec::new();
+        };
         let spacing = self.attributes.numbers("spacing");
-        let placement = [AxisRole::X, AxisRole::Y, AxisRole::Z].map(|axis| {
+        let space = [AxisRole::X, AxisRole::Y, AxisRole::Z];
+        let placement = space.map(|axis| {
             let at = roles.iter().position(|&role| role == axis).unwrap_or(0);
             let points = self.axes.as_ref().and_then(|names| coordinate(&names[at]));
             match points.filter(|points| points.len() == self.shape[at]) {
                 Some(points) => Placement::of(&points),
                 // In the order of storage, as the axes are.
-                None if spacing.len() == 3 && roles.len() >= 3 => {
-                    let of_space = (at + 3).saturating_sub(roles.len());
-                    Placement::even_from(0.0, spacing.get(of_space).copied().unwrap_or(1.0))
+                None if spacing.len() == 3 => {
+                    Placement::even_from(0.0, spacing[roles[..at].iter().filter(|role| space.contains(role)).count()])
                 }
                 None => Placement::UNIT,
             }
@@ -38,6 +43,14 @@ impl DescribedArray<'_> {
         let mut missing: Vec<f64> =
             ["_FillValue", "missing_value"].iter().flat_map(|name| self.attributes.numbers(name)).collect();
         missing.dedup();
-        Some(FieldArray { name: self.name, key: self.key, shape: self.shape, roles, placement, missing, packing })
+        let (name, key, shape) = (self.name, self.key, self.shape);
+        let field = FieldArray { name, key, shape, roles, placement, missing, packing };
+        let Some(at) = components else { return vec![field] };
+        let component = |(n, axis): (usize, &str)| {
+            let mut of_axis = FieldArray { name: format!("{}.{axis}", field.name), ..field.clone() };
+            of_axis.roles[at] = AxisRole::Index(n);
+            of_axis
+        };
+        COMPONENTS.into_iter().enumerate().map(component).collect()
     }
 }

@@ -44,9 +44,10 @@ pub(super) fn open(path: &Path, options: ArrayOptions) -> Result<ArrayFile, Read
             axes: Some(axes),
             attributes: variable as &dyn Attributes,
         };
-        if let Some(field) = stored.field(options.axes, |axis| file.points(axis)) {
+        let of_array = stored.fields(options.axes, |axis| file.points(axis));
+        if !of_array.is_empty() {
             times = times.or_else(|| file.points(&time?));
-            fields.push(field);
+            fields.extend(of_array);
         }
     }
     ArrayFile::new(path, times, fields, file)

@@ -38,11 +38,12 @@ pub(super) fn open(path: &Path, root: &Group, options: ArrayOptions) -> Result<A
         let short = axes.as_ref().map(|axes| axes.iter().map(|name| last_part(name).to_owned()).collect());
         let whole = |short: &str| axes.as_ref()?.iter().find(|name| last_part(name) == short).cloned();
         let stored = DescribedArray { name: name.clone(), key, shape, axes: short, attributes: dataset };
-        if let Some(field) = stored.field(options.axes, |axis| points(&whole(axis)?)) {
+        let of_array = stored.fields(options.axes, |axis| points(&whole(axis)?));
+        if !of_array.is_empty() {
             let time = axes.as_ref().and_then(|axes| axes.iter().find(|name| axes::is_time(last_part(name))));
             times = times.or_else(|| time.and_then(|name| points(name)));
             stated = stated.or_else(|| stated_time(dataset));
-            fields.push(field);
+            fields.extend(of_array);
         }
     }
     let times = times.or_else(|| stated.or_else(|| stated_time(root)).map(|time| vec![time]));

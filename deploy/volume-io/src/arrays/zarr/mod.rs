@@ -58,11 +58,12 @@ pub(super) fn open(path: &Path, options: ArrayOptions) -> Result<ArrayFile, Read
             axes: array.axes.clone(),
             attributes: &array.attributes,
         };
-        if let Some(field) = stored.field(options.axes, |axis| points(name, axis)) {
+        let of_array = stored.fields(options.axes, |axis| points(name, axis));
+        if !of_array.is_empty() {
             let time = array.axes.as_ref().and_then(|axes| axes.iter().find(|axis| axes::is_time(axis)));
             times = times.or_else(|| points(name, time?));
             stated = stated.or_else(|| stated_time(&array.attributes));
-            fields.push(field);
+            fields.extend(of_array);
         }
     }
     let times = times.or_else(|| stated.or_else(|| stated_time(&of_group)).map(|time| vec![time]));
