@@ -281,8 +281,11 @@ class Run:
 
 
 def is_plotfile(path: Path) -> bool:
-    """Whether the folder is one of AMReX."""
-    return path.is_dir() and (path / "Header").is_file() and (path / "Level_0").is_dir()
+    """Whether the folder is one of AMReX; a checkpoint is none."""
+    if not (path.is_dir() and (path / "Header").is_file() and (path / "Level_0").is_dir()):
+        return False
+    with open(path / "Header", "rb") as header:
+        return header.read(9) == b"HyperCLaw"
 
 
 def read(

@@ -108,10 +108,11 @@ pub(crate) fn bytes_together(shuffled: &[u8], width: usize) -> Vec<u8> {
     out
 }
 
-/// The bits of each value beside each other again: of 8 values at a time, the first bits come first. Values that fill no such group
-/// are stored as they are.
+/// The bits of each value beside each other again: the first bits of all values come first. Blocks whose number of values is no multiple
+/// of 8 are stored as they are.
 fn bits_together(shuffled: Vec<u8>, width: usize) -> Vec<u8> {
-    let groups = shuffled.len() / width / 8;
+    let values = shuffled.len() / width;
+    let groups = if values.is_multiple_of(8) { values / 8 } else { 0 };
     let mut out = shuffled.clone();
     // Rows of bits, one for each bit of a value, of as many bits as there are values.
     out[..groups * 8 * width].fill(0);

@@ -15,25 +15,47 @@ impl Packing {
         let packing = Self { factor: factor.unwrap_or(1.0), offset: offset.unwrap_or(0.0) };
         (packing != Self { factor: 1.0, offset: 0.0 }).then_some(packing)
     }
+
+    pub(crate) fn unpacked(&self, value: f64) -> f64 {
+        self.factor * value + self.offset
+    }
 }
 
-/// `volume` with NaN where it holds one of `values`, and unpacked. Integers become single precision, unless nothing changes.
-pub(crate) fn mark_missing(volume: Volume, values: &[f64], packing: Option<Packing>) -> Result<Volume, Invalid> {
+/// What stored numbers mean.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(crate) struct Meaning {
+    /// The values that stand where there is none, as they are stored.
+    pub(crate) missing: Vec<f64>,
+    pub(crate) packing: Option<Packing>,
+    /// What is to be added to negative numbers, of integers without a sign that are stored as if they had one.
+    pub(crate) unsigned: Option<f64>,
+}
+
+impl Meaning {
+    fn number(&self, stored: f64) -> f64 {
+        let value = self.unsigned.filter(|_| stored < 0.0).map_or(stored, |range| stored + range);
+        self.packing.map_or(value, |packing| packing.unpacked(value))
+    }
+}
+
+/// `volume` with NaN where a value is missing, and the others as what they mean. Integers become single precision, unless nothing changes.
+pub(crate) fn mark_missing(volume: Volume, meaning: &Meaning) -> Result<Volume, Invalid> {
     let (grid, voxels, second) = volume.into_parts();
-    let unpacked = |x: f64| packing.map_or(x, |packing| packing.factor * x + packing.offset);
+    let values = &meaning.missing;
     let voxels = match voxels {
         Voxels::F64(v) => {
-            let number = |x: f64| if values.contains(&x) { f64::NAN } else { unpacked(x) };
+            let number = |x: f64| if values.contains(&x) { f64::NAN } else { meaning.number(x) };
             Voxels::F64(v.into_iter().map(number).collect())
         }
         // Every other type fits into single precision.
         other => {
             let values: Vec<f32> = values.iter().map(|&value| value as f32).collect();
             let is_missing = |n: usize| values.contains(&(other.get(n) as f32));
-            if packing.is_none() && !(0..other.len()).any(is_missing) {
+            let is_plain = meaning.packing.is_none() && meaning.unsigned.is_none();
+            if is_plain && !(0..other.len()).any(is_missing) {
                 other
             } else {
-                let number = |n| if is_missing(n) { f32::NAN } else { unpacked(other.get(n)) as f32 };
+                let number = |n| if is_missing(n) { f32::NAN } else { meaning.number(other.get(n)) as f32 };
                 Voxels::F32((0..other.len()).map(number).collect())
             }
         }
@@ -55,12 +77,18 @@ mod tests {
     fn missing_values_are_those_as_stored_and_the_others_unpacked() {
         let grid = Grid::new([3, 1, 1], DVec3::ONE, DVec3::ZERO).unwrap();
         let packed = Volume::new(grid, Voxels::I16(vec![-1, 0, 100])).unwrap();
-        let packing = Packing::new(Some(0.5), Some(20.0));
-        let Voxels::F32(v) = mark_missing(packed.clone(), &[-1.0], packing).unwrap().into_parts().1 else {
-            unreachable!()
+        let meaning = |missing: &[f64], packing, unsigned| Meaning { missing: missing.to_vec(), packing, unsigned };
+        let singles = |volume: Volume| match volume.into_parts().1 {
+            Voxels::F32(values) => values,
+            other => unreachable!("{other:?}"),
         };
+        let half = meaning(&[-1.0], Packing::new(Some(0.5), Some(20.0)), None);
+        let v = singles(mark_missing(packed.clone(), &half).unwrap());
         assert!(v[0].is_nan() && v[1..] == [20.0, 70.0]);
-        assert_eq!(mark_missing(packed.clone(), &[7.0], None).unwrap(), packed, "nothing is missing");
+        let unsigned = meaning(&[0.0], None, Some(256.0));
+        let v = singles(mark_missing(packed.clone(), &unsigned).unwrap());
+        assert!(v[1].is_nan() && (v[0], v[2]) == (255.0, 100.0));
+        assert_eq!(mark_missing(packed.clone(), &meaning(&[7.0], None, None)).unwrap(), packed, "nothing is missing");
         assert_eq!(Packing::new(Some(1.0), None), None);
     }
 }

@@ -163,7 +163,7 @@ stored! {
     u16 => u16, U16, Some;
     i32 => f64, F64, |v| Some(v.into());
     u32 => f64, F64, |v| Some(v.into());
-    i64 => f64, F64, |v| (v.unsigned_abs() <= EXACT_IN_F64).then_some(v as f64);
+    i64 => f64, F64, |v| (v.unsigned_abs() <= EXACT_IN_F64 || v == i64::MIN).then_some(v as f64);
     u64 => f64, F64, |v| (v <= EXACT_IN_F64).then_some(v as f64);
     f16 => f16, F16, Some;
     f32 => f32, F32, Some;

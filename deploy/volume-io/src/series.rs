@@ -1,6 +1,6 @@
 //! A recorded time series under one roof: whatever the format, numbered steps with a time and a volume each.
 
-use crate::missing::mark_missing;
+use crate::missing::{Meaning, mark_missing};
 use crate::raw::RawSpec;
 use crate::source::{self, SeriesSource, SeriesStep};
 use crate::{Options, ReadError, vti};
@@ -123,7 +123,8 @@ impl Series {
     /// `volume` without what stands for missing voxels.
     pub(crate) fn marked(&self, volume: Volume) -> Result<Volume, ReadError> {
         match self.missing {
-            Some(value) => mark_missing(volume, &[value], None).map_err(|e| ReadError::grid(&self.path, e)),
+            Some(value) => mark_missing(volume, &Meaning { missing: vec![value], ..Meaning::default() })
+                .map_err(|e| ReadError::grid(&self.path, e)),
             None => Ok(volume),
         }
     }

@@ -61,6 +61,10 @@ pub(crate) fn steps(path: &Path, options: &Options) -> Result<(Vec<SeriesStep>, 
         states_times &= has_times;
         steps.extend(of_file);
     }
+    // Names may have fractions in them, of which files are sorted otherwise than their times.
+    if states_times {
+        steps.sort_by(|a, b| a.time.total_cmp(&b.time));
+    }
     // Times of files that start anew, or state none, are the steps' numbers.
     states_times &= steps.windows(2).all(|pair: &[SeriesStep]| pair[0].time < pair[1].time);
     if !states_times {
@@ -135,7 +139,7 @@ fn is_recording(path: &Path) -> bool {
         ["vti", "nrrd", "nhdr", "raw", "raw.gz", "h5", "hdf5", "hdf", "vtkhdf", "nc", "nc4", "cdf", "tif", "tiff"];
     let ending = split_name(path).1;
     match path.is_dir() {
-        true => ending == "zarr" || path.join("Header").is_file(),
+        true => ending == "zarr" || arrays::is_plotfile(path),
         false => ENDINGS.contains(&ending.as_str()),
     }
 }
@@ -155,10 +159,12 @@ fn matches_pattern(name: &str, pattern: &str) -> bool {
     name.len() >= end.len() && name.ends_with(end)
 }
 
-/// Order of files: by the numbers in their names, then by these.
-fn numbered(path: &Path) -> (Vec<u64>, String) {
+/// Order of files: by the numbers in their names, of any length, then by these.
+fn numbered(path: &Path) -> (Vec<(usize, String)>, String) {
     let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    let numbers = name.split(|c: char| !c.is_ascii_digit()).filter_map(|digits| digits.parse().ok()).collect();
+    let runs = name.split(|c: char| !c.is_ascii_digit()).filter(|digits| !digits.is_empty());
+    let numbers =
+        runs.map(|digits| digits.trim_start_matches('0')).map(|digits| (digits.len(), digits.to_owned())).collect();
     (numbers, name)
 }
 

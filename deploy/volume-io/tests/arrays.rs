@@ -116,6 +116,7 @@ fn vtkhdf_image_data_with_vectors_cells_and_steps() {
     let cells = open("image.vtkhdf", Some("cell")).read(0).unwrap();
     check("cell", &cells, [3, 2, 4], 0.0);
     check_place("cell", &cells, SPACING, ORIGIN + 0.5 * SPACING);
+    assert!(failure("turned.vtkhdf", None).contains("without rotation"));
     let series = open("steps.vtkhdf", None);
     assert_eq!((series.len(), series.time(0), series.time(1)), (2, 0.25, 0.5));
     check("steps", &series.read(1).unwrap(), DIMS, 1000.0);
@@ -149,6 +150,11 @@ fn netcdf_of_every_form_with_its_coordinates_and_missing_values() {
         }
         let still = open(name, Some("still"));
         check(name, &still.read(1).unwrap(), DIMS, 0.0);
+        let unsigned = open(name, Some("unsigned")).read(0).unwrap();
+        for n in 0..60 {
+            let stored = (n % 4 + 10 * (n / 4 % 3) + 100 * (n / 12)) % 251;
+            assert_eq!(unsigned.voxels().get(n), stored as f64, "{name} at {n}");
+        }
         assert!(failure(name, Some("uneven")).contains("along z are not evenly spaced"));
     }
 }
@@ -159,7 +165,7 @@ fn zarr_of_both_versions_and_all_codecs() {
         let name = format!("large_v2_{codec}.zarr");
         check(&name, &read(&name), LARGE, 0.0);
     }
-    let second = ["v2_zlib", "v2_gzip", "v2_zstd", "v2_lz4", "v2_none"];
+    let second = ["v2_bitshuffle", "v2_zlib", "v2_gzip", "v2_zstd", "v2_lz4", "v2_none"];
     let third = ["v3_zstd", "v3_gzip", "v3_blosc", "v3_transposed", "v3_big_endian", "v3_shards"];
     for name in second.iter().chain(&third).map(|name| format!("{name}.zarr")) {
         check(&name, &read(&name), DIMS, 0.0);
@@ -171,6 +177,23 @@ fn zarr_of_both_versions_and_all_codecs() {
     check("group", &series.read(0).unwrap(), DIMS, 0.0);
     check_place("group", &series.read(0).unwrap(), SPACING, ORIGIN);
     assert!(series.read(1).unwrap().voxels().get(7).is_nan(), "a chunk that was never written");
+}
+
+#[test]
+fn zarr_as_xarray_writes_it() {
+    for name in ["xarray_v2.zarr", "xarray_v3.zarr"] {
+        for field in ["ramp", "packed"] {
+            let volume = open(name, Some(field)).read(0).unwrap();
+            check_place(name, &volume, SPACING, ORIGIN);
+            assert!(volume.voxels().get(1).is_nan(), "{name}: {field}");
+            for n in (0..60).filter(|&n| n != 1) {
+                let stored = n % 4 + 10 * (n / 4 % 3) + 100 * (n / 12);
+                assert_eq!(volume.voxels().get(n), 2.0 * stored as f64 - 10.0, "{name}: {field} at {n}");
+            }
+        }
+    }
+    let empty = read("empty.zarr");
+    assert!(empty.grid().dims() == [300; 3] && empty.voxels().get(26_999_999) == 7.0, "no chunk of it was written");
 }
 
 #[test]
@@ -187,6 +210,12 @@ fn tiff_stacks() {
         assert_eq!(volume.voxels().voxel_type(), kept, "{name}");
     }
     assert_eq!(read("imagej.tif").grid().spacing(), DVec3::new(1.0, 1.0, 2.0));
+    let place = read("calibrated.tif").grid().spacing();
+    assert!((place - DVec3::new(0.2, 0.25, 0.5)).abs().max_element() < 1e-6, "{place}");
+    let series = open("frames.tif", None);
+    assert_eq!(series.len(), 2);
+    check("frames", &series.read(1).unwrap(), DIMS, 1000.0);
+    assert!(failure("channels.tif", None).contains("2 channels"));
     assert!(failure("color.tif", None).contains("one value at a point"));
 }
 
@@ -254,6 +283,10 @@ fn files_of_a_folder_or_pattern_come_by_their_numbers() {
     let series = Series::open(folder.path(), &Options::default()).unwrap();
     assert_eq!(series.len(), 3);
     assert!(matches!(series.read(2), Err(ReadError::Field { .. })), "the stack has no such array");
+    // A checkpoint of AMReX is no plotfile; times order files whose names do not.
+    std::fs::create_dir_all(folder.path().join("chk00010/Level_0")).unwrap();
+    std::fs::write(folder.path().join("chk00010/Header"), "Checkpoint version: 1\n").unwrap();
+    assert_eq!(Series::open(folder.path(), &Options::default()).unwrap().len(), 3);
     let none = Series::open(&folder.path().join("*.nc"), &Options::default()).unwrap_err();
     assert!(none.to_string().contains("*.nc"), "{none}");
 }

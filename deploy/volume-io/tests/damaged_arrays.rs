@@ -36,7 +36,13 @@ fn damaged_arrays_do_not_panic() {
         let opened = folder.path().join(target.strip_prefix(folder.path()).unwrap().iter().next().unwrap());
         let whole = fs::read(&target).unwrap();
         for _ in 0..CASES {
-            fs::write(&target, damage(&whole, &mut random)).unwrap();
+            let damaged = damage(&whole, &mut random);
+            // Text may state a shape that is large and fits into memory: nothing is wrong with that, but it takes time.
+            let digits = damaged.split(|byte| !byte.is_ascii_digit()).map(<[u8]>::len).max();
+            if target.extension().is_none_or(|e| e == "json") && digits > Some(4) {
+                continue;
+            }
+            fs::write(&target, damaged).unwrap();
             let series = Series::open(&opened, &Options::default());
             if series.is_ok_and(|series| series.read(0).is_ok()) { read_anyway += 1 } else { refused += 1 }
         }

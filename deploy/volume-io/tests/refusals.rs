@@ -228,7 +228,7 @@ fn files_of_arrays_that_are_none() {
     let plot = folder.path().join("plt0");
     fs::create_dir_all(plot.join("Level_0")).unwrap();
     for (header, word) in [
-        ("", "does not begin"),
+        ("", "plotfile"),
         ("HyperCLaw-V1.1\nmany", "number of components"),
         ("HyperCLaw-V1.1\n99999999999\nrho", "component is missing"),
         ("HyperCLaw-V1.1\n1\nrho\n2\n", "three dimensions"),

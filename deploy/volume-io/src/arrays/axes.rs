@@ -89,15 +89,16 @@ pub(super) fn roles(
     if open(&roles) != 3 {
         return None;
     }
-    let by_name: Vec<Option<AxisRole>> =
-        (0..shape.len()).filter(|&n| roles[n].is_none()).map(|n| named(n).and_then(space)).collect();
-    let by_name: Option<Vec<AxisRole>> = by_name.into_iter().collect();
-    let mut in_order = match by_name {
-        Some(by_name) if names_each_once(&by_name) => by_name,
-        _ => order.0.to_vec(),
-    }
-    .into_iter();
-    let roles: Vec<AxisRole> = roles.into_iter().filter_map(|role| role.or_else(|| in_order.next())).collect();
+    // Names that are known count, unless two are the same; the other axes are in order.
+    let known = |n: usize| named(n).and_then(space);
+    let by_name: Vec<AxisRole> = (0..shape.len()).filter(|&n| roles[n].is_none()).filter_map(known).collect();
+    let is_clear = by_name.iter().all(|role| by_name.iter().filter(|other| *other == role).count() == 1);
+    let by_name = if is_clear { by_name } else { Vec::new() };
+    let mut others = order.0.into_iter().filter(|role| !by_name.contains(role));
+    let role = |(n, role): (usize, Option<AxisRole>)| {
+        role.or_else(|| known(n).filter(|role| by_name.contains(role))).or_else(|| others.next())
+    };
+    let roles: Vec<AxisRole> = roles.into_iter().enumerate().filter_map(role).collect();
     (roles.iter().filter(|&&role| role == AxisRole::Time).count() <= 1).then_some((roles, components))
 }
 
@@ -170,6 +171,8 @@ mod tests {
         assert_eq!(of(&[5, 2, 3, 4], None, order).unwrap()[0], AxisRole::Time);
         assert_eq!(of(&[2, 3], None, order), None);
         assert_eq!(of(&[1, 3, 4], Some(&names("z y x")), order), Some(zyx.to_vec()));
+        let partly = of(&[2, 3, 4], Some(&names("x y altitude")), AxisOrder::default());
+        assert_eq!(partly, Some(vec![AxisRole::X, AxisRole::Y, AxisRole::Z]));
         // Vectors.
         let standard = AxisOrder::default();
         let vector = |shape: &[usize]| roles(shape, None, standard).unwrap().1;

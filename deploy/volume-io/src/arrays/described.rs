@@ -1,10 +1,11 @@
 //! An array as a file describes it, by names of axes, coordinates and attributes, as a field: by the conventions of climate and forecast
-//! files (CF), <https://cfconventions.org/cf-conventions/cf-conventions.html>, sections 2.5.1 (missing data) and 8.1 (packed data).
+//! files (CF), <https://cfconventions.org/cf-conventions/cf-conventions.html>, sections 2.5.1 (missing data) and 8.1 (packed data),
+//! and by netCDF's attribute `_Unsigned`.
 
 use super::axes::{self, AxisOrder, AxisRole};
 use super::coordinates::{Attributes, Placement};
 use super::file::FieldArray;
-use crate::missing::Packing;
+use crate::missing::Meaning;
 
 /// Names of a vector's components.
 const COMPONENTS: [&str; 3] = ["x", "y", "z"];
@@ -14,6 +15,8 @@ pub(super) struct DescribedArray<'a> {
     pub(super) name: String,
     pub(super) key: usize,
     pub(super) shape: Vec<usize>,
+    /// Bytes of a value.
+    pub(super) width: u8,
     /// Names of the axes.
     pub(super) axes: Option<Vec<String>>,
     pub(super) attributes: &'a dyn Attributes,
@@ -39,12 +42,14 @@ impl DescribedArray<'_> {
                 None => Placement::UNIT,
             }
         });
-        let packing = Packing::new(self.attributes.number("scale_factor"), self.attributes.number("add_offset"));
         let mut missing: Vec<f64> =
             ["_FillValue", "missing_value"].iter().flat_map(|name| self.attributes.numbers(name)).collect();
         missing.dedup();
+        let is_unsigned = self.attributes.text("_Unsigned").is_some_and(|text| text.eq_ignore_ascii_case("true"));
+        let unsigned = is_unsigned.then(|| f64::from(8 * self.width).exp2());
+        let meaning = Meaning { missing, packing: self.attributes.packing(), unsigned };
         let (name, key, shape) = (self.name, self.key, self.shape);
-        let field = FieldArray { name, key, shape, roles, placement, missing, packing };
+        let field = FieldArray { name, key, shape, roles, placement, meaning };
         let Some(at) = components else { return vec![field] };
         let component = |(n, axis): (usize, &str)| {
             let mut of_axis = FieldArray { name: format!("{}.{axis}", field.name), ..field.clone() };

@@ -3,7 +3,7 @@
 use super::axes::{AxisOrder, AxisRole, reordered};
 use super::coordinates::Placement;
 use crate::ReadError;
-use crate::missing::{Packing, mark_missing};
+use crate::missing::{Meaning, mark_missing};
 use glam::DVec3;
 use lamina_model::{Grid, Volume, Voxels};
 use std::fmt;
@@ -24,9 +24,7 @@ pub(super) struct FieldArray {
     pub(super) roles: Vec<AxisRole>,
     /// Along x, y and z.
     pub(super) placement: [Placement; 3],
-    /// The values that stand where there is none.
-    pub(super) missing: Vec<f64>,
-    pub(super) packing: Option<Packing>,
+    pub(super) meaning: Meaning,
 }
 
 /// What reads parts of arrays.
@@ -136,9 +134,9 @@ impl ArrayFile {
         let origin = grid.origin() + DVec3::Z * grid.spacing().z * planes.start as f64;
         let slab = Grid::new(dims, grid.spacing(), origin);
         let volume = slab.and_then(|slab| Volume::new(slab, voxels));
-        let marked = volume.and_then(|volume| match (field.missing.is_empty(), field.packing) {
-            (true, None) => Ok(volume),
-            (_, packing) => mark_missing(volume, &field.missing, packing),
+        let marked = volume.and_then(|volume| match field.meaning == Meaning::default() {
+            true => Ok(volume),
+            false => mark_missing(volume, &field.meaning),
         });
         marked.map_err(|e| ReadError::grid(&self.path, e))
     }

@@ -13,6 +13,7 @@ mod zarr;
 use crate::ReadError;
 pub use axes::AxisOrder;
 pub(crate) use file::{ArrayFile, ArrayOptions};
+pub(crate) use plotfile::is_plotfile;
 use std::path::Path;
 
 /// Opens what has one of these endings, or is a folder of this kind; none for what is neither.
@@ -22,7 +23,7 @@ pub(crate) fn open(path: &Path, ending: &str, options: ArrayOptions) -> Option<R
         "nc" | "nc4" | "cdf" => netcdf::open(path, options),
         "zarr" => zarr::open(path, options),
         "tif" | "tiff" => tiff::open(path, options),
-        _ if plotfile::is_plotfile(path) => plotfile::open(path, options),
+        _ if is_plotfile(path) => plotfile::open(path, options),
         _ => return None,
     })
 }

@@ -1,6 +1,6 @@
 //! netCDF: classic files (CDF-1, 2 and 5), whose header `netcdf-reader` reads; netCDF-4 is HDF5.
 
-use super::coordinates::Attributes;
+use super::coordinates::{Attributes, coordinates};
 use super::described::DescribedArray;
 use super::file::{ArrayFile, ArrayOptions, ArrayStore, MOST_POINTS};
 use super::{axes, hdf5};
@@ -34,13 +34,14 @@ pub(super) fn open(path: &Path, options: ArrayOptions) -> Result<ArrayFile, Read
     let mut fields = Vec::new();
     let mut times = None;
     for (key, variable) in file.variables.iter().enumerate() {
-        let Some(shape) = file.shape(variable).filter(|_| scalar(&variable.dtype).is_some()) else { continue };
+        let (Some(shape), Some(scalar)) = (file.shape(variable), scalar(&variable.dtype)) else { continue };
         let axes: Vec<String> = variable.dimensions.iter().map(|dimension| dimension.name.clone()).collect();
         let time = axes.iter().find(|name| axes::is_time(name)).cloned();
         let stored = DescribedArray {
             name: variable.name.clone(),
             key,
             shape,
+            width: scalar.size_bytes() as u8,
             axes: Some(axes),
             attributes: variable as &dyn Attributes,
         };
@@ -103,7 +104,7 @@ impl Classic {
         let key = self.variables.iter().position(|v| v.name == axis && v.dimensions.len() == 1)?;
         let [length @ ..=MOST_POINTS] = self.shape(&self.variables[key])?[..] else { return None };
         let voxels = self.read(key, std::slice::from_ref(&(0..length))).ok()?;
-        Some((0..voxels.len()).map(|n| voxels.get(n)).collect())
+        Some(coordinates(&voxels, &self.variables[key]))
     }
 }
 
@@ -170,6 +171,10 @@ fn scalar(dtype: &NcType) -> Option<ScalarType> {
 }
 
 impl Attributes for NcVariable {
+    fn text(&self, name: &str) -> Option<String> {
+        self.attributes.iter().find(|attribute| attribute.name == name)?.value.as_string()
+    }
+
     fn numbers(&self, name: &str) -> Vec<f64> {
         fn all<T: Copy>(values: &[T], number: impl Fn(T) -> f64) -> Vec<f64> {
             values.iter().map(|&value| number(value)).collect()

@@ -7,9 +7,11 @@ use super::axes::AxisRole;
 use super::coordinates::Placement;
 use super::file::{ArrayFile, ArrayOptions, ArrayStore, FieldArray};
 use crate::ReadError;
+use crate::missing::Meaning;
 use crate::scalars::{ByteOrder, ScalarType};
 use lamina_model::Voxels;
 use std::fs::{self, File};
+use std::io::Read;
 use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -17,9 +19,14 @@ use std::path::{Path, PathBuf};
 /// The longest line of numbers before a box, bytes.
 const LONGEST_LINE: u64 = 4096;
 
+/// How the header begins; those of AMReX's checkpoints do otherwise.
+const BEGINNING: &str = "HyperCLaw";
+
 /// Whether the folder is one.
-pub(super) fn is_plotfile(path: &Path) -> bool {
-    path.join("Header").is_file() && path.join("Level_0").is_dir()
+pub(crate) fn is_plotfile(path: &Path) -> bool {
+    let mut start = [0; BEGINNING.len()];
+    let read = File::open(path.join("Header")).and_then(|mut header| header.read_exact(&mut start));
+    read.is_ok() && start == *BEGINNING.as_bytes() && path.join("Level_0").is_dir()
 }
 
 /// Whole numbers in a text, whatever is between them.
@@ -31,9 +38,10 @@ fn integers(text: &str) -> Vec<i64> {
 fn cells(numbers: &[i64]) -> Option<[Range<i64>; 3]> {
     let of = |a: usize| Some(*numbers.get(a)?..numbers.get(a + 3)?.checked_add(1)?);
     let cells = [of(0)?, of(1)?, of(2)?];
+    let farthest = 1 << 31;
     cells
         .iter()
-        .all(|range| range.start < range.end && range.end.saturating_sub(range.start) < 1 << 31)
+        .all(|range| -farthest < range.start && range.start < range.end && range.end < farthest)
         .then_some(cells)
 }
 
@@ -41,10 +49,19 @@ fn cells(numbers: &[i64]) -> Option<[Range<i64>; 3]> {
 #[derive(Debug)]
 struct MeshLevel {
     domain: [Range<i64>; 3],
-    /// Cells of the next finer level along one of its own.
-    ratio: i64,
     /// Start of the names of its files.
     files: PathBuf,
+}
+
+impl MeshLevel {
+    /// Cells of the finer level `shown` along one of its own, on each axis.
+    fn ratios(&self, shown: &Self) -> Option<[i64; 3]> {
+        let of = |a: usize| {
+            let [own, finer] = [&self.domain[a], &shown.domain[a]].map(|range| range.end - range.start);
+            (finer % own == 0).then_some(finer / own)
+        };
+        Some([of(0)?, of(1)?, of(2)?])
+    }
 }
 
 /// Opens the folder.
@@ -52,7 +69,7 @@ pub(super) fn open(path: &Path, options: ArrayOptions) -> Result<ArrayFile, Read
     let file = path.join("Header");
     let text = fs::read_to_string(&file).map_err(|e| ReadError::while_reading(&file, e))?;
     let mut lines = text.lines();
-    if !lines.next().is_some_and(|first| first.starts_with("HyperCLaw")) {
+    if !lines.next().is_some_and(|first| first.starts_with(BEGINNING)) {
         return Err(ReadError::damaged(&file, "it does not begin as the header of a plotfile does"));
     }
     let short = |what: &str| ReadError::damaged(&file, format!("its {what} is missing or not a number"));
@@ -70,7 +87,7 @@ pub(super) fn open(path: &Path, options: ArrayOptions) -> Result<ArrayFile, Read
         numbers.try_into().map_err(|_| short("extent"))
     };
     let (low, high) = (three(next("lower corner")?)?, three(next("upper corner")?)?);
-    let ratios = integers(next("refinement ratios")?);
+    next("refinement ratios")?;
     let domains = integers(next("domains")?);
     let files: Vec<PathBuf> = lines
         .map(str::trim)
@@ -80,17 +97,19 @@ pub(super) fn open(path: &Path, options: ArrayOptions) -> Result<ArrayFile, Read
     let mut levels = Vec::new();
     for (n, files) in files.into_iter().enumerate().take(finest.saturating_add(1)) {
         let domain = domains.get(9 * n..).and_then(cells).ok_or_else(|| short("domain"))?;
-        let ratio = ratios.get(n).copied().unwrap_or(1).clamp(1, 1 << 10);
         if files.components().any(|part| !matches!(part, std::path::Component::Normal(_))) {
             return Err(ReadError::damaged(&file, format!("{} lies outside of it", files.display())));
         }
-        levels.push(MeshLevel { domain, ratio, files });
+        levels.push(MeshLevel { domain, files });
     }
     let shown = options.level.unwrap_or(finest).min(finest);
     if levels.len() <= shown {
         return Err(short("list of levels"));
     }
     levels.truncate(shown + 1);
+    if levels.iter().any(|level| level.ratios(&levels[shown]).is_none()) {
+        return Err(ReadError::damaged(&file, "a level's domain is no multiple of a coarser one's"));
+    }
     let dims = levels[shown].domain.each_ref().map(|range| (range.end - range.start) as usize);
     let place = |a: usize| {
         let spacing = (high[a] - low[a]) / dims[a] as f64;
@@ -102,8 +121,7 @@ pub(super) fn open(path: &Path, options: ArrayOptions) -> Result<ArrayFile, Read
         shape: vec![dims[2], dims[1], dims[0]],
         roles: vec![AxisRole::Z, AxisRole::Y, AxisRole::X],
         placement: [0, 1, 2].map(place),
-        missing: Vec::new(),
-        packing: None,
+        meaning: Meaning::default(),
     };
     let fields = names.into_iter().enumerate().map(field).collect();
     ArrayFile::new(path, Some(vec![time]), fields, Plotfile { path: path.into(), levels })
@@ -127,18 +145,17 @@ impl ArrayStore for Plotfile {
         values.resize(count, f32::NAN);
         let shown = self.levels.len() - 1;
         for n in 0..=shown {
-            // Cells of the level that is read along one of this level.
-            let ratio: i64 = self.levels[n..shown].iter().map(|level| level.ratio).product();
+            let Some(ratios) = self.levels[n].ratios(&self.levels[shown]) else { continue };
+            let origin = &self.levels[n].domain;
             self.boxes(&self.levels[n], key, |cells, data| {
-                let first = &self.levels[shown].domain;
                 // The box as it lies in the region.
                 let inside = [(0, &xs), (1, &ys), (2, &zs)].map(|(a, range)| {
-                    let at = |cell: i64| ratio * cell - first[a].start;
+                    let at = |cell: i64| ratios[a] * (cell - origin[a].start);
                     let (start, end) = (range.start as i64, range.end as i64);
                     at(cells[a].start).max(start)..at(cells[a].end).min(end)
                 });
                 let dims = cells.each_ref().map(|range| (range.end - range.start) as usize);
-                let cell = |a: usize, at: i64| ((at + first[a].start).div_euclid(ratio) - cells[a].start) as usize;
+                let cell = |a: usize, at: i64| (at / ratios[a] + origin[a].start - cells[a].start) as usize;
                 for z in inside[2].clone() {
                     for y in inside[1].clone() {
                         let row = (cell(2, z) * dims[1] + cell(1, y)) * dims[0];

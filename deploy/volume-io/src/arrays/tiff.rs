@@ -4,6 +4,7 @@ use super::axes::AxisRole;
 use super::coordinates::Placement;
 use super::file::{ArrayFile, ArrayOptions, ArrayStore, FieldArray, check_claim};
 use crate::ReadError;
+use crate::missing::Meaning;
 use crate::scalars::{ByteOrder, ScalarType};
 use crate::vti::UNNAMED_FIELD;
 use lamina_model::Voxels;
@@ -11,6 +12,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use tiff::decoder::ifd::Value;
 use tiff::decoder::{Decoder, Limits};
 use tiff::tags::{SampleFormat, Tag};
 use tiff::{ColorType, TiffError};
@@ -46,17 +48,32 @@ pub(super) fn open(path: &Path, _: ArrayOptions) -> Result<ArrayFile, ReadError>
     }
     let bytes = u64::from(width) * u64::from(height) * scalar.size_bytes();
     check_claim(path, UNNAMED_FIELD, bytes.saturating_mul(count as u64))?;
-    let depth = stated("spacing").filter(|spacing| *spacing > 0.0).unwrap_or(1.0);
+    let frames = match (stated("channels"), stated("frames").unwrap_or(1.0)) {
+        (Some(channels), _) if channels > 1.0 => {
+            let what = format!("a stack of {channels} channels");
+            return Err(ReadError::unsupported(path, what, "write each channel to a file of its own"));
+        }
+        (_, frames) if frames >= 1.0 && count % frames as usize == 0 => frames as usize,
+        _ => return Err(ReadError::damaged(path, "its pages are no multiple of its frames")),
+    };
+    // Of ImageJ the resolution is that of the unit in which the planes' distance is stated.
+    let mut pixels = |tag| pages.find_tag(tag).ok().flatten().and_then(ratio).filter(|_| stated("spacing").is_some());
+    let [x, y] = [Tag::XResolution, Tag::YResolution].map(|tag| pixels(tag).map_or(1.0, |per_unit| 1.0 / per_unit));
+    let depth = stated("spacing").map(f64::abs).filter(|spacing| *spacing > 0.0).unwrap_or(1.0);
     let field = FieldArray {
         name: UNNAMED_FIELD.into(),
         key: 0,
-        shape: vec![count, height as usize, width as usize],
-        roles: vec![AxisRole::Z, AxisRole::Y, AxisRole::X],
-        placement: [Placement::UNIT, Placement::UNIT, Placement::even_from(0.0, depth)],
-        missing: Vec::new(),
-        packing: None,
+        shape: vec![frames, count / frames, height as usize, width as usize],
+        roles: vec![AxisRole::Time, AxisRole::Z, AxisRole::Y, AxisRole::X],
+        placement: [x, y, depth].map(|spacing| Placement::even_from(0.0, spacing)),
+        meaning: Meaning::default(),
     };
-    ArrayFile::new(path, None, vec![field], Stack { path: path.into(), scalar, page: [width, height] })
+    ArrayFile::new(
+        path,
+        None,
+        vec![field],
+        Stack { path: path.into(), scalar, page: [width, height], slices: count / frames },
+    )
 }
 
 fn decoder(path: &Path) -> Result<Pages, ReadError> {
@@ -100,6 +117,8 @@ struct Stack {
     scalar: ScalarType,
     /// Width and height.
     page: [u32; 2],
+    /// Planes of a step.
+    slices: usize,
 }
 
 impl ArrayStore for Stack {
@@ -108,13 +127,15 @@ impl ArrayStore for Stack {
         let mut pages = decoder(&self.path)?;
         let points = self.page[0] as usize * self.page[1] as usize;
         let system = |e| ReadError::while_reading(&self.path, e);
-        let mut voxels = self.scalar.filled(points * region[0].len(), 0.0).map_err(system)?;
+        let mut voxels = self.scalar.filled(points * region[1].len(), 0.0).map_err(system)?;
+        let start = region[0].start * self.slices;
+        let planes = start + region[1].start..start + region[1].end;
         let mut bytes = vec![0; points * self.scalar.size_bytes() as usize];
-        for page in 0..region[0].end {
+        for page in 0..planes.end {
             if page > 0 {
                 pages.next_image().map_err(failed)?;
             }
-            if page < region[0].start {
+            if page < planes.start {
                 continue;
             }
             let dimensions: [u32; 2] = pages.dimensions().map_err(failed)?.into();
@@ -123,11 +144,18 @@ impl ArrayStore for Stack {
                 return Err(ReadError::damaged(&self.path, reason));
             }
             pages.read_image_bytes(&mut bytes).map_err(failed)?;
-            let at = points * (page - region[0].start);
+            let at = points * (page - planes.start);
             self.scalar.decode_at(&mut voxels, at, &bytes, NATIVE).map_err(system)?;
         }
         Ok(voxels)
     }
+}
+
+/// The number that a ratio is, if it is one.
+fn ratio(value: Value) -> Option<f64> {
+    let Value::Rational(of, by) = value else { return None };
+    let number = f64::from(of) / f64::from(by);
+    (number.is_finite() && number > 0.0).then_some(number)
 }
 
 const NATIVE: ByteOrder = if cfg!(target_endian = "big") { ByteOrder::Big } else { ByteOrder::Little };

@@ -1,7 +1,7 @@
 //! Arrays of a file and their attributes, read by `hdf5-reader`.
 
 use crate::ReadError;
-use crate::arrays::coordinates::Attributes;
+use crate::arrays::coordinates::{Attributes, coordinates};
 use crate::arrays::file::{ArrayStore, MOST_POINTS, check_claim};
 use half::f16;
 use hdf5_reader::error::{ByteOrder, Error};
@@ -18,25 +18,36 @@ pub(super) fn shape(dataset: &Dataset) -> Option<Vec<usize>> {
     dataset.shape().iter().map(|&n| usize::try_from(n).ok()).collect()
 }
 
-/// Whether each value is a number.
-pub(super) fn is_scalar(dtype: &Datatype) -> bool {
-    matches!(dtype, Datatype::FixedPoint { .. } | Datatype::FloatingPoint { .. })
+/// Bytes of a value, if it is a number.
+pub(super) fn width(dtype: &Datatype) -> Option<u8> {
+    match *dtype {
+        Datatype::FixedPoint { size, .. } | Datatype::FloatingPoint { size, .. } => Some(size),
+        _ => None,
+    }
 }
 
 /// All numbers of an array of one axis.
 pub(super) fn numbers(dataset: &Dataset) -> Option<Vec<f64>> {
     let [length @ ..=MOST_POINTS] = shape(dataset)?[..] else { return None };
     let voxels = read(dataset, std::slice::from_ref(&(0..length))).ok()?;
-    Some((0..voxels.len()).map(|n| voxels.get(n)).collect())
+    Some(coordinates(&voxels, dataset))
 }
 
 impl Attributes for Dataset {
+    fn text(&self, name: &str) -> Option<String> {
+        self.attribute(name).and_then(|attribute| attribute.read_string()).ok()
+    }
+
     fn numbers(&self, name: &str) -> Vec<f64> {
         self.attribute(name).map(|attribute| attribute_numbers(&attribute)).unwrap_or_default()
     }
 }
 
 impl Attributes for Group {
+    fn text(&self, name: &str) -> Option<String> {
+        self.attribute(name).and_then(|attribute| attribute.read_string()).ok()
+    }
+
     fn numbers(&self, name: &str) -> Vec<f64> {
         self.attribute(name).map(|attribute| attribute_numbers(&attribute)).unwrap_or_default()
     }

@@ -1,11 +1,11 @@
 //! openPMD in HDF5: meshes of the iterations of a file. The standard: <https://github.com/openPMD/openPMD-standard>, version 1.1.
 
-use super::datasets::{Datasets, attribute_numbers, failed, is_scalar, shape};
+use super::datasets::{Datasets, attribute_numbers, failed, shape, width};
 use crate::ReadError;
 use crate::arrays::axes::{AxisOrder, AxisRole};
 use crate::arrays::coordinates::{Attributes, Placement};
 use crate::arrays::file::{ArrayFile, ArrayOptions, ArrayStore, FieldArray};
-use crate::missing::Packing;
+use crate::missing::{Meaning, Packing};
 use hdf5_reader::Dataset;
 use hdf5_reader::group::Group;
 use lamina_model::Voxels;
@@ -50,7 +50,8 @@ pub(super) fn open(path: &Path, root: &Group, version: String, options: ArrayOpt
             Some(dataset.clone())
         };
         let datasets: Option<Vec<Dataset>> = fields.iter().map(of_step).collect();
-        let other = || ReadError::damaged(path, "openPMD: iterations of other meshes than the first");
+        let other =
+            || ReadError::damaged(path, "openPMD: an iteration of other meshes, units or spacing than the first");
         steps.push(datasets.ok_or_else(other)?);
         times.push(number("time").unwrap_or(times.len() as f64) * number("timeUnitSI").unwrap_or(1.0));
     }
@@ -101,7 +102,7 @@ impl Mesh for Group {
 }
 
 fn field(mesh: &dyn Mesh, name: String, dataset: &Dataset, order: AxisOrder) -> Option<FieldArray> {
-    let shape = shape(dataset).filter(|shape| shape.len() == 3 && is_scalar(dataset.dtype()))?;
+    let shape = shape(dataset).filter(|shape| shape.len() == 3 && width(dataset.dtype()).is_some())?;
     // Labels name the axes as they are stored, the slowest first.
     let mut roles = order.0.to_vec();
     if let Ok(labels) = mesh.words("axisLabels").concat().to_lowercase().parse::<AxisOrder>() {
@@ -121,7 +122,7 @@ fn field(mesh: &dyn Mesh, name: String, dataset: &Dataset, order: AxisOrder) -> 
         roles.reverse();
     }
     let packing = Packing::new(Attributes::number(dataset, "unitSI"), None);
-    Some(FieldArray { name, key: 0, shape, roles, placement, missing: Vec::new(), packing })
+    Some(FieldArray { name, key: 0, shape, roles, placement, meaning: Meaning { packing, ..Meaning::default() } })
 }
 
 /// The arrays of each iteration.

@@ -1,6 +1,6 @@
 //! Arrays of any names, and netCDF-4, which names the axes of its arrays by their coordinates.
 
-use super::datasets::{Datasets, failed, is_scalar, numbers, shape};
+use super::datasets::{Datasets, failed, numbers, shape, width};
 use crate::ReadError;
 use crate::arrays::axes;
 use crate::arrays::coordinates::stated_time;
@@ -32,12 +32,12 @@ pub(super) fn open(path: &Path, root: &Group, options: ArrayOptions) -> Result<A
     let mut fields = Vec::new();
     let (mut times, mut stated) = (None, None);
     for (key, (name, dataset)) in found.iter().enumerate() {
-        let Some(shape) = shape(dataset).filter(|_| is_scalar(dataset.dtype())) else { continue };
+        let (Some(shape), Some(width)) = (shape(dataset), width(dataset.dtype())) else { continue };
         let axes = dimension_scales(dataset, &scales);
         // A scale goes by its whole name, of which the last part says what it is.
         let short = axes.as_ref().map(|axes| axes.iter().map(|name| last_part(name).to_owned()).collect());
         let whole = |short: &str| axes.as_ref()?.iter().find(|name| last_part(name) == short).cloned();
-        let stored = DescribedArray { name: name.clone(), key, shape, axes: short, attributes: dataset };
+        let stored = DescribedArray { name: name.clone(), key, shape, width, axes: short, attributes: dataset };
         let of_array = stored.fields(options.axes, |axis| points(&whole(axis)?));
         if !of_array.is_empty() {
             let time = axes.as_ref().and_then(|axes| axes.iter().find(|name| axes::is_time(last_part(name))));

@@ -1,10 +1,11 @@
 //! VTKHDF image data, of one step or several. The format: <https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/index.html>.
 
-use super::datasets::{Datasets, attribute_numbers, failed, is_scalar, numbers, shape};
+use super::datasets::{Datasets, attribute_numbers, failed, numbers, shape, width};
 use crate::ReadError;
 use crate::arrays::axes::AxisRole;
 use crate::arrays::coordinates::Placement;
 use crate::arrays::file::{ArrayFile, FieldArray};
+use crate::missing::Meaning;
 use hdf5_reader::group::Group;
 use std::path::Path;
 
@@ -29,6 +30,10 @@ pub(super) fn open(path: &Path, group: &Group) -> Result<ArrayFile, ReadError> {
     let Ok(extent) = <[f64; 6]>::try_from(extent) else {
         return Err(ReadError::damaged(path, "VTKHDF: WholeExtent has not 6 numbers"));
     };
+    let direction = group.attribute("Direction").map(|attribute| attribute_numbers(&attribute)).unwrap_or_default();
+    if !direction.is_empty() && direction != [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0] {
+        return Err(ReadError::unsupported(path, format!("Direction {direction:?}"), "write it without rotation"));
+    }
     let (mut fields, mut datasets) = (Vec::new(), Vec::new());
     for (data, of_cells) in [("PointData", false), ("CellData", true)] {
         let Ok(of_data) = group.group(data) else { continue };
@@ -38,7 +43,7 @@ pub(super) fn open(path: &Path, group: &Group) -> Result<ArrayFile, ReadError> {
         let placement = [0, 1, 2].map(place);
         let points = [4, 2, 0].map(|a| (extent[a + 1] - extent[a]) + if of_cells { 0.0 } else { 1.0 });
         for dataset in of_data.datasets().map_err(failed)? {
-            let Some(shape) = shape(&dataset).filter(|_| is_scalar(dataset.dtype())) else { continue };
+            let Some(shape) = shape(&dataset).filter(|_| width(dataset.dtype()).is_some()) else { continue };
             let is_on_points = |of: &[usize]| of.len() == 3 && of.iter().zip(points).all(|(&n, of)| n as f64 == of);
             let space = [AxisRole::Z, AxisRole::Y, AxisRole::X];
             // Steps lie one behind the other; the components of a vector beside each other.
@@ -64,8 +69,7 @@ pub(super) fn open(path: &Path, group: &Group) -> Result<ArrayFile, ReadError> {
                     shape: shape.clone(),
                     roles,
                     placement,
-                    missing: Vec::new(),
-                    packing: None,
+                    meaning: Meaning::default(),
                 });
             }
             datasets.push(dataset);

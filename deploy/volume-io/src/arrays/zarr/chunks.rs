@@ -16,12 +16,9 @@ use std::sync::Arc;
 /// Chunks of a region, at most: metadata may state any number.
 const MOST_CHUNKS: u64 = 1 << 20;
 
-/// Memory is not set aside for more values than these of which but one in so many was written.
-const SMALL: usize = 1 << 24;
-const SPARSEST: usize = 1000;
-
-/// Chunks that are unpacked side by side, a thread.
+/// Chunks that are unpacked side by side, a thread, and their bytes in all.
 const BATCH: usize = 4;
+const BATCH_BYTES: usize = 1 << 28;
 
 /// A chunk that a region touches.
 struct Piece {
@@ -58,16 +55,13 @@ pub(super) fn read(array: &ZarrArray, region: &[Range<usize>]) -> Result<Voxels,
         }
     };
     let count: usize = region.iter().map(Range::len).product();
-    if count > SMALL && chunk.iter().product::<usize>().saturating_mul(pieces.len()) < count / SPARSEST {
-        let what = format!("a region of {chunks} chunks of which {} were written", pieces.len());
-        return Err(ReadError::unsupported(&array.folder, what, "look at the step when more of it is there"));
-    }
     let system = |e| ReadError::while_reading(&array.folder, e);
     let voxels = array.scalar.filled(count, array.fill).map_err(system)?;
     let size = array.scalar.size_bytes() as usize * chunk.iter().product::<usize>();
     let mut into = Destination { region, scalar: array.scalar, voxels, chunk, codecs };
+    let most = (BATCH_BYTES / size).clamp(1, BATCH * rayon::current_num_threads());
     while !pieces.is_empty() {
-        let batch = pieces.split_off(pieces.len().saturating_sub(BATCH * rayon::current_num_threads()));
+        let batch = pieces.split_off(pieces.len().saturating_sub(most));
         let unpacked: Vec<Option<Vec<u8>>> =
             batch.par_iter().map(|piece| piece.unpacked(codecs, size)).collect::<Result<_, _>>()?;
         for (piece, bytes) in batch.iter().zip(unpacked) {
@@ -163,11 +157,11 @@ impl Shards<'_> {
         let wrong = |reason: String| ReadError::damaged(&path, reason);
         let size = file.metadata().map_err(system)?.len();
         let counts: Vec<usize> = self.length.iter().zip(self.chunk).map(|(whole, part)| whole / part).collect();
-        let plain = 16 * counts.iter().product::<usize>();
+        let plain = counts.iter().fold(16, |bytes: usize, &count| bytes.saturating_mul(count));
         let checksum = self.index.0.iter().filter(|step| matches!(step, ChunkCodec::TrailingChecksum)).count();
-        let stored = plain + 4 * checksum;
+        let stored = plain.saturating_add(4 * checksum);
         let at = if self.at_start { Some(0) } else { size.checked_sub(stored as u64) };
-        let at = at.filter(|at| at + stored as u64 <= size);
+        let at = at.filter(|at| (*at).saturating_add(stored as u64) <= size);
         let at = at.ok_or_else(|| wrong(format!("a shard of {size} bytes, with an index of {stored}")))?;
         let mut packed = vec![0; stored];
         file.read_exact_at(&mut packed, at).map_err(system)?;

@@ -3,6 +3,7 @@
 use super::codecs::{ChunkCodec, CodecChain};
 use crate::ReadError;
 use crate::scalars::{ByteOrder, ScalarType};
+use base64::prelude::{BASE64_STANDARD, Engine};
 use serde_json::{Map, Value};
 use std::fs;
 use std::io;
@@ -37,17 +38,36 @@ pub(super) struct ZarrArray {
     pub(super) attributes: Map<String, Value>,
 }
 
-/// A number as metadata writes it: infinities and NaN are words.
+/// A number as metadata writes it: infinities and NaN are words, and so are the bits of a number.
 pub(super) fn number(value: &Value) -> Option<f64> {
     match value {
         Value::Number(number) => number.as_f64(),
-        Value::String(word) => match word.as_str() {
-            "NaN" => Some(f64::NAN),
-            "Infinity" => Some(f64::INFINITY),
-            "-Infinity" => Some(f64::NEG_INFINITY),
+        Value::Bool(is_true) => Some(f64::from(*is_true)),
+        Value::String(word) => match (word.as_str(), word.strip_prefix("0x")) {
+            ("NaN", _) => Some(f64::NAN),
+            ("Infinity", _) => Some(f64::INFINITY),
+            ("-Infinity", _) => Some(f64::NEG_INFINITY),
+            (_, Some(bits)) if bits.len() == 16 => u64::from_str_radix(bits, 16).ok().map(f64::from_bits),
+            (_, Some(bits)) if bits.len() == 8 => {
+                u32::from_str_radix(bits, 16).ok().map(|bits| f64::from(f32::from_bits(bits)))
+            }
             _ => None,
         },
         _ => None,
+    }
+}
+
+/// A number as xarray writes `_FillValue` of floats into stores of version 3: the bytes of a double, in base 64.
+pub(super) fn packed_double(word: &str) -> Option<f64> {
+    let bytes = BASE64_STANDARD.decode(word).ok()?;
+    bytes.try_into().ok().map(f64::from_le_bytes).or_else(|| number(&Value::String(word.to_owned())))
+}
+
+/// What stands where there is no chunk: 0, if nothing is stated.
+fn fill(path: &Path, meta: &Map<String, Value>) -> Result<f64, ReadError> {
+    match meta.get("fill_value") {
+        None | Some(Value::Null) => Ok(0.0),
+        Some(value) => number(value).ok_or_else(|| unknown(path, &format!("the fill value {value}"))),
     }
 }
 
@@ -117,7 +137,7 @@ fn check_chunk(path: &Path, chunk: &[usize], scalar: ScalarType) -> Result<(), R
 struct Version2<'a>(&'a Path, &'a Map<String, Value>);
 
 impl Version2<'_> {
-    fn array(&self, folder: &Path, attributes: Map<String, Value>) -> Result<ZarrArray, ReadError> {
+    fn array(&self, folder: &Path, mut attributes: Map<String, Value>) -> Result<ZarrArray, ReadError> {
         let Self(path, meta) = *self;
         let shape = lengths(path, "shape", meta.get("shape"), None)?;
         let chunk = lengths(path, "chunks", meta.get("chunks"), Some(shape.len()))?;
@@ -136,7 +156,11 @@ impl Version2<'_> {
         }
         let separator = if meta.get("dimension_separator").and_then(Value::as_str) == Some("/") { '/' } else { '.' };
         let axes = words(attributes.get("_ARRAY_DIMENSIONS"), shape.len());
-        let fill = meta.get("fill_value").and_then(number).unwrap_or(0.0);
+        let fill = fill(path, meta)?;
+        // xarray keeps what says "missing" here alone.
+        if let (Some(_), Some(value @ (Value::Number(_) | Value::String(_)))) = (&axes, meta.get("fill_value")) {
+            attributes.entry("_FillValue").or_insert(value.clone());
+        }
         let codecs = CodecChain(steps);
         Ok(ZarrArray {
             folder: folder.into(),
@@ -215,7 +239,6 @@ impl Version3<'_> {
             "float64" => ScalarType::F64,
             other => return Err(unknown(path, &format!("values of type \"{other}\""))),
         };
-        check_chunk(path, &chunk, scalar)?;
         let (encoding, of_encoding) = configured("chunk_key_encoding");
         let stated = of_encoding.and_then(|of| of.get("separator")).and_then(Value::as_str);
         let (prefix, separator) = match (encoding.as_str(), stated) {
@@ -226,8 +249,13 @@ impl Version3<'_> {
             _ => return Err(unknown(path, &format!("the chunk key encoding \"{encoding}\""))),
         };
         let axes = words(meta.get("dimension_names"), shape.len());
-        let fill = meta.get("fill_value").and_then(number).unwrap_or(0.0);
+        let fill = fill(path, meta)?;
         let codecs = self.chain(meta.get("codecs"), &chunk, scalar, true)?;
+        // A shard is never read as a whole.
+        match codecs.0.first() {
+            Some(ChunkCodec::Shards { .. }) => (),
+            _ => check_chunk(path, &chunk, scalar)?,
+        }
         Ok(ZarrArray { folder: folder.into(), shape, chunk, scalar, fill, codecs, prefix, separator, axes, attributes })
     }
 
@@ -264,7 +292,7 @@ impl Version3<'_> {
                 "sharding_indexed" if shards => {
                     let inner = lengths(path, "chunk_shape", entry("chunk_shape"), Some(chunk.len()))?;
                     check_chunk(path, &inner, scalar)?;
-                    if chunk.iter().zip(&inner).any(|(&whole, &part)| whole % part != 0) {
+                    if chunk.iter().zip(&inner).any(|(&whole, &part)| whole == 0 || whole % part != 0) {
                         return Err(ReadError::damaged(
                             path,
                             format!("shards of {chunk:?} points in chunks of {inner:?}"),

@@ -8,10 +8,11 @@ mod codecs;
 mod metadata;
 
 use super::axes;
-use super::coordinates::{Attributes, stated_time};
+use super::coordinates::{Attributes, coordinates, stated_time};
 use super::described::DescribedArray;
 use super::file::{ArrayFile, ArrayOptions, ArrayStore, MOST_POINTS};
 use crate::ReadError;
+use crate::vti::UNNAMED_FIELD;
 use lamina_model::Voxels;
 use metadata::{StoreNode, ZarrArray};
 use serde_json::{Map, Value};
@@ -30,8 +31,12 @@ pub(super) fn open(path: &Path, options: ArrayOptions) -> Result<ArrayFile, Read
     if !fs::metadata(path).map_err(system)?.is_dir() {
         return Err(ReadError::unsupported(path, "a Zarr store that is no folder", "unpack it into a folder"));
     }
-    let mut found = Vec::new();
-    visit(path, "", &mut found)?;
+    let mut found = Found::default();
+    found.visit(path, "")?;
+    if let (true, Some(error)) = (found.arrays.is_empty(), found.left_out) {
+        return Err(error);
+    }
+    let found = found.arrays;
     let of_group = match StoreNode::read(path)? {
         Some(StoreNode::Group(attributes)) => attributes,
         Some(StoreNode::Array(_)) => Map::new(),
@@ -47,7 +52,7 @@ pub(super) fn open(path: &Path, options: ArrayOptions) -> Result<ArrayFile, Read
         let key = *places.get(format!("{group}{axis}").as_str())?;
         let [length @ ..=MOST_POINTS] = store.0[key].shape[..] else { return None };
         let voxels = store.read(key, std::slice::from_ref(&(0..length))).ok()?;
-        Some((0..voxels.len()).map(|n| voxels.get(n)).collect::<Vec<f64>>())
+        Some(coordinates(&voxels, &store.0[key].attributes))
     };
     let (mut fields, mut times, mut stated) = (Vec::new(), None, None);
     for (key, (name, array)) in found.iter().enumerate() {
@@ -55,6 +60,7 @@ pub(super) fn open(path: &Path, options: ArrayOptions) -> Result<ArrayFile, Read
             name: name.clone(),
             key,
             shape: array.shape.clone(),
+            width: array.scalar.size_bytes() as u8,
             axes: array.axes.clone(),
             attributes: &array.attributes,
         };
@@ -70,36 +76,54 @@ pub(super) fn open(path: &Path, options: ArrayOptions) -> Result<ArrayFile, Read
     ArrayFile::new(path, times, fields, store)
 }
 
-/// All arrays in a folder, by their paths in the store; that of a store which is one array is `scalar`.
-fn visit(folder: &Path, prefix: &str, found: &mut Vec<(String, ZarrArray)>) -> Result<(), ReadError> {
-    let system = |e| ReadError::while_reading(folder, e);
-    match StoreNode::read(folder)? {
-        Some(StoreNode::Array(array)) => {
-            let name = prefix.trim_end_matches('/');
-            found.push((if name.is_empty() { crate::vti::UNNAMED_FIELD } else { name }.to_owned(), *array));
-            if found.len() > MOST_ARRAYS {
-                let what = format!("a store of more than {MOST_ARRAYS} arrays");
-                return Err(ReadError::unsupported(folder, what, "open the group that is to be seen"));
+/// What lies in a store.
+#[derive(Default)]
+struct Found {
+    /// Arrays by their paths; that of a store which is one array is `scalar`.
+    arrays: Vec<(String, ZarrArray)>,
+    /// Why the last one of those that cannot be read cannot: a group may hold words and dates, too.
+    left_out: Option<ReadError>,
+}
+
+impl Found {
+    /// All arrays in a folder.
+    fn visit(&mut self, folder: &Path, prefix: &str) -> Result<(), ReadError> {
+        let system = |e| ReadError::while_reading(folder, e);
+        match StoreNode::read(folder) {
+            Ok(Some(StoreNode::Array(array))) => {
+                let name = prefix.trim_end_matches('/');
+                self.arrays.push((if name.is_empty() { UNNAMED_FIELD } else { name }.to_owned(), *array));
+                if self.arrays.len() > MOST_ARRAYS {
+                    let what = format!("a store of more than {MOST_ARRAYS} arrays");
+                    return Err(ReadError::unsupported(folder, what, "open the group that is to be seen"));
+                }
             }
-        }
-        Some(StoreNode::Group(_)) if prefix.matches('/').count() < DEEPEST => {
-            let mut folders: Vec<PathBuf> =
-                fs::read_dir(folder).map_err(system)?.flatten().map(|e| e.path()).filter(|p| p.is_dir()).collect();
-            folders.sort();
-            for inner in folders {
-                let Some(name) = inner.file_name().and_then(|name| name.to_str()) else { continue };
-                visit(&inner, &format!("{prefix}{name}/"), found)?;
+            Ok(Some(StoreNode::Group(_))) if prefix.matches('/').count() < DEEPEST => {
+                let mut folders: Vec<PathBuf> =
+                    fs::read_dir(folder).map_err(system)?.flatten().map(|e| e.path()).filter(|p| p.is_dir()).collect();
+                folders.sort();
+                for inner in folders {
+                    let Some(name) = inner.file_name().and_then(|name| name.to_str()) else { continue };
+                    self.visit(&inner, &format!("{prefix}{name}/"))?;
+                }
             }
+            Ok(_) => (),
+            Err(error @ ReadError::Unsupported { .. }) => self.left_out = Some(error),
+            Err(error) => return Err(error),
         }
-        _ => (),
+        Ok(())
     }
-    Ok(())
 }
 
 impl Attributes for Map<String, Value> {
+    fn text(&self, name: &str) -> Option<String> {
+        self.get(name)?.as_str().map(str::to_owned)
+    }
+
     fn numbers(&self, name: &str) -> Vec<f64> {
         match self.get(name) {
             Some(Value::Array(values)) => values.iter().filter_map(metadata::number).collect(),
+            Some(Value::String(word)) if name == "_FillValue" => metadata::packed_double(word).into_iter().collect(),
             Some(value) => metadata::number(value).into_iter().collect(),
             None => Vec::new(),
         }
