@@ -3,11 +3,10 @@
 use super::Web;
 use super::guard::Rights;
 use crate::negotiation::NegotiationError;
-use axum::Json;
-use axum::extract::{FromRequestParts, State};
+use axum::extract::State;
 use axum::http::StatusCode;
-use axum::http::request::Parts;
 use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
 use lamina_model::{
     ControlPoint, Effects, Invalid, SceneChange, Steering, SteeringRequest, TransferFunction, TriggerChange,
 };
@@ -23,33 +22,31 @@ pub(super) struct ContractAsked {
     contract: String,
 }
 
-/// Who asks for something, for the record: one who may.
-pub(super) struct Asking(String);
+/// Why somebody may not ask for anything.
+fn refusal(rights: Rights) -> Option<Response> {
+    let words = "this browser may watch only; come in by the address that the viz-node prints for steering";
+    (rights != Rights::Steer).then(|| (StatusCode::FORBIDDEN, words).into_response())
+}
 
-impl<S: Sync> FromRequestParts<S> for Asking {
-    type Rejection = Response;
-
-    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Response> {
-        let peer = parts.extensions.get::<Peer>();
-        match (parts.extensions.get::<Rights>(), peer) {
-            (Some(Rights::Steer), Some(peer)) => Ok(Self(format!("browser at {}", peer.address.ip().to_canonical()))),
-            _ => {
-                let words = "this browser may watch only; come in by the address that the viz-node prints for steering";
-                Err((StatusCode::FORBIDDEN, words).into_response())
-            }
-        }
-    }
+/// Who asks, for the record.
+fn asked_by(peer: Peer) -> String {
+    format!("browser at {}", peer.address.ip().to_canonical())
 }
 
 /// Asks the tuner for another contract; answered when it is in force.
 pub(super) async fn contract(
     State(web): State<Web>,
-    Asking(asked_by): Asking,
+    Extension(rights): Extension<Rights>,
+    Extension(peer): Extension<Peer>,
     Json(ContractAsked { contract }): Json<ContractAsked>,
 ) -> Response {
+    if let Some(refusal) = refusal(rights) {
+        return refusal;
+    }
     if contract.len() > LONGEST {
         return (StatusCode::BAD_REQUEST, format!("a contract of at most {LONGEST} bytes")).into_response();
     }
+    let asked_by = asked_by(peer);
     match web.negotiation.ask(contract.clone(), asked_by.clone()).await {
         Ok(()) => {
             web.store.record_request(&asked_by, &format!("contract: {contract}"));
@@ -63,19 +60,27 @@ pub(super) async fn contract(
 /// Asks the simulation for something; answered when it is on its way there.
 pub(super) async fn steer(
     State(web): State<Web>,
-    Asking(asked_by): Asking,
+    Extension(rights): Extension<Rights>,
+    Extension(peer): Extension<Peer>,
     Json(request): Json<SteeringRequest>,
 ) -> Response {
-    answer(web.steering.ask(Steering { request, asked_by }).await)
+    if let Some(refusal) = refusal(rights) {
+        return refusal;
+    }
+    answer(web.steering.ask(Steering { request, asked_by: asked_by(peer) }).await)
 }
 
 /// Asks the generator-node for a change of its triggers; answered when it is in force.
 pub(super) async fn trigger(
     State(web): State<Web>,
-    Asking(asked_by): Asking,
+    Extension(rights): Extension<Rights>,
+    Extension(peer): Extension<Peer>,
     Json(change): Json<TriggerChange>,
 ) -> Response {
-    answer(web.steering.change_triggers(change, asked_by).await)
+    if let Some(refusal) = refusal(rights) {
+        return refusal;
+    }
+    answer(web.steering.change_triggers(change, asked_by(peer)).await)
 }
 
 /// How the run is to be shown; what is left out stays.
@@ -118,12 +123,20 @@ impl ShowAsked {
 }
 
 /// Asks the generator-node to show the run otherwise; answered when the next step is to be so.
-pub(super) async fn show(State(web): State<Web>, Asking(asked_by): Asking, Json(asked): Json<ShowAsked>) -> Response {
+pub(super) async fn show(
+    State(web): State<Web>,
+    Extension(rights): Extension<Rights>,
+    Extension(peer): Extension<Peer>,
+    Json(asked): Json<ShowAsked>,
+) -> Response {
+    if let Some(refusal) = refusal(rights) {
+        return refusal;
+    }
     // Decodes the step if it is no longer at hand.
     let of_step = web.clone();
     let change = tokio::task::spawn_blocking(move || asked.change(&of_step)).await;
     match change {
-        Ok(Ok(change)) => answer(web.steering.show(change, asked_by).await),
+        Ok(Ok(change)) => answer(web.steering.show(change, asked_by(peer)).await),
         Ok(Err(status)) => answer(Err(status)),
         Err(error) => (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()).into_response(),
     }
