@@ -55,7 +55,7 @@ pub(crate) fn field_names(path: &Path) -> Result<Vec<String>, ReadError> {
 }
 
 /// Names of a vector's components.
-const AXES: [&str; 3] = ["x", "y", "z"];
+pub(crate) const AXES: [&str; 3] = ["x", "y", "z"];
 
 struct ArrayChoice<'a> {
     array: &'a Array,

@@ -7,9 +7,6 @@ use super::coordinates::{Attributes, Placement};
 use super::file::FieldArray;
 use crate::missing::Meaning;
 
-/// Names of a vector's components.
-const COMPONENTS: [&str; 3] = ["x", "y", "z"];
-
 /// What is said of an array.
 pub(super) struct DescribedArray<'a> {
     pub(super) name: String,
@@ -50,12 +47,9 @@ impl DescribedArray<'_> {
         let meaning = Meaning { missing, packing: self.attributes.packing(), unsigned };
         let (name, key, shape) = (self.name, self.key, self.shape);
         let field = FieldArray { name, key, shape, roles, placement, meaning };
-        let Some(at) = components else { return vec![field] };
-        let component = |(n, axis): (usize, &str)| {
-            let mut of_axis = FieldArray { name: format!("{}.{axis}", field.name), ..field.clone() };
-            of_axis.roles[at] = AxisRole::Index(n);
-            of_axis
-        };
-        COMPONENTS.into_iter().enumerate().map(component).collect()
+        match components {
+            Some(at) => field.components(at),
+            None => vec![field],
+        }
     }
 }

@@ -4,6 +4,7 @@ use super::axes::{AxisOrder, AxisRole, reordered};
 use super::coordinates::Placement;
 use crate::ReadError;
 use crate::missing::{Meaning, mark_missing};
+use crate::vti::AXES;
 use glam::DVec3;
 use lamina_model::{Grid, Volume, Voxels};
 use std::fmt;
@@ -110,7 +111,7 @@ impl ArrayFile {
     pub(crate) fn grid(&self, name: &str) -> Result<Grid, ReadError> {
         let field = self.field(name)?;
         let mut both = [(0.0, 0.0); 3];
-        for ((place, placement), axis) in both.iter_mut().zip(&field.placement).zip(["x", "y", "z"]) {
+        for ((place, placement), axis) in both.iter_mut().zip(&field.placement).zip(AXES) {
             let uneven = || {
                 let what = format!("\"{name}\", whose coordinates along {axis} are not evenly spaced,");
                 ReadError::unsupported(&self.path, what, "resample it to an even grid")
@@ -143,6 +144,16 @@ impl ArrayFile {
 }
 
 impl FieldArray {
+    /// The components of the vector that it is, which lie along the stored axis `at`.
+    pub(super) fn components(self, at: usize) -> Vec<Self> {
+        let component = |(n, axis): (usize, &str)| {
+            let mut of_axis = Self { name: format!("{}.{axis}", self.name), ..self.clone() };
+            of_axis.roles[at] = AxisRole::Index(n);
+            of_axis
+        };
+        AXES.into_iter().enumerate().map(component).collect()
+    }
+
     /// Points along x, y and z.
     fn dims(&self) -> [usize; 3] {
         [AxisRole::X, AxisRole::Y, AxisRole::Z].map(|axis| self.along(axis).unwrap_or(1))

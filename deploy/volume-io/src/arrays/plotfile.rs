@@ -231,7 +231,7 @@ fn read_box(path: &Path, at: u64, component: usize) -> Result<([Range<i64>; 3], 
     if from.saturating_add(size_of_component) > size {
         return Err(wrong("the file ends before it does".into()));
     }
-    let mut bytes = vec![0; (count * scalar.size_bytes()) as usize];
+    let mut bytes = vec![0; size_of_component as usize];
     file.read_exact_at(&mut bytes, from).map_err(system)?;
     let mut voxels = scalar.filled(count as usize, 0.0).map_err(system)?;
     scalar.decode_at(&mut voxels, 0, &bytes, order).map_err(system)?;

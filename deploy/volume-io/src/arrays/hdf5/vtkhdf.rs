@@ -9,9 +9,6 @@ use crate::missing::Meaning;
 use hdf5_reader::group::Group;
 use std::path::Path;
 
-/// Names of a vector's components.
-const COMPONENTS: [&str; 3] = ["x", "y", "z"];
-
 /// Opens the group `VTKHDF` of a file.
 pub(super) fn open(path: &Path, group: &Group) -> Result<ArrayFile, ReadError> {
     let failed = |error| failed(path, "VTKHDF", error);
@@ -51,26 +48,17 @@ pub(super) fn open(path: &Path, group: &Group) -> Result<ArrayFile, ReadError> {
                 Some((_, rest)) if !is_on_points(&shape) && rest.len() >= 3 && is_on_points(&rest[..3]) => (1, rest),
                 _ => (0, &shape[..]),
             };
-            let components = match rest {
-                [.., 3] if rest.len() == 4 && is_on_points(&rest[..3]) => 3,
-                _ if is_on_points(rest) => 1,
-                _ => continue,
-            };
-            for (component, axis) in COMPONENTS.iter().enumerate().take(components) {
-                let roles =
-                    [&[AxisRole::Time][..steps], &space, &[AxisRole::Index(component)][..components / 3]].concat();
-                let name = match components {
-                    1 => dataset.name().to_owned(),
-                    _ => format!("{}.{axis}", dataset.name()),
-                };
-                fields.push(FieldArray {
-                    name,
-                    key: datasets.len(),
-                    shape: shape.clone(),
-                    roles,
-                    placement,
-                    meaning: Meaning::default(),
-                });
+            let is_vector = rest.len() == 4 && rest[3] == 3 && is_on_points(&rest[..3]);
+            if !is_vector && !is_on_points(rest) {
+                continue;
+            }
+            let components = [AxisRole::Index(0)];
+            let roles = [&[AxisRole::Time][..steps], &space, &components[..usize::from(is_vector)]].concat();
+            let (name, key, meaning) = (dataset.name().to_owned(), datasets.len(), Meaning::default());
+            let field = FieldArray { name, key, shape: shape.clone(), roles, placement, meaning };
+            match is_vector {
+                true => fields.extend(field.components(shape.len() - 1)),
+                false => fields.push(field),
             }
             datasets.push(dataset);
         }
