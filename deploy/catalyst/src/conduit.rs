@@ -109,6 +109,19 @@ impl NodeArray {
         }
     }
 
+    /// A number that is another one where an element is, beginning from `sum`.
+    pub(crate) fn fingerprint(&self, sum: u64) -> u64 {
+        let add = |sum: u64, word: u64| (sum.rotate_left(5) ^ word).wrapping_mul(0x517c_c1b7_2722_0a95);
+        let sum = add(sum, self.len as u64);
+        (0..self.len).filter_map(|n| self.get(n)).fold(sum, |sum, value| add(sum, value.to_bits()))
+    }
+
+    /// The numbers of a slice that outlives it.
+    #[cfg(test)]
+    pub(crate) fn of_slice(values: &[f64]) -> Self {
+        Self { element: Element::F64, first: values.as_ptr().cast(), len: values.len(), stride_bytes: 8 }
+    }
+
     /// Whether this process can read it: memory of a device it cannot.
     pub(crate) fn is_readable(&self) -> bool {
         let last = self.len.saturating_sub(1) * self.stride_bytes + self.element.size_bytes() - 1;

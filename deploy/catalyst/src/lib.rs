@@ -6,17 +6,25 @@
 //! here, the simulation is told that all is well, and the reason is on standard error, once.
 
 mod adaptor;
+mod ascent;
+mod cell_mesh;
+mod cells;
 mod conduit;
+mod guard;
+mod lattice_run;
 mod mesh;
 mod options;
 mod partition;
 mod ranks;
+mod resample;
+mod resampled_run;
 mod symbols;
+mod target;
 
 use adaptor::Adaptor;
-use conduit::{Conduit, ConduitNode, Node};
+use conduit::{ConduitNode, Node};
+use guard::guarded;
 use std::ffi::c_int;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Mutex;
 
 type Call = unsafe extern "C" fn(*const ConduitNode) -> c_int;
@@ -44,47 +52,46 @@ const OK: c_int = 0;
 /// The run, and the sentence that was said last.
 static STATE: Mutex<(Option<Adaptor>, String)> = Mutex::new((None, String::new()));
 
-/// Runs `work` on the run, which it may replace. What fails is said on standard error, once in a row.
-fn guarded(node: *const ConduitNode, work: impl FnOnce(&mut Option<Adaptor>, Node) -> Result<(), String>) -> c_int {
-    let outcome = catch_unwind(AssertUnwindSafe(|| {
-        // A lock is poisoned where a panic was caught, here.
-        let mut state = STATE.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        let (run, said) = &mut *state;
-        let error = match Conduit::of_process() {
-            Ok(conduit) => work(run, conduit.node(node)).err(),
-            Err(missing) => Some(missing),
-        };
-        if let Some(error) = error.filter(|error| error != said) {
-            eprintln!("lamina: {error}");
-            *said = error;
-        }
-    }));
-    if outcome.is_err() {
-        eprintln!("lamina: a fault in the library; its message is above. The simulation goes on unwatched");
-    }
+/// Runs `work` on the run, which it may replace.
+fn on_run(node: *const ConduitNode, work: impl FnOnce(&mut Option<Adaptor>, Node) -> Result<(), String>) -> c_int {
+    // A lock is poisoned where a panic was caught, here.
+    let mut state = STATE.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    let (run, said) = &mut *state;
+    guarded(said, node, |node| work(run, node));
     OK
 }
 
 unsafe extern "C" fn initialize(params: *const ConduitNode) -> c_int {
-    guarded(params, |run, params| {
-        *run = Some(Adaptor::new(&params)?);
+    on_run(params, |run, params| {
+        *run = Some(Adaptor::new(params.at("catalyst/lamina"), params.number("catalyst/mpi_comm"))?);
         Ok(())
     })
 }
 
 unsafe extern "C" fn execute(params: *const ConduitNode) -> c_int {
-    guarded(params, |run, params| match run {
-        Some(adaptor) => adaptor.execute(&params),
-        None => Err("catalyst_initialize was not called, or failed; no step is shown".to_owned()),
+    on_run(params, |run, params| {
+        let adaptor = run.as_mut().ok_or("catalyst_initialize was not called, or failed; no step is shown")?;
+        let number = |name: &str| params.number(&format!("catalyst/state/{name}"));
+        let channels = params.at("catalyst/channels").map(|node| node.children()).unwrap_or_default();
+        let wanted = adaptor.channel().map(str::to_owned);
+        let channel = channels.iter().find(|(name, _)| wanted.as_ref().is_none_or(|wanted| name == wanted));
+        let domains = |field: Option<&str>| match channel {
+            Some((name, node)) => mesh::domains(node, name, field),
+            None => {
+                let names = channels.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ");
+                Err(format!("no channel {}; there are: {names}", wanted.as_deref().unwrap_or("at all")))
+            }
+        };
+        adaptor.push(number("timestep").or_else(|| number("cycle")), number("time"), &domains)
     })
 }
 
 unsafe extern "C" fn finalize(params: *const ConduitNode) -> c_int {
-    guarded(params, |run, _| run.take().map_or(Ok(()), Adaptor::finish))
+    on_run(params, |run, _| run.take().map_or(Ok(()), Adaptor::finish))
 }
 
 unsafe extern "C" fn about(params: *mut ConduitNode) -> c_int {
-    guarded(params, |_, params| {
+    on_run(params, |_, params| {
         params.set_text("catalyst/version", env!("CARGO_PKG_VERSION"));
         params.set_text("catalyst/implementation", "lamina");
         Ok(())
@@ -92,7 +99,7 @@ unsafe extern "C" fn about(params: *mut ConduitNode) -> c_int {
 }
 
 unsafe extern "C" fn results(params: *mut ConduitNode) -> c_int {
-    guarded(params, |run, params| {
+    on_run(params, |run, params| {
         if let Some(adaptor) = run {
             adaptor.results(&params);
         }

@@ -1,63 +1,89 @@
-//! Domains of a Blueprint mesh: uniform grids, and rectilinear ones that are evenly spaced; others are resampled or refused by name.
+//! Domains of a Blueprint mesh: uniform grids and rectilinear ones that are evenly spaced, as lattices; unevenly spaced, structured and
+//! unstructured ones, as cells.
 //!
 //! A field's values are x fastest, as Blueprint has them, any stride apart; offsets and strides of a field amid ghosts are taken.
 
+use crate::cell_mesh::{CellMesh, Cells, ListedCells, Lists, Points, Ranges, Shapes};
+use crate::cells::Shape;
 use crate::conduit::{Node, NodeArray};
 use lamina_model::VoxelType;
 
-/// A field's values on one domain.
+/// A field on one domain.
 #[derive(Debug)]
 pub(crate) struct Domain {
-    /// Position of its first sample point.
+    pub(crate) geometry: Geometry,
+    pub(crate) field: FieldValues,
+    /// Of an adaptive mesh: finer levels lie over coarser ones.
+    pub(crate) level: u32,
+}
+
+/// Where values lie.
+#[derive(Debug)]
+pub(crate) enum Geometry {
+    /// At the points of a lattice; a field of elements, at their centers.
+    Lattice(Lattice),
+    /// At the points or in the cells of a mesh.
+    Cells(Box<CellMesh>),
+}
+
+/// Sample points, evenly spaced.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Lattice {
+    /// Position of the first.
     pub(crate) origin: [f64; 3],
     pub(crate) spacing: [f64; 3],
     /// Sample points per axis.
     pub(crate) dims: [usize; 3],
-    pub(crate) values: Values,
 }
 
-/// Where the values are.
+/// Values in the simulation's memory.
 #[derive(Debug)]
-pub(crate) enum Values {
-    /// In the simulation's memory, elements from one neighbor to the next.
-    InPlace { array: NodeArray, first: usize, strides: [usize; 3] },
-    /// Resampled, x fastest.
-    Resampled(Vec<f64>),
+pub(crate) struct FieldValues {
+    pub(crate) array: NodeArray,
+    /// The element of the first value.
+    pub(crate) first: usize,
+    /// Values per axis; a list has one axis.
+    dims: [usize; 3],
+    /// Elements from one neighbor to the next.
+    pub(crate) strides: [usize; 3],
+    pub(crate) of_cells: bool,
 }
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 /// Coordinates off an even spacing by less than this part of it are rounding.
 const EVEN: f64 = 1e-4;
 
-/// The domains of channel `channel` with `field`, and the field's name: the first, if none is named. Levels of an adaptive mesh above
-/// the coarsest are left out; how many is counted.
+/// The domains of channel `channel` with `field`, and the field's name: the first, if none is named.
 pub(crate) fn domains(
     channel: &Node,
     name: &str,
     field: Option<&str>,
-) -> Result<(Vec<Domain>, Option<String>, usize), String> {
+) -> Result<(Vec<Domain>, Option<String>), String> {
     let kind = channel.text_at("type").unwrap_or_else(|| "mesh".to_owned());
     let data = channel.at("data").ok_or_else(|| format!("channel {name} has no data"))?;
-    let meshes = match kind.as_str() {
-        "mesh" => vec![(name.to_owned(), data)],
-        "multimesh" | "amrmesh" => data.children(),
-        other => return Err(format!("channel {name} is of type {other}; mesh, multimesh and amrmesh are shown")),
-    };
-    let (mut found, mut chosen, mut finer) = (Vec::new(), field.map(str::to_owned), 0);
+    match kind.as_str() {
+        "mesh" => domains_of(&[(name.to_owned(), data)], field),
+        "multimesh" | "amrmesh" => domains_of(&data.children(), field),
+        other => Err(format!("channel {name} is of type {other}; mesh, multimesh and amrmesh are shown")),
+    }
+}
+
+/// The domains of several meshes.
+pub(crate) fn domains_of(
+    meshes: &[(String, Node)],
+    field: Option<&str>,
+) -> Result<(Vec<Domain>, Option<String>), String> {
+    let (mut found, mut chosen) = (Vec::new(), field.map(str::to_owned));
     for (name, mesh) in meshes {
-        if mesh.number("state/level").is_some_and(|level| level > 0.0) {
-            finer += 1;
-            continue;
-        }
         // A mesh of several domains has them as children; a rank may have none.
-        let parts = if mesh.at("coordsets").is_some() { vec![(name, mesh)] } else { mesh.children() };
+        let parts = if mesh.at("coordsets").is_some() { vec![(name.clone(), *mesh)] } else { mesh.children() };
         for (name, part) in parts.iter().filter(|(_, part)| part.at("fields").is_some()) {
             let (domain, field) = domain(part, name, chosen.as_deref())?;
             chosen = Some(field);
             found.push(domain);
         }
     }
-    Ok((found, chosen, finer))
+    Ok((found, chosen))
 }
 
 fn domain(mesh: &Node, name: &str, wanted: Option<&str>) -> Result<(Domain, String), String> {
@@ -84,15 +110,11 @@ fn domain(mesh: &Node, name: &str, wanted: Option<&str>) -> Result<(Domain, Stri
             values.children().iter().map(|(part, _)| format!("{field_name}/{part}")).collect::<Vec<_>>().join(", ");
         format!("{name}: field {field_name} is not of scalars; name one of {parts}")
     })?;
-    if !array.is_readable() {
-        return Err(format!(
-            "{name}: field {field_name} lies in memory of a device; copy it to the host before catalyst_execute"
-        ));
-    }
     let topology = field.text_at("topology").unwrap_or_default();
-    let topology_node =
-        mesh.at(&format!("topologies/{topology}")).ok_or_else(|| format!("{name}: no topology {topology}"))?;
-    let coordset = topology_node.text_at("coordset").unwrap_or_default();
+    let topology = mesh
+        .at(&format!("topologies/{topology}"))
+        .ok_or_else(|| format!("{name}: field {field_name} names topology \"{topology}\", which is not there"))?;
+    let coordset = topology.text_at("coordset").unwrap_or_default();
     let coordset =
         mesh.at(&format!("coordsets/{coordset}")).ok_or_else(|| format!("{name}: no coordset {coordset}"))?;
     let of_cells = match field.text_at("association").as_deref() {
@@ -106,28 +128,34 @@ fn domain(mesh: &Node, name: &str, wanted: Option<&str>) -> Result<(Domain, Stri
         }
     };
     let kind = coordset.text_at("type").unwrap_or_default();
-    let domain = match kind.as_str() {
-        "uniform" => uniform(&coordset, of_cells, name)?.with(&field, array, name)?,
-        "rectilinear" => rectilinear(&coordset, of_cells, array, &field, name)?,
-        other => {
-            return Err(format!(
-                "{name}: coordinates of type {other}; uniform and rectilinear ones are shown: resample the field to such a grid"
-            ));
-        }
+    let geometry = match kind.as_str() {
+        "uniform" => uniform(&coordset, of_cells).map(Geometry::Lattice),
+        "rectilinear" => rectilinear(&coordset, of_cells),
+        "explicit" => explicit(&coordset, &topology).map(|mesh| Geometry::Cells(Box::new(mesh))),
+        other => Err(format!("coordinates of type \"{other}\"; uniform, rectilinear and explicit ones are shown")),
     };
-    Ok((domain, wanted.map_or(field_name, str::to_owned)))
+    let geometry = geometry.map_err(|error| format!("{name}: {error}"))?;
+    let level = mesh.number("state/level").filter(|level| *level > 0.0).map_or(0, |level| level as u32);
+    let field = FieldValues::new(&field, array, of_cells, &geometry)
+        .map_err(|error| format!("{name}: field {field_name}: {error}"))?;
+    Ok((Domain { geometry, field, level }, wanted.map_or(field_name, str::to_owned)))
 }
 
-/// A grid without values.
-struct SamplePoints {
-    origin: [f64; 3],
-    spacing: [f64; 3],
-    dims: [usize; 3],
-}
-
-impl SamplePoints {
-    fn with(self, field: &Node, array: NodeArray, name: &str) -> Result<Domain, String> {
-        let Self { origin, spacing, dims } = self;
+impl FieldValues {
+    fn new(field: &Node, array: NodeArray, of_cells: bool, geometry: &Geometry) -> Result<Self, String> {
+        if !array.is_readable() {
+            return Err(
+                "its values lie in memory of a device; copy them to the host before they are handed over".into()
+            );
+        }
+        let dims = match geometry {
+            Geometry::Lattice(lattice) => lattice.dims,
+            Geometry::Cells(mesh) => match &mesh.cells {
+                Cells::Grid(points) => points.map(|n| n - usize::from(of_cells)),
+                Cells::Listed(_) if of_cells => [mesh.cells(), 1, 1],
+                Cells::Listed(_) => [mesh.points.len(), 1, 1],
+            },
+        };
         let three = |path: &str| -> Option<[usize; 3]> {
             let numbers = field.at(path)?.array()?;
             let all: Option<Vec<usize>> = (0..3).map(|n| numbers.get(n).map(|v| v as usize)).collect();
@@ -143,114 +171,194 @@ impl SamplePoints {
             Some(sum)
         };
         let first = reach(offsets);
-        let last = first.zip(reach(dims.map(|d| d - 1))).and_then(|(a, b)| a.checked_add(b));
+        let last = first.zip(reach(dims.map(|d| d.saturating_sub(1)))).and_then(|(a, b)| a.checked_add(b));
         match (first, last) {
-            (Some(first), Some(last)) if last < array.len => {
-                Ok(Domain { origin, spacing, dims, values: Values::InPlace { array, first, strides } })
-            }
-            _ => Err(format!("{name}: {} values for {dims:?} sample points", array.len)),
+            (Some(first), Some(last)) if last < array.len => Ok(Self { array, first, dims, strides, of_cells }),
+            _ => Err(format!("{} values for {dims:?} points or cells", array.len)),
         }
     }
-}
 
-/// Sample points of `points` vertices per axis, or of the cells between them.
-fn sampled(mut lattice: SamplePoints, of_cells: bool, name: &str) -> Result<SamplePoints, String> {
-    if of_cells {
-        for axis in 0..3 {
-            lattice.dims[axis] = lattice.dims[axis].saturating_sub(1);
-            lattice.origin[axis] += 0.5 * lattice.spacing[axis];
+    /// The value at a place of a grid.
+    pub(crate) fn at(&self, place: [usize; 3]) -> f64 {
+        let offset: usize = place.iter().zip(self.strides).map(|(n, stride)| n * stride).sum();
+        self.array.get(self.first + offset).unwrap_or(f64::NAN)
+    }
+
+    /// The value of point or cell `n`, x fastest.
+    pub(crate) fn of(&self, n: usize) -> f64 {
+        let [x, y, _] = self.dims;
+        if self.strides == [1, x, x * y] {
+            return self.array.get(self.first + n).unwrap_or(f64::NAN);
         }
+        self.at([n % x, n / x % y, n / (x * y)])
     }
-    let finite = lattice.origin.iter().chain(&lattice.spacing).all(|v| v.is_finite());
-    if lattice.dims.contains(&0) || !finite || lattice.spacing.iter().any(|s| *s <= 0.0) {
-        let SamplePoints { origin, spacing, dims } = lattice;
-        return Err(format!("{name}: {dims:?} sample points, {spacing:?} apart, from {origin:?} are no volume"));
-    }
-    Ok(lattice)
-}
-
-fn uniform(coordset: &Node, of_cells: bool, name: &str) -> Result<SamplePoints, String> {
-    let mut dims = [0; 3];
-    for (axis, index) in ["i", "j", "k"].into_iter().enumerate() {
-        let points = coordset.number(&format!("dims/{index}"));
-        dims[axis] =
-            points.ok_or_else(|| format!("{name}: no dims/{index}; volumes of three axes are shown"))? as usize;
-    }
-    let origin = AXES.map(|axis| coordset.number(&format!("origin/{axis}")).unwrap_or(0.0));
-    let spacing = AXES.map(|axis| coordset.number(&format!("spacing/d{axis}")).unwrap_or(1.0));
-    sampled(SamplePoints { origin, spacing, dims }, of_cells, name)
-}
-
-fn rectilinear(coordset: &Node, of_cells: bool, array: NodeArray, field: &Node, name: &str) -> Result<Domain, String> {
-    let mut points: Vec<Vec<f64>> = Vec::new();
-    for axis in AXES {
-        let numbers = coordset.at(&format!("values/{axis}")).and_then(|n| n.array());
-        let numbers =
-            numbers.ok_or_else(|| format!("{name}: no coordinates along {axis}; volumes of three axes are shown"))?;
-        let vertices: Vec<f64> = (0..numbers.len).filter_map(|n| numbers.get(n)).collect();
-        points.push(if of_cells { vertices.windows(2).map(|w| 0.5 * (w[0] + w[1])).collect() } else { vertices });
-    }
-    let ends =
-        |axis: usize| (points[axis].first().copied().unwrap_or(0.0), points[axis].last().copied().unwrap_or(0.0));
-    let dims = std::array::from_fn(|axis| points[axis].len());
-    let spacing = std::array::from_fn(|axis| {
-        let (first, last) = ends(axis);
-        if dims[axis] > 1 { (last - first) / (dims[axis] - 1) as f64 } else { 1.0 }
-    });
-    let lattice =
-        sampled(SamplePoints { origin: std::array::from_fn(|axis| ends(axis).0), spacing, dims }, false, name)?;
-    let ascend = points.iter().all(|p| p.windows(2).all(|w| w[0] < w[1]));
-    if !ascend {
-        return Err(format!("{name}: coordinates do not ascend"));
-    }
-    let even = points.iter().zip(lattice.spacing).zip(lattice.origin).all(|((p, step), first)| {
-        p.iter().enumerate().all(|(n, at)| (at - first - n as f64 * step).abs() <= EVEN * step)
-    });
-    let domain = lattice.with(field, array, name)?;
-    Ok(if even { domain } else { resampled(&domain, &points) })
-}
-
-/// The values at even positions, linear between the points they are given at.
-fn resampled(domain: &Domain, points: &[Vec<f64>]) -> Domain {
-    let Values::InPlace { array, first, strides } = &domain.values else { unreachable!("values are in place") };
-    // For each even position the point below it and how far it lies towards the next.
-    let places: Vec<Vec<(usize, f64)>> = (0..3)
-        .map(|axis| {
-            let p = &points[axis];
-            (0..domain.dims[axis])
-                .map(|n| {
-                    let at = domain.origin[axis] + n as f64 * domain.spacing[axis];
-                    let below = p.partition_point(|v| *v <= at).clamp(1, p.len().max(2) - 1) - 1;
-                    let next = p.get(below + 1).copied().unwrap_or(p[below] + 1.0);
-                    (below, ((at - p[below]) / (next - p[below])).clamp(0.0, 1.0))
-                })
-                .collect()
-        })
-        .collect();
-    let value = |index: [usize; 3]| {
-        let offset: usize = (0..3).map(|axis| index[axis].min(domain.dims[axis] - 1) * strides[axis]).sum();
-        array.get(first + offset).unwrap_or(f64::NAN)
-    };
-    let mix = |a: f64, b: f64, t: f64| a + (b - a) * t;
-    let mut values = Vec::with_capacity(domain.dims.iter().product());
-    for &(k, tz) in &places[2] {
-        for &(j, ty) in &places[1] {
-            for &(i, tx) in &places[0] {
-                let along_x = |j, k| mix(value([i, j, k]), value([i + 1, j, k]), tx);
-                let along_y = |k| mix(along_x(j, k), along_x(j + 1, k), ty);
-                values.push(mix(along_y(k), along_y(k + 1), tz));
-            }
-        }
-    }
-    Domain { values: Values::Resampled(values), ..*domain }
 }
 
 impl Domain {
     /// Its values are of this type once handed over; integers that a run cannot have become double precision.
     pub(crate) fn voxel_type(&self) -> VoxelType {
-        match &self.values {
-            Values::InPlace { array, .. } => array.element.voxel_type().unwrap_or(VoxelType::F64),
-            Values::Resampled(_) => VoxelType::F64,
+        self.field.array.element.voxel_type().unwrap_or(VoxelType::F64)
+    }
+}
+
+impl Lattice {
+    /// Checked: points on three axes.
+    fn checked(self) -> Result<Self, String> {
+        let Self { origin, spacing, dims } = self;
+        let finite = origin.iter().chain(&spacing).all(|v| v.is_finite());
+        if dims.contains(&0) || !finite || spacing.iter().any(|s| *s <= 0.0) {
+            return Err(format!("{dims:?} sample points, {spacing:?} apart, from {origin:?} are no volume"));
+        }
+        Ok(self)
+    }
+}
+
+fn uniform(coordset: &Node, of_cells: bool) -> Result<Lattice, String> {
+    let mut dims = [0; 3];
+    for (axis, index) in ["i", "j", "k"].into_iter().enumerate() {
+        let points = coordset.number(&format!("dims/{index}"));
+        dims[axis] = points.ok_or_else(|| format!("no dims/{index}; volumes of three axes are shown"))? as usize;
+    }
+    let mut origin = AXES.map(|axis| coordset.number(&format!("origin/{axis}")).unwrap_or(0.0));
+    let spacing = AXES.map(|axis| coordset.number(&format!("spacing/d{axis}")).unwrap_or(1.0));
+    if of_cells {
+        for axis in 0..3 {
+            dims[axis] = dims[axis].saturating_sub(1);
+            origin[axis] += 0.5 * spacing[axis];
         }
     }
+    Lattice { origin, spacing, dims }.checked()
+}
+
+/// The numbers along one axis.
+fn axis_values(coordset: &Node, axis: &str) -> Result<NodeArray, String> {
+    let numbers = coordset.at(&format!("values/{axis}")).and_then(|node| node.array());
+    let numbers = numbers.ok_or_else(|| format!("no coordinates along {axis}; volumes of three axes are shown"))?;
+    if !numbers.is_readable() {
+        return Err(format!("coordinates along {axis} lie in memory of a device; copy them to the host"));
+    }
+    Ok(numbers)
+}
+
+fn rectilinear(coordset: &Node, of_cells: bool) -> Result<Geometry, String> {
+    let mut axes: [Vec<f64>; 3] = Default::default();
+    for (axis, points) in AXES.into_iter().zip(&mut axes) {
+        let numbers = axis_values(coordset, axis)?;
+        *points = (0..numbers.len).filter_map(|n| numbers.get(n)).collect();
+        if points.windows(2).any(|w| w[0].partial_cmp(&w[1]) != Some(std::cmp::Ordering::Less)) {
+            return Err(format!("coordinates along {axis} do not ascend"));
+        }
+    }
+    let (mut origin, mut spacing, mut dims) = ([0.0; 3], [1.0; 3], [0; 3]);
+    let mut even = true;
+    for (axis, points) in axes.iter().enumerate() {
+        let (first, last) = (points[0], points[points.len() - 1]);
+        if points.len() > 1 {
+            spacing[axis] = (last - first) / (points.len() - 1) as f64;
+        }
+        let step = spacing[axis];
+        even &= points.iter().enumerate().all(|(n, at)| (at - first - n as f64 * step).abs() <= EVEN * step);
+        origin[axis] = if of_cells { first + 0.5 * step } else { first };
+        dims[axis] = points.len() - usize::from(of_cells);
+    }
+    let lattice = Lattice { origin, spacing, dims }.checked()?;
+    if even {
+        return Ok(Geometry::Lattice(lattice));
+    }
+    let points = axes.each_ref().map(Vec::len);
+    if points.contains(&1) {
+        return Err("a single layer of points is no volume".to_owned());
+    }
+    Ok(Geometry::Cells(Box::new(CellMesh { points: Points::Axes(axes), cells: Cells::Grid(points) })))
+}
+
+fn explicit(coordset: &Node, topology: &Node) -> Result<CellMesh, String> {
+    let mut axes = Vec::new();
+    for axis in AXES {
+        axes.push(axis_values(coordset, axis)?);
+    }
+    let axes: [NodeArray; 3] = axes.try_into().map_err(|_| "three axes are shown")?;
+    let points = Points::Listed(axes);
+    let kind = topology.text_at("type").unwrap_or_default();
+    let cells = match kind.as_str() {
+        "structured" => {
+            let mut dims = [0; 3];
+            for (axis, index) in ["i", "j", "k"].into_iter().enumerate() {
+                let cells = topology.number(&format!("elements/dims/{index}")).filter(|n| *n >= 1.0 && *n < 1e9);
+                dims[axis] = cells.ok_or_else(|| format!("no cells along elements/dims/{index}; volumes are shown"))?
+                    as usize
+                    + 1;
+            }
+            let stated = dims.iter().try_fold(1_usize, |product, n| product.checked_mul(*n));
+            if stated != Some(points.len()) {
+                return Err(format!("{} positions for a grid of {dims:?} points", points.len()));
+            }
+            Cells::Grid(dims)
+        }
+        "unstructured" => Cells::Listed(Box::new(listed(topology)?)),
+        other => return Err(format!("a topology of type \"{other}\"; structured and unstructured ones are shown")),
+    };
+    Ok(CellMesh { points, cells })
+}
+
+/// The lists at `elements` or `subelements`, each of `size` numbers where none are stated.
+fn lists(node: &Node, size: Option<usize>) -> Result<Lists, String> {
+    let array = |name: &str| node.at(name).and_then(|node| node.array());
+    let all = array("connectivity").ok_or("cells without connectivity")?;
+    let stated = [Some(all), array("sizes"), array("offsets")];
+    if stated.iter().flatten().any(|array| !array.is_readable()) {
+        return Err("connectivity lies in memory of a device; copy it to the host".to_owned());
+    }
+    let [_, sizes, offsets] = stated;
+    let ranges = match (size, sizes, offsets) {
+        (Some(size), ..) => Ranges::Every(size),
+        (None, Some(sizes), Some(offsets)) => Ranges::Stated { offsets, sizes },
+        (None, Some(sizes), None) => {
+            let mut starts = vec![0_usize];
+            for n in 0..sizes.len {
+                let before = starts[starts.len() - 1];
+                starts.push(before.saturating_add(sizes.get(n).unwrap_or(0.0).max(0.0) as usize));
+            }
+            Ranges::Following(starts)
+        }
+        (None, None, _) => return Err("cells of several sizes without sizes".to_owned()),
+    };
+    Ok(Lists { all, ranges })
+}
+
+fn listed(topology: &Node) -> Result<ListedCells, String> {
+    const SHOWN: &str = "tet, pyramid, wedge, hex and polyhedral are shown";
+    let of_name = |name: &str| match (Shape::of_name(name), name) {
+        (None, "polyhedral") => Ok(None),
+        (None, other) => Err(format!("cells of shape \"{other}\"; {SHOWN}")),
+        (known, _) => Ok(known),
+    };
+    let elements = topology.at("elements").ok_or("an unstructured topology without elements")?;
+    let name = elements.text_at("shape").ok_or("cells of no one shape; state elements/shape")?;
+    let shapes = if name == "mixed" {
+        let map = elements.at("shape_map").ok_or("mixed cells without shape_map")?.children();
+        let known =
+            map.iter().map(|(name, node)| Ok((node.array().and_then(|a| a.get(0)).unwrap_or(-1.0), of_name(name)?)));
+        let numbers = elements.at("shapes").and_then(|node| node.array()).ok_or("mixed cells without shapes")?;
+        Shapes::Numbered(numbers, known.collect::<Result<_, String>>()?)
+    } else {
+        Shapes::All(of_name(&name)?)
+    };
+    let (size, polyhedra) = match &shapes {
+        Shapes::All(shape) => (shape.map(Shape::vertices), shape.is_none()),
+        Shapes::Numbered(_, known) => (None, known.iter().any(|(_, shape)| shape.is_none())),
+    };
+    let faces = match topology.at("subelements") {
+        Some(faces) if polyhedra => {
+            let size = match faces.text_at("shape").as_deref() {
+                Some("tri") => Some(3),
+                Some("quad") => Some(4),
+                _ => None,
+            };
+            Some(lists(&faces, size)?)
+        }
+        None if polyhedra => return Err("polyhedra without subelements, their faces".to_owned()),
+        _ => None,
+    };
+    Ok(ListedCells { lists: lists(&elements, size)?, shapes, faces })
 }

@@ -1,11 +1,12 @@
-//! What a run is called and where it goes: from the node `catalyst/lamina`, else from the environment.
+//! What a run is called and where it goes: from the node `lamina` of Catalyst's or Ascent's, else from the environment.
 
 use crate::conduit::Node;
+use crate::target::StatedPoints;
 use lamina_model::SteerableNumber;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// CatalystOptions; none has to be stated.
+/// What may be stated; nothing has to be.
 #[derive(Debug)]
 pub(crate) struct CatalystOptions {
     /// The generator-node: `generator`, LAMINA_GENERATOR.
@@ -20,6 +21,8 @@ pub(crate) struct CatalystOptions {
     pub(crate) more_fields: Vec<(String, String)>,
     /// What is shown first, an expression over the fields: `shown`, LAMINA_SHOWN.
     pub(crate) shown: Option<String>,
+    /// Sample points of a mesh that is resampled: `points`, LAMINA_POINTS, `128` or `96 48 48`.
+    pub(crate) points: Option<StatedPoints>,
     /// `credentials`, LAMINA_CREDENTIALS.
     pub(crate) credentials: Option<PathBuf>,
     /// The longest a call may take, seconds: `deadline`.
@@ -29,9 +32,11 @@ pub(crate) struct CatalystOptions {
 }
 
 impl CatalystOptions {
-    /// Those that `params` of `catalyst_initialize` and the environment state.
-    pub(crate) fn read(params: &Node) -> Self {
-        let stated = params.at("catalyst/lamina");
+    /// Those that the node `lamina` and the environment state.
+    ///
+    /// # Errors
+    /// If `points` is none.
+    pub(crate) fn read(stated: Option<Node>) -> Result<Self, String> {
         let text = |name: &str, variable: &str| {
             let node = stated.and_then(|node| node.text_at(name));
             node.or_else(|| std::env::var(variable).ok()).filter(|text| !text.is_empty())
@@ -47,7 +52,9 @@ impl CatalystOptions {
             };
             node.children().into_iter().filter_map(number).collect()
         });
-        Self {
+        let points = text("points", "LAMINA_POINTS").map(|text| StatedPoints::parse(&text)).transpose()?;
+        Ok(Self {
+            points,
             generator: text("generator", "LAMINA_GENERATOR").unwrap_or_else(|| "http://127.0.0.1:7101".to_owned()),
             name: text("name", "LAMINA_NAME").or_else(program).unwrap_or_else(|| "catalyst".to_owned()),
             channel: text("channel", "LAMINA_CHANNEL"),
@@ -59,7 +66,7 @@ impl CatalystOptions {
                 .and_then(|node| node.number("deadline"))
                 .and_then(|secs| Duration::try_from_secs_f64(secs).ok()),
             steering,
-        }
+        })
     }
 }
 

@@ -1,6 +1,5 @@
 //! The ranks of a run, by the MPI library that the process has; none is needed where there is one rank.
 
-use crate::conduit::Node;
 use crate::symbols::{address, function};
 use std::ffi::{CStr, c_int, c_void};
 
@@ -8,6 +7,18 @@ type CommFromFortran = unsafe extern "C" fn(c_int) -> usize;
 type CommNumber = unsafe extern "C" fn(usize, *mut c_int) -> c_int;
 type Initialized = unsafe extern "C" fn(*mut c_int) -> c_int;
 type Allgather = unsafe extern "C" fn(*const c_void, c_int, usize, *mut c_void, c_int, usize, usize) -> c_int;
+type Alltoall = Allgather;
+type Alltoallv = unsafe extern "C" fn(
+    *const c_void,
+    *const c_int,
+    *const c_int,
+    usize,
+    *mut c_void,
+    *const c_int,
+    *const c_int,
+    usize,
+    usize,
+) -> c_int;
 
 /// This rank among them.
 #[derive(Debug)]
@@ -23,6 +34,8 @@ struct Communicator {
     handle: usize,
     byte: usize,
     allgather: Allgather,
+    alltoall: Alltoall,
+    alltoallv: Alltoallv,
 }
 
 /// `MPI_BYTE` and `MPI_COMM_WORLD` of the library that is loaded: Open MPI's are addresses, the standard's (MPI 5.0, chapter 20) and
@@ -42,10 +55,9 @@ fn constants() -> Option<[usize; 2]> {
 }
 
 impl Ranks {
-    /// Those of the communicator that `catalyst/mpi_comm` states as a Fortran handle; of the world, where MPI is in use; else one.
-    pub(crate) fn of(params: &Node) -> Result<Self, String> {
+    /// Those of the communicator that is `stated` as a Fortran handle; of the world, where MPI is in use; else one.
+    pub(crate) fn of(stated: Option<f64>) -> Result<Self, String> {
         let alone = Self { rank: 0, size: 1, communicator: None };
-        let stated = params.number("catalyst/mpi_comm");
         // SAFETY: the types are MPI's, handles in a register each.
         let functions = unsafe {
             (
@@ -53,12 +65,15 @@ impl Ranks {
                 function::<CommNumber>("MPI_Comm_rank"),
                 function::<CommNumber>("MPI_Comm_size"),
                 function::<Allgather>("MPI_Allgather"),
+                function::<Alltoall>("MPI_Alltoall"),
+                function::<Alltoallv>("MPI_Alltoallv"),
             )
         };
-        let (Some(initialized), Some(rank), Some(size), Some(allgather)) = functions else {
+        let (Some(initialized), Some(rank), Some(size), Some(allgather), Some(alltoall), Some(alltoallv)) = functions
+        else {
             return match stated {
                 None => Ok(alone),
-                Some(_) => Err("catalyst/mpi_comm is stated, but this process has no MPI library".to_owned()),
+                Some(_) => Err("mpi_comm is stated, but this process has no MPI library".to_owned()),
             };
         };
         let mut is_on = 0;
@@ -83,8 +98,26 @@ impl Ranks {
         if codes != [0, 0] {
             return Err(format!("MPI_Comm_rank and MPI_Comm_size answer {codes:?}"));
         }
-        let communicator = Some(Communicator { handle, byte, allgather });
+        let communicator = Some(Communicator { handle, byte, allgather, alltoall, alltoallv });
         Ok(Self { rank: numbers[0] as u32, size: numbers[1] as u32, communicator })
+    }
+
+    /// Sends `parts[r]` to rank r, and returns what each rank has sent here, by rank. Collective: all ranks call it.
+    pub(crate) fn exchange(&self, parts: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>, String> {
+        let Some(communicator) = self.communicator.as_ref().filter(|_| self.size > 1) else {
+            return Ok(parts);
+        };
+        // MPI counts in 31 bits: more goes in several rounds, as many as the rank with the longest part needs.
+        let quota = c_int::MAX as usize / self.size as usize;
+        let longest = parts.iter().map(Vec::len).max().unwrap_or(0) as u64;
+        let longest = communicator.gather_equal(&longest.to_le_bytes(), self.size)?;
+        let longest = longest.as_chunks().0.iter().map(|b| u64::from_le_bytes(*b)).max().unwrap_or(0) as usize;
+        let mut received = vec![Vec::new(); self.size as usize];
+        for round in 0..longest.div_ceil(quota) {
+            let sent: Vec<&[u8]> = parts.iter().map(|part| part.chunks(quota).nth(round).unwrap_or_default()).collect();
+            communicator.exchange_once(&sent, &mut received)?;
+        }
+        Ok(received)
     }
 
     /// `bytes` of every rank, by rank. Collective: all ranks call it.
@@ -103,6 +136,41 @@ impl Ranks {
 }
 
 impl Communicator {
+    /// Sends a part to each rank, and adds what came from each; less than 2^31 bytes in all either way.
+    fn exchange_once(&self, sent: &[&[u8]], received: &mut [Vec<u8>]) -> Result<(), String> {
+        let counts: Vec<c_int> = sent.iter().map(|part| part.len() as c_int).collect();
+        let starts = |counts: &[c_int]| -> Vec<c_int> {
+            counts.iter().scan(0, |sum, count| Some(std::mem::replace(sum, *sum + count))).collect()
+        };
+        let mut arriving = vec![0; counts.len()];
+        let size = size_of::<c_int>() as c_int;
+        let (byte, comm) = (self.byte, self.handle);
+        // SAFETY: one count to and from each rank of the communicator.
+        let code = unsafe {
+            (self.alltoall)(counts.as_ptr().cast(), size, byte, arriving.as_mut_ptr().cast(), size, byte, comm)
+        };
+        if code != 0 {
+            return Err(format!("MPI_Alltoall answers {code}"));
+        }
+        let [from, to] = [starts(&counts), starts(&arriving)];
+        // One byte more than is sent: the address of nothing is 1, which is Open MPI's MPI_IN_PLACE.
+        let (mut sent, mut all) = (sent.concat(), vec![0_u8; arriving.iter().sum::<c_int>() as usize + 1]);
+        sent.push(0);
+        let (first, place) = (sent.as_ptr().cast(), all.as_mut_ptr().cast());
+        // SAFETY: both places have room for what is counted.
+        let code = unsafe {
+            let [sizes, arriving] = [counts.as_ptr(), arriving.as_ptr()];
+            (self.alltoallv)(first, sizes, from.as_ptr(), byte, place, arriving, to.as_ptr(), byte, comm)
+        };
+        if code != 0 {
+            return Err(format!("MPI_Alltoallv answers {code}"));
+        }
+        for ((part, start), count) in received.iter_mut().zip(to).zip(arriving) {
+            part.extend(&all[start as usize..][..count as usize]);
+        }
+        Ok(())
+    }
+
     /// As many bytes of each rank.
     fn gather_equal(&self, bytes: &[u8], ranks: u32) -> Result<Vec<u8>, String> {
         let mut all = vec![0_u8; bytes.len() * ranks as usize];

@@ -25,6 +25,8 @@ void conduit_node_set_path_float64(conduit_node *node, const char *path, double 
 void conduit_node_set_path_int32(conduit_node *node, const char *path, int32_t value);
 void conduit_node_set_path_int64(conduit_node *node, const char *path, int64_t value);
 void conduit_node_set_path_float64_ptr(conduit_node *node, const char *path, double *values, conduit_index_t count);
+void conduit_node_set_path_float32_ptr(conduit_node *node, const char *path, float *values, conduit_index_t count);
+void conduit_node_set_path_int64_ptr(conduit_node *node, const char *path, int64_t *values, conduit_index_t count);
 void conduit_node_set_path_external_float32_ptr(conduit_node *node, const char *path, float *values, conduit_index_t count);
 conduit_index_t conduit_datatype_id(const conduit_datatype *type);
 conduit_index_t conduit_datatype_number_of_elements(const conduit_datatype *type);

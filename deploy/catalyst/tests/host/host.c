@@ -103,6 +103,12 @@ void conduit_node_set_path_int64(conduit_node *node, const char *path, int64_t v
 void conduit_node_set_path_float64_ptr(conduit_node *node, const char *path, double *values, conduit_index_t count) {
     set(node, path, FLOAT64, values, count, 8, 1);
 }
+void conduit_node_set_path_float32_ptr(conduit_node *node, const char *path, float *values, conduit_index_t count) {
+    set(node, path, FLOAT32, values, count, 4, 1);
+}
+void conduit_node_set_path_int64_ptr(conduit_node *node, const char *path, int64_t *values, conduit_index_t count) {
+    set(node, path, INT64, values, count, 8, 1);
+}
 void conduit_node_set_path_external_float32_ptr(conduit_node *node, const char *path, float *values, conduit_index_t count) {
     set(node, path, FLOAT32, values, count, 4, 0);
 }
