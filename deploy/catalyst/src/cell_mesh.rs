@@ -101,7 +101,7 @@ fn index(value: f64) -> Option<usize> {
 
 /// One cell: the points of its shape, or the loops of a polyhedron's faces one after the other.
 #[derive(Debug, Default)]
-pub(crate) struct Cell {
+pub(crate) struct CellPoints {
     pub(crate) points: Vec<usize>,
     pub(crate) positions: Vec<DVec3>,
     pub(crate) shape: Option<Shape>,
@@ -149,7 +149,7 @@ impl CellMesh {
     }
 
     /// Reads the points of cell `n` into `cell`; nothing, if there is no such cell, or it is of no shape that is shown.
-    pub(crate) fn read(&self, n: usize, cell: &mut Cell) -> Option<()> {
+    pub(crate) fn read(&self, n: usize, cell: &mut CellPoints) -> Option<()> {
         cell.points.clear();
         cell.faces.clear();
         match &self.cells {
@@ -191,7 +191,7 @@ impl CellMesh {
     }
 
     /// Reads the positions of a cell's points.
-    pub(crate) fn place(&self, cell: &mut Cell) -> Option<()> {
+    pub(crate) fn place(&self, cell: &mut CellPoints) -> Option<()> {
         cell.positions.clear();
         for point in &cell.points {
             cell.positions.push(self.points.position(*point)?);
@@ -215,7 +215,7 @@ impl CellMesh {
     }
 }
 
-impl Cell {
+impl CellPoints {
     /// Where `position` lies in it: the part (a tetrahedron of a polyhedron; else 0), and local coordinates there.
     pub(crate) fn locate(&self, position: DVec3) -> Option<(u32, DVec3)> {
         if let Some(shape) = self.shape {
@@ -306,7 +306,7 @@ mod tests {
     #[test]
     fn a_polyhedron_interpolates_a_linear_field_exactly() {
         let mesh = cube(&CORNERS, &FACES, &[4.0; 6], &[0., 1., 2., 3., 4., 5.]);
-        let mut cell = Cell::default();
+        let mut cell = CellPoints::default();
         mesh.read(0, &mut cell).and_then(|()| mesh.place(&mut cell)).unwrap();
         let linear = |p: DVec3| 2.0 * p.x - 3.0 * p.y + 0.5 * p.z + 1.0;
         for position in [DVec3::new(0.1, 0.2, 0.3), DVec3::new(0.9, 0.5, 0.4), DVec3::new(0.5, 0.5, 0.5)] {
@@ -326,7 +326,7 @@ mod tests {
             broken[3] = if faces == 0.0 { 1.0 } else { faces };
             let named = [0., 1., 2., 3., 4., cell];
             let mesh = cube(&CORNERS, &broken, &[4.0; 6], &named);
-            let mut read = Cell::default();
+            let mut read = CellPoints::default();
             let is_read = mesh.read(0, &mut read).and_then(|()| mesh.place(&mut read)).is_some();
             assert!(!is_read, "face point {faces}, face {cell}");
         }
@@ -338,7 +338,7 @@ mod tests {
         let mesh = CellMesh { points: Points::Axes(axes), cells: Cells::Grid([3, 2, 3]) };
         assert_eq!((mesh.cells(), mesh.points.len()), (4, 18));
         assert_eq!(mesh.points.bounds(), Some([DVec3::new(0.0, 0.0, -1.0), DVec3::new(4.0, 2.0, 3.0)]));
-        let mut cell = Cell::default();
+        let mut cell = CellPoints::default();
         mesh.read(3, &mut cell).and_then(|()| mesh.place(&mut cell)).unwrap();
         assert_eq!(cell.points, [7, 8, 11, 10, 13, 14, 17, 16]);
         let (_, at) = cell.locate(DVec3::new(2.5, 1.0, 0.75)).unwrap();

@@ -1,9 +1,9 @@
 //! A run whose domains are parts of one lattice: their values are handed over where they are.
 
 use crate::conduit::{Element, NodeArray};
-use crate::mesh::{Domain, Geometry, Lattice};
+use crate::mesh::{Domain, EvenGrid, Geometry};
 use crate::partition::{IndexBox, disjoint};
-use crate::target::{Extent, Place};
+use crate::target::{DomainBounds, Extent};
 use glam::DVec3;
 use lamina_client::{Brick, VoxelSlice, dense, span};
 use lamina_model::{Grid, VoxelType};
@@ -22,14 +22,14 @@ pub(crate) struct LatticeRun {
 }
 
 /// The extents, if all are of lattices of one spacing and of no finer level.
-pub(crate) fn lattices(extents: &[Vec<Extent>]) -> Option<Vec<Lattice>> {
+pub(crate) fn lattices(extents: &[Vec<Extent>]) -> Option<Vec<EvenGrid>> {
     let all = extents.iter().flatten().map(|extent| match extent.place {
-        Place::Lattice { lattice, .. } if extent.level == 0 => Some(lattice),
+        DomainBounds::EvenGrid { lattice, .. } if extent.level == 0 => Some(lattice),
         _ => None,
     });
-    let all = all.collect::<Option<Vec<Lattice>>>()?;
+    let all = all.collect::<Option<Vec<EvenGrid>>>()?;
     let first = all.first()?.spacing;
-    let alike = |lattice: &Lattice| {
+    let alike = |lattice: &EvenGrid| {
         (0..3).all(|axis| {
             (lattice.spacing[axis] - first[axis]).abs() * lattice.dims[axis] as f64 <= ON_LATTICE * first[axis]
         })
@@ -41,7 +41,7 @@ impl LatticeRun {
     /// Of the domains of all ranks, `before` of which are of the ranks before this one and `own` of this; with the grid of the run. Several
     /// fields are copied, to lie in memory alike.
     pub(crate) fn new(
-        all: &[Lattice],
+        all: &[EvenGrid],
         before: usize,
         own: usize,
         voxel_type: VoxelType,
@@ -119,14 +119,14 @@ impl LatticeRun {
 
 /// A domain that is a lattice.
 struct GridValues<'a> {
-    lattice: Lattice,
+    lattice: EvenGrid,
     domain: &'a Domain,
 }
 
 impl<'a> GridValues<'a> {
     fn of(domain: &'a Domain) -> Result<Self, String> {
         match &domain.geometry {
-            Geometry::Lattice(lattice) => Ok(Self { lattice: *lattice, domain }),
+            Geometry::EvenGrid(lattice) => Ok(Self { lattice: *lattice, domain }),
             Geometry::Cells(_) => Err("the mesh was evenly spaced at the first step, and is no more".to_owned()),
         }
     }
@@ -195,7 +195,7 @@ fn slice<'a>(array: &NodeArray, start: usize, len: usize) -> VoxelSlice<'a> {
 }
 
 /// A domain's points on the lattice from `origin` on.
-fn index_box(own: &Lattice, origin: [f64; 3], spacing: [f64; 3]) -> Result<IndexBox, String> {
+fn index_box(own: &EvenGrid, origin: [f64; 3], spacing: [f64; 3]) -> Result<IndexBox, String> {
     let mut start = [0; 3];
     for axis in 0..3 {
         let (step, of_own) = (spacing[axis], own.spacing[axis]);

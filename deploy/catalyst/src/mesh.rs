@@ -21,14 +21,14 @@ pub(crate) struct Domain {
 #[derive(Debug)]
 pub(crate) enum Geometry {
     /// At the points of a lattice; a field of elements, at their centers.
-    Lattice(Lattice),
+    EvenGrid(EvenGrid),
     /// At the points or in the cells of a mesh.
     Cells(Box<CellMesh>),
 }
 
 /// Sample points, evenly spaced.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Lattice {
+pub(crate) struct EvenGrid {
     /// Position of the first.
     pub(crate) origin: [f64; 3],
     pub(crate) spacing: [f64; 3],
@@ -129,7 +129,7 @@ fn domain(mesh: &Node, name: &str, wanted: Option<&str>) -> Result<(Domain, Stri
     };
     let kind = coordset.text_at("type").unwrap_or_default();
     let geometry = match kind.as_str() {
-        "uniform" => uniform(&coordset, of_cells).map(Geometry::Lattice),
+        "uniform" => uniform(&coordset, of_cells).map(Geometry::EvenGrid),
         "rectilinear" => rectilinear(&coordset, of_cells),
         "explicit" => explicit(&coordset, &topology).map(|mesh| Geometry::Cells(Box::new(mesh))),
         other => Err(format!("coordinates of type \"{other}\"; uniform, rectilinear and explicit ones are shown")),
@@ -149,7 +149,7 @@ impl FieldValues {
             );
         }
         let dims = match geometry {
-            Geometry::Lattice(lattice) => lattice.dims,
+            Geometry::EvenGrid(lattice) => lattice.dims,
             Geometry::Cells(mesh) => match &mesh.cells {
                 Cells::Grid(points) => points.map(|n| n - usize::from(of_cells)),
                 Cells::Listed(_) if of_cells => [mesh.cells(), 1, 1],
@@ -201,7 +201,7 @@ impl Domain {
     }
 }
 
-impl Lattice {
+impl EvenGrid {
     /// Checked: points on three axes.
     fn checked(self) -> Result<Self, String> {
         let Self { origin, spacing, dims } = self;
@@ -213,7 +213,7 @@ impl Lattice {
     }
 }
 
-fn uniform(coordset: &Node, of_cells: bool) -> Result<Lattice, String> {
+fn uniform(coordset: &Node, of_cells: bool) -> Result<EvenGrid, String> {
     let mut dims = [0; 3];
     for (axis, index) in ["i", "j", "k"].into_iter().enumerate() {
         let points = coordset.number(&format!("dims/{index}"));
@@ -227,7 +227,7 @@ fn uniform(coordset: &Node, of_cells: bool) -> Result<Lattice, String> {
             origin[axis] += 0.5 * spacing[axis];
         }
     }
-    Lattice { origin, spacing, dims }.checked()
+    EvenGrid { origin, spacing, dims }.checked()
 }
 
 /// The numbers along one axis.
@@ -261,9 +261,9 @@ fn rectilinear(coordset: &Node, of_cells: bool) -> Result<Geometry, String> {
         origin[axis] = if of_cells { first + 0.5 * step } else { first };
         dims[axis] = points.len() - usize::from(of_cells);
     }
-    let lattice = Lattice { origin, spacing, dims }.checked()?;
+    let lattice = EvenGrid { origin, spacing, dims }.checked()?;
     if even {
-        return Ok(Geometry::Lattice(lattice));
+        return Ok(Geometry::EvenGrid(lattice));
     }
     let points = axes.each_ref().map(Vec::len);
     if points.contains(&1) {

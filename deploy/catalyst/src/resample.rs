@@ -3,8 +3,8 @@
 //! A field of points is interpolated within its cell, a field of cells is that of the cell that holds the point (as ParaView's
 //! "Resample To Image" has it). Each rank takes a slab of the lattice along z, and is sent the values in it.
 
-use crate::cell_mesh::{Cell, CellMesh};
-use crate::mesh::{Domain, FieldValues, Geometry, Lattice};
+use crate::cell_mesh::{CellMesh, CellPoints};
+use crate::mesh::{Domain, EvenGrid, FieldValues, Geometry};
 use glam::{DVec3, Vec3};
 use std::ops::Range;
 
@@ -26,7 +26,7 @@ pub(crate) struct CellLocations {
 
 impl CellLocations {
     /// Finds them anew, if the mesh is not the one of the last call.
-    fn update(&mut self, mesh: &CellMesh, lattice: &Lattice) {
+    fn update(&mut self, mesh: &CellMesh, lattice: &EvenGrid) {
         let fingerprint = Some(mesh.fingerprint());
         if self.fingerprint == fingerprint {
             return;
@@ -34,7 +34,7 @@ impl CellLocations {
         self.fingerprint = fingerprint;
         self.located.clear();
         let (origin, spacing) = (DVec3::from(lattice.origin), DVec3::from(lattice.spacing));
-        let mut cell = Cell::default();
+        let mut cell = CellPoints::default();
         for n in 0..mesh.cells() {
             if mesh.read(n, &mut cell).is_none() || mesh.place(&mut cell).is_none() {
                 continue;
@@ -68,12 +68,12 @@ impl CellLocations {
 
 /// The lattice in slabs along z, one a rank.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Slabs {
-    pub(crate) lattice: Lattice,
+pub(crate) struct RankSlabs {
+    pub(crate) lattice: EvenGrid,
     pub(crate) ranks: u32,
 }
 
-impl Slabs {
+impl RankSlabs {
     /// The layers of a rank's slab.
     pub(crate) fn layers(&self, rank: u32) -> Range<usize> {
         let first = |rank: u32| (self.lattice.dims[2] as u64 * u64::from(rank) / u64::from(self.ranks)) as usize;
@@ -102,7 +102,7 @@ pub(crate) fn sampled(
     domains: &[Domain],
     more: &[Vec<Domain>],
     locations: &mut Vec<CellLocations>,
-    slabs: &Slabs,
+    slabs: &RankSlabs,
 ) -> Result<Vec<Vec<u8>>, String> {
     let mut bytes = vec![Vec::new(); slabs.ranks as usize];
     locations.resize_with(domains.len(), CellLocations::default);
@@ -115,7 +115,7 @@ pub(crate) fn sampled(
         let mut samples: Vec<Samples> = Vec::new();
         samples.resize_with(bytes.len(), || Samples { values: vec![Vec::new(); fields.len()], ..Samples::default() });
         match &domain.geometry {
-            Geometry::Lattice(lattice) => {
+            Geometry::EvenGrid(lattice) => {
                 sample_lattice(lattice, &fields, slabs, |rank, place, n, v| samples[rank].push(place, n, v));
             }
             Geometry::Cells(mesh) => {
@@ -135,7 +135,7 @@ pub(crate) fn sampled(
 /// Whether both lie on the same points or cells.
 fn alike(a: &Domain, b: &Domain) -> bool {
     match (&a.geometry, &b.geometry) {
-        (Geometry::Lattice(a), Geometry::Lattice(b)) => a == b,
+        (Geometry::EvenGrid(a), Geometry::EvenGrid(b)) => a == b,
         (Geometry::Cells(a), Geometry::Cells(b)) => a.cells() == b.cells() && a.points.len() == b.points.len(),
         _ => false,
     }
@@ -146,10 +146,10 @@ fn sample_cells(
     mesh: &CellMesh,
     fields: &[&FieldValues],
     located: &[Located],
-    slabs: &Slabs,
+    slabs: &RankSlabs,
     mut push: impl FnMut(usize, u32, usize, f64),
 ) {
-    let mut cell = Cell::default();
+    let mut cell = CellPoints::default();
     let mut rest = located;
     for rank in 0..slabs.ranks {
         let layers = slabs.layers(rank);
@@ -173,7 +173,12 @@ fn sample_cells(
 }
 
 /// As above, for values at the points or in the boxes of a lattice.
-fn sample_lattice(own: &Lattice, fields: &[&FieldValues], slabs: &Slabs, mut push: impl FnMut(usize, u32, usize, f64)) {
+fn sample_lattice(
+    own: &EvenGrid,
+    fields: &[&FieldValues],
+    slabs: &RankSlabs,
+    mut push: impl FnMut(usize, u32, usize, f64),
+) {
     let of_cells = fields[0].of_cells;
     // For each point of the lattice along an axis, the point below it in the domain, and how far it lies towards the next.
     let along: [Vec<Option<(usize, f64)>>; 3] = std::array::from_fn(|axis| {

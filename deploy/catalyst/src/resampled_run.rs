@@ -1,9 +1,9 @@
 //! A run whose mesh is no lattice: at each step the ranks sample what they have at the points of one, and send each other the values,
 //! so that each hands over one slab of it. Collective at every step.
 
-use crate::mesh::{Domain, Lattice};
+use crate::mesh::{Domain, EvenGrid};
 use crate::ranks::Ranks;
-use crate::resample::{CellLocations, Slab, Slabs, sampled};
+use crate::resample::{CellLocations, RankSlabs, Slab, sampled};
 use glam::DVec3;
 use lamina_client::{Brick, VoxelSlice};
 use lamina_model::Grid;
@@ -11,17 +11,17 @@ use lamina_model::Grid;
 /// The lattice, and where its points lie in this rank's cells.
 #[derive(Debug)]
 pub(crate) struct ResampledRun {
-    slabs: Slabs,
+    slabs: RankSlabs,
     fields: usize,
     locations: Vec<CellLocations>,
 }
 
 impl ResampledRun {
     /// Of `fields` fields; with the grid of the run.
-    pub(crate) fn new(lattice: Lattice, ranks: u32, fields: usize) -> Result<(Self, Grid), String> {
-        let Lattice { origin, spacing, dims } = lattice;
+    pub(crate) fn new(lattice: EvenGrid, ranks: u32, fields: usize) -> Result<(Self, Grid), String> {
+        let EvenGrid { origin, spacing, dims } = lattice;
         let grid = Grid::new(dims, DVec3::from(spacing), DVec3::from(origin)).map_err(|e| e.to_string())?;
-        Ok((Self { slabs: Slabs { lattice, ranks }, fields, locations: Vec::new() }, grid))
+        Ok((Self { slabs: RankSlabs { lattice, ranks }, fields, locations: Vec::new() }, grid))
     }
 
     /// Hands the step over. All ranks call it, also those that have nothing to show: theirs is an error, or no domain.

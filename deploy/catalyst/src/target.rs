@@ -1,7 +1,7 @@
 //! The lattice on which a mesh is shown that is none itself: as many sample points as the mesh has cells, those of the finest level of an
 //! adaptive mesh, or as many as are stated.
 
-use crate::mesh::{Domain, Geometry, Lattice};
+use crate::mesh::{Domain, EvenGrid, Geometry};
 use lamina_model::VoxelType;
 
 /// Fewest and most sample points where none are stated.
@@ -15,15 +15,15 @@ const TYPES: [VoxelType; 5] = [VoxelType::U8, VoxelType::U16, VoxelType::I16, Vo
 /// Where a domain lies, as it is told to all ranks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Extent {
-    pub(crate) place: Place,
+    pub(crate) place: DomainBounds,
     pub(crate) voxel_type: VoxelType,
     pub(crate) level: u32,
 }
 
 /// Of a lattice, or of a mesh of cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Place {
-    Lattice { lattice: Lattice, of_cells: bool },
+pub(crate) enum DomainBounds {
+    EvenGrid { lattice: EvenGrid, of_cells: bool },
     Box { lower: [f64; 3], upper: [f64; 3], cells: f64, of_cells: bool },
 }
 
@@ -31,10 +31,12 @@ impl Extent {
     /// None, where no point of the domain is anywhere.
     pub(crate) fn of(domain: &Domain) -> Option<Self> {
         let place = match &domain.geometry {
-            Geometry::Lattice(lattice) => Place::Lattice { lattice: *lattice, of_cells: domain.field.of_cells },
+            Geometry::EvenGrid(lattice) => {
+                DomainBounds::EvenGrid { lattice: *lattice, of_cells: domain.field.of_cells }
+            }
             Geometry::Cells(mesh) => {
                 let [lower, upper] = mesh.points.bounds()?.map(Into::into);
-                Place::Box { lower, upper, cells: mesh.cells() as f64, of_cells: domain.field.of_cells }
+                DomainBounds::Box { lower, upper, cells: mesh.cells() as f64, of_cells: domain.field.of_cells }
             }
         };
         Some(Self { place, voxel_type: domain.voxel_type(), level: domain.level })
@@ -43,10 +45,10 @@ impl Extent {
     /// Twelve numbers.
     pub(crate) fn to_bytes(self) -> Vec<u8> {
         let (kind, numbers) = match self.place {
-            Place::Lattice { lattice: Lattice { origin, spacing, dims }, of_cells } => {
+            DomainBounds::EvenGrid { lattice: EvenGrid { origin, spacing, dims }, of_cells } => {
                 (f64::from(u8::from(of_cells)), [origin, spacing, dims.map(|d| d as f64)])
             }
-            Place::Box { lower, upper, cells, of_cells } => {
+            DomainBounds::Box { lower, upper, cells, of_cells } => {
                 (2.0, [lower, upper, [cells, f64::from(u8::from(of_cells)), 0.0]])
             }
         };
@@ -61,10 +63,10 @@ impl Extent {
         let one = |n: &[f64; 12]| {
             let [a, b, c] = [3, 6, 9].map(|first| [n[first], n[first + 1], n[first + 2]]);
             let place = if n[0] < 2.0 {
-                let lattice = Lattice { origin: a, spacing: b, dims: c.map(|d| d as usize) };
-                Place::Lattice { lattice, of_cells: n[0] == 1.0 }
+                let lattice = EvenGrid { origin: a, spacing: b, dims: c.map(|d| d as usize) };
+                DomainBounds::EvenGrid { lattice, of_cells: n[0] == 1.0 }
             } else {
-                Place::Box { lower: a, upper: b, cells: c[0], of_cells: c[1] == 1.0 }
+                DomainBounds::Box { lower: a, upper: b, cells: c[0], of_cells: c[1] == 1.0 }
             };
             Self { place, voxel_type: TYPES[(n[1] as usize).min(4)], level: n[2] as u32 }
         };
@@ -74,8 +76,8 @@ impl Extent {
     /// The box it fills: cells reach beyond their centers.
     fn bounds(&self) -> [[f64; 3]; 2] {
         match self.place {
-            Place::Box { lower, upper, .. } => [lower, upper],
-            Place::Lattice { lattice: Lattice { origin, spacing, dims }, of_cells } => {
+            DomainBounds::Box { lower, upper, .. } => [lower, upper],
+            DomainBounds::EvenGrid { lattice: EvenGrid { origin, spacing, dims }, of_cells } => {
                 let beyond = if of_cells { 0.5 } else { 0.0 };
                 let end = |axis: usize, n: f64| origin[axis] + n * spacing[axis];
                 let lower = std::array::from_fn(|axis| end(axis, -beyond));
@@ -116,7 +118,7 @@ impl StatedPoints {
 ///
 /// # Errors
 /// If they fill no volume.
-pub(crate) fn lattice(extents: &[Extent], stated: Option<StatedPoints>) -> Result<Lattice, String> {
+pub(crate) fn lattice(extents: &[Extent], stated: Option<StatedPoints>) -> Result<EvenGrid, String> {
     let lattice = chosen(extents, stated)?;
     let points: f64 = lattice.dims.iter().map(|d| *d as f64).product();
     if points > STATED_MOST {
@@ -125,7 +127,7 @@ pub(crate) fn lattice(extents: &[Extent], stated: Option<StatedPoints>) -> Resul
     Ok(lattice)
 }
 
-fn chosen(extents: &[Extent], stated: Option<StatedPoints>) -> Result<Lattice, String> {
+fn chosen(extents: &[Extent], stated: Option<StatedPoints>) -> Result<EvenGrid, String> {
     let (mut lower, mut upper) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     for extent in extents {
         let [low, high] = extent.bounds();
@@ -140,14 +142,14 @@ fn chosen(extents: &[Extent], stated: Option<StatedPoints>) -> Result<Lattice, S
     }
     // Points for values of cells are in the middle of boxes that fill the mesh; those for values of points reach to its ends.
     let of_cells = extents.iter().any(|extent| match extent.place {
-        Place::Lattice { of_cells, .. } | Place::Box { of_cells, .. } => of_cells,
+        DomainBounds::EvenGrid { of_cells, .. } | DomainBounds::Box { of_cells, .. } => of_cells,
     });
     let ends = usize::from(!of_cells);
     let divided = |steps: [usize; 3]| {
         let spacing: [f64; 3] = std::array::from_fn(|axis| size[axis] / steps[axis] as f64);
         let first = if of_cells { 0.5 } else { 0.0 };
         let origin = std::array::from_fn(|axis| lower[axis] + first * spacing[axis]);
-        Lattice { origin, spacing, dims: steps.map(|n| n + ends) }
+        EvenGrid { origin, spacing, dims: steps.map(|n| n + ends) }
     };
     let cubic = |edge: f64| divided(size.map(|length| ((length / edge).round().max(1.0) as usize).min(4096)));
     match stated {
@@ -157,11 +159,11 @@ fn chosen(extents: &[Extent], stated: Option<StatedPoints>) -> Result<Lattice, S
         }
         None => {}
     }
-    let lattices: Option<Vec<Lattice>> = extents
+    let lattices: Option<Vec<EvenGrid>> = extents
         .iter()
         .map(|extent| match extent.place {
-            Place::Lattice { lattice, .. } => Some(lattice),
-            Place::Box { .. } => None,
+            DomainBounds::EvenGrid { lattice, .. } => Some(lattice),
+            DomainBounds::Box { .. } => None,
         })
         .collect();
     if let Some(lattices) = lattices {
@@ -170,15 +172,15 @@ fn chosen(extents: &[Extent], stated: Option<StatedPoints>) -> Result<Lattice, S
     let cells: f64 = extents
         .iter()
         .map(|extent| match extent.place {
-            Place::Box { cells, .. } => cells,
-            Place::Lattice { lattice, .. } => lattice.dims.iter().map(|d| *d as f64).product(),
+            DomainBounds::Box { cells, .. } => cells,
+            DomainBounds::EvenGrid { lattice, .. } => lattice.dims.iter().map(|d| *d as f64).product(),
         })
         .sum();
     Ok(cubic((size.iter().product::<f64>() / cells.clamp(FEWEST, MOST)).cbrt()))
 }
 
 /// The lattice of the finest level over the whole mesh, coarser by twos where that has too many points.
-fn finest(lattices: &[Lattice], of_cells: bool, lower: [f64; 3], size: [f64; 3]) -> Lattice {
+fn finest(lattices: &[EvenGrid], of_cells: bool, lower: [f64; 3], size: [f64; 3]) -> EvenGrid {
     let mut spacing = [f64::INFINITY; 3];
     for lattice in lattices {
         for (least, own) in spacing.iter_mut().zip(lattice.spacing) {
@@ -192,7 +194,7 @@ fn finest(lattices: &[Lattice], of_cells: bool, lower: [f64; 3], size: [f64; 3])
         });
         if dims.iter().map(|d| *d as f64).product::<f64>() <= MOST {
             let first = if of_cells { 0.5 } else { 0.0 };
-            return Lattice { origin: std::array::from_fn(|axis| lower[axis] + first * spacing[axis]), spacing, dims };
+            return EvenGrid { origin: std::array::from_fn(|axis| lower[axis] + first * spacing[axis]), spacing, dims };
         }
         spacing = spacing.map(|step| 2.0 * step);
     }
@@ -203,12 +205,12 @@ mod tests {
     use super::*;
 
     fn of_lattice(origin: [f64; 3], step: f64, dims: [usize; 3], of_cells: bool, level: u32) -> Extent {
-        let lattice = Lattice { origin, spacing: [step; 3], dims };
-        Extent { place: Place::Lattice { lattice, of_cells }, voxel_type: VoxelType::F32, level }
+        let lattice = EvenGrid { origin, spacing: [step; 3], dims };
+        Extent { place: DomainBounds::EvenGrid { lattice, of_cells }, voxel_type: VoxelType::F32, level }
     }
 
     fn of_box(upper: [f64; 3], cells: f64) -> Extent {
-        let place = Place::Box { lower: [0.0; 3], upper, cells, of_cells: true };
+        let place = DomainBounds::Box { lower: [0.0; 3], upper, cells, of_cells: true };
         Extent { place, voxel_type: VoxelType::F64, level: 0 }
     }
 
@@ -218,17 +220,17 @@ mod tests {
         let coarse = of_lattice([0.5; 3], 1.0, [8; 3], true, 0);
         let fine = of_lattice([2.25; 3], 0.5, [4; 3], true, 1);
         let shown = lattice(&[coarse, fine], None).unwrap();
-        assert_eq!(shown, Lattice { origin: [0.25; 3], spacing: [0.5; 3], dims: [16; 3] });
+        assert_eq!(shown, EvenGrid { origin: [0.25; 3], spacing: [0.5; 3], dims: [16; 3] });
         let of_points = [of_lattice([0.0; 3], 1.0, [9; 3], false, 0), of_lattice([2.0; 3], 0.5, [5; 3], false, 1)];
         let shown = lattice(&of_points, None).unwrap();
-        assert_eq!(shown, Lattice { origin: [0.0; 3], spacing: [0.5; 3], dims: [17; 3] });
+        assert_eq!(shown, EvenGrid { origin: [0.0; 3], spacing: [0.5; 3], dims: [17; 3] });
     }
 
     #[test]
     fn a_finest_level_of_too_many_points_is_shown_every_second() {
         let fine = of_lattice([0.5; 3], 1.0, [512; 3], true, 3);
         let shown = lattice(&[fine], None).unwrap();
-        assert_eq!(shown, Lattice { origin: [1.0; 3], spacing: [2.0; 3], dims: [256; 3] });
+        assert_eq!(shown, EvenGrid { origin: [1.0; 3], spacing: [2.0; 3], dims: [256; 3] });
     }
 
     #[test]
@@ -237,13 +239,13 @@ mod tests {
         let shown = lattice(&[mesh], None).unwrap();
         assert_eq!(shown.dims, [80, 40, 20]);
         let shown = lattice(&[mesh], Some(StatedPoints::Longest(16))).unwrap();
-        assert_eq!(shown, Lattice { origin: [0.125; 3], spacing: [0.25; 3], dims: [16, 8, 4] });
+        assert_eq!(shown, EvenGrid { origin: [0.125; 3], spacing: [0.25; 3], dims: [16, 8, 4] });
         let shown = lattice(&[mesh], Some(StatedPoints::Each([4, 4, 4]))).unwrap();
         assert_eq!(shown.spacing, [1.0, 0.5, 0.25]);
-        let place = Place::Box { lower: [0.0; 3], upper: [4.0, 2.0, 1.0], cells: 64_000.0, of_cells: false };
+        let place = DomainBounds::Box { lower: [0.0; 3], upper: [4.0, 2.0, 1.0], cells: 64_000.0, of_cells: false };
         let of_points = Extent { place, ..mesh };
         let shown = lattice(&[of_points], None).unwrap();
-        assert_eq!(shown, Lattice { origin: [0.0; 3], spacing: [0.05; 3], dims: [81, 41, 21] });
+        assert_eq!(shown, EvenGrid { origin: [0.0; 3], spacing: [0.05; 3], dims: [81, 41, 21] });
         assert_eq!(lattice(&[of_points], Some(StatedPoints::Longest(17))).unwrap().dims, [17, 9, 5]);
         assert!(lattice(&[of_box([1.0, 1.0, 0.0], 5.0)], None).unwrap_err().contains("no volume"));
     }
