@@ -3,6 +3,7 @@
 //! Ingest -> pipeline -> publish, and control takes parameters in. Nothing leaves it but VDIs, reduced
 //! volumes and sampled reference colors.
 
+mod arrival;
 pub mod config;
 mod control;
 mod counters;
@@ -26,6 +27,7 @@ mod triggers;
 
 pub use config::Config;
 
+use arrival::Steps;
 use ingest::{Ingest, IngestService};
 use lamina_compute::CpuShare;
 use lamina_mpi::{Inbox, Outbox};
@@ -37,7 +39,6 @@ use lamina_rpc::{MAX_MESSAGE_BYTES, v1};
 use lamina_shared_memory::{Receiver, Rings};
 use overhead::Overhead;
 use parking_lot::Mutex;
-use pipeline::Steps;
 use std::{sync::Arc, time::Duration};
 use tokio::net::TcpListener;
 use tokio::sync::watch;

@@ -1,16 +1,17 @@
 //! The pipeline: complete steps become reduced volumes or Volumetric Depth Images, in order, one at a time.
 
+use crate::arrival::{Arrived, Steps};
 use crate::config::Config;
-use crate::group::{Door, GroupArrived, GroupField, Root};
-use crate::ingest::{CompleteStep, Ingest, RunSpec};
+use crate::group::{GroupArrived, GroupField};
+use crate::ingest::RunSpec;
 use crate::key_frames::{KeyFrames, SentStep};
 use crate::node_state::NodeState;
 use crate::overhead::Coupling;
-use crate::rate_control::{GeneratedStep, Rungs, generate_within, start_params};
+use crate::rate_control::{GeneratedStep, Rungs, copy_within, generate_within, start_params};
 use crate::spans;
 use crate::steering::{Changes, SteeringRelay};
 use crate::step::{FieldSource, Purpose, Step};
-use crate::triggers::{Fired, Statistics, Triggers, write_picture, write_raw};
+use crate::triggers::{Fired, Statistics, Triggers, write_copy, write_picture, write_raw};
 use lamina_codec::EncodedStep;
 use lamina_compute::{Activity, Laps, Priority};
 use lamina_model::suggest::{suggest, suggest_camera};
@@ -24,7 +25,7 @@ use parking_lot::Mutex;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 use tokio::sync::watch;
 
 /// What the configuration says of the pipeline.
@@ -73,61 +74,13 @@ struct NextRun {
 /// What triggers see of a step: statistics, and its voxels where they may be asked for.
 type Seen = (Statistics, Option<Voxels>);
 
-/// Where whole steps come from.
-pub(crate) enum Steps {
-    /// From the ranks that bring their bricks to this node.
-    Own(Arc<Ingest>),
-    /// From the members of a group.
-    Group(Arc<Root>, Arc<Door>),
-}
-
-/// A whole step.
-enum Arrived {
-    Own(CompleteStep),
-    Group(Arc<Root>, GroupArrived),
-}
-
-impl Steps {
-    /// Waits until there is one.
-    async fn wait(&self) {
-        match self {
-            Self::Own(ingest) => ingest.complete().await,
-            Self::Group(_, door) => door.whole().await,
-        }
-    }
-
-    /// The one to be worked on now.
-    fn take(&self) -> Option<Arrived> {
-        match self {
-            Self::Own(ingest) => ingest.take().map(Arrived::Own),
-            Self::Group(root, door) => Some(Arrived::Group(root.clone(), door.take()?)),
-        }
-    }
-}
-
-impl Arrived {
-    /// Run id, step, time, steps dropped so far.
-    fn numbers(&self) -> (&str, u64, f64, u64) {
-        match self {
-            Self::Own(step) => (&step.run_id, step.step, step.time, step.dropped_steps),
-            Self::Group(_, step) => (&step.run_id, step.step, step.time, step.dropped_steps),
-        }
-    }
-
-    /// When it was whole; now, if that is not known.
-    fn completed(&self) -> SystemTime {
-        match self {
-            Self::Own(step) => SystemTime::now() - step.completed.elapsed(),
-            Self::Group(..) => SystemTime::now(),
-        }
-    }
-
-    fn spec(&self) -> &RunSpec {
-        match self {
-            Self::Own(step) => &step.spec,
-            Self::Group(_, step) => &step.spec,
-        }
-    }
+/// What triggers that fired leave to be done.
+#[derive(Default)]
+struct Pulled {
+    names: Vec<String>,
+    is_pictured: bool,
+    /// The most kilobytes of the copy that is asked for.
+    copy_kb: Option<u32>,
 }
 
 /// Turns steps into frames, until `stop` is true and none is left.
@@ -192,7 +145,8 @@ impl Pipeline {
             // The next step begins with what fitted.
             self.start = Some(params);
         }
-        let (triggers, is_pictured) = seen.map_or_else(Default::default, |seen| self.pull_triggers(&step, seen, &cost));
+        let Pulled { names: triggers, is_pictured, copy_kb } =
+            seen.map_or_else(Pulled::default, |seen| self.pull_triggers(&step, seen, &cost));
         let (mut items, mut has_reference) = (Vec::new(), false);
         let Config { reference_every: every, live_batches, .. } = *self.settings.config.borrow();
         if every > 0 && number.is_multiple_of(every) {
@@ -215,6 +169,10 @@ impl Pipeline {
             self.keep_picture(&step);
             timeline.lap("picture", []);
             laps.lap(Activity::Generate);
+        }
+        if let Some(kilobytes) = copy_kb {
+            self.keep_copy(&step, kilobytes, laps);
+            timeline.lap("copy", []);
         }
         let traced = Trace::of_step(Role::Generator, &step.run.id, number);
         timeline.send_first(
@@ -256,6 +214,14 @@ impl Pipeline {
         }
     }
 
+    /// Generates and writes the copy that a trigger asks for.
+    fn keep_copy(&self, step: &Step, kilobytes: u32, laps: &mut Laps) {
+        match copy_within(step, 1000 * u64::from(kilobytes), &self.node.options, laps) {
+            Ok(copy) => write_copy(self.settings.trigger_folder.clone(), &step.run, step.step, copy.bytes),
+            Err(error) => tracing::error!(step = step.step, %error, "no copy for a trigger"),
+        }
+    }
+
     /// What the triggers are to see of a step, if there are any.
     fn look_at(&self, voxels: &Voxels) -> Option<Seen> {
         let wants_voxels = {
@@ -265,16 +231,15 @@ impl Pipeline {
         Some((Statistics::of(voxels), wants_voxels.then(|| voxels.clone())))
     }
 
-    /// Looks at a step for the triggers; does what those that fire ask for. Returns their names, and whether one asks for a picture,
-    /// which is to be cast once the step is on its way.
-    fn pull_triggers(&mut self, step: &Step, (statistics, mut voxels): Seen, cost: &Cost) -> (Vec<String>, bool) {
-        let mut is_pictured = false;
+    /// Looks at a step for the triggers; does what those that fire ask for, as far as it is not to be done once the step is on its way.
+    fn pull_triggers(&mut self, step: &Step, (statistics, mut voxels): Seen, cost: &Cost) -> Pulled {
+        let mut pulled = Pulled::default();
         let Settings { triggers, trigger_folder, steering, .. } = &self.settings;
         let fired = triggers.lock().evaluate(&step.run.id, (step.step, step.time), &statistics, cost);
-        for Fired { name, actions } in &fired {
+        for Fired { name, actions, copy_kb } in fired {
             tracing::warn!(step = step.step, trigger = name, "trigger fired");
             *self.node.counters.fired.lock().entry(name.clone()).or_default() += 1;
-            for action in actions {
+            for action in &actions {
                 let ask = |request| {
                     let asked = steering.steer(&step.run.id, Steering { request, asked_by: format!("trigger {name}") });
                     asked
@@ -289,11 +254,14 @@ impl Pipeline {
                             write_raw(trigger_folder.clone(), &step.run, step.step, voxels);
                         }
                     }
-                    TriggerAction::Picture => is_pictured = true,
+                    TriggerAction::Picture => pulled.is_pictured = true,
+                    // One, the finest.
+                    TriggerAction::Copy => pulled.copy_kb = pulled.copy_kb.max(copy_kb),
                 }
             }
+            pulled.names.push(name);
         }
-        (fired.into_iter().map(|fired| fired.name).collect(), is_pictured)
+        pulled
     }
 
     fn prepare(&mut self, step: Arrived) -> Result<(Step, Option<Seen>), Invalid> {

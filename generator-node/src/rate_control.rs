@@ -5,7 +5,7 @@ use crate::step::Step;
 use lamina_codec::volume::ReferenceVolume;
 use lamina_codec::{EncodeOptions, EncodedStep};
 use lamina_compute::Laps;
-use lamina_model::{Cost, GenerationParams, Invalid, Representation, Setting};
+use lamina_model::{Cost, GenerationParams, Invalid, Limits, Representation, Setting};
 use std::time::Duration;
 
 /// A step generated.
@@ -99,6 +99,22 @@ pub(crate) fn generate_within(
     rung.rest(first, at, limit.map_or(0.0, |limit| encoded.cost.size_bytes as f64 / limit as f64));
     let encoded = EncodedStep { cost: Cost { generation, encode, ..encoded.cost }, ..encoded };
     Ok(GeneratedStep { params, encoded, fell_back: at > first_wanted })
+}
+
+/// Error bound of the finest copy of a step.
+const COPY_BOUND: f64 = 0.0005;
+
+/// The step as fine as fits `size_bytes`: a reduced volume of all its points, or one that is coarser; a VDI where it can be none.
+pub(crate) fn copy_within(
+    step: &Step,
+    size_bytes: u64,
+    options: &EncodeOptions,
+    laps: &mut Laps,
+) -> Result<EncodedStep, Invalid> {
+    let wanted = GenerationParams::volume(step.longest_side().max(1), COPY_BOUND)?;
+    let limits = Limits { size_bytes: Some(size_bytes), ..Limits::default() };
+    let setting = Setting { limits, ..Setting::default() };
+    generate_within(step, wanted, &setting, None, options, (laps, &mut Rungs::default())).map(|made| made.encoded)
 }
 
 /// `wanted` with ever wider bounds, the narrowest first.

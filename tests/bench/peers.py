@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """What users would ship instead of what Lamina sends: SZ3, SPERR and zfp of the volume, and pictures of the six views.
 
-Writes peers.csv, which `lamina-lab rd --peers` takes, and the decoded volumes beside it. Needs vtk, pysz, zfpy, h5py, hdf5plugin,
-numpy and pillow: `python3 -m pip install vtk pysz zfpy h5py hdf5plugin numpy pillow`.
+Writes peers.csv, which `lamina-lab rd --peers` takes, and the decoded volumes beside it. Needs vtk, zfpy, h5py, hdf5plugin, numpy and
+pillow: `python3 -m pip install vtk zfpy h5py hdf5plugin numpy pillow`.
 """
 
 import argparse
@@ -11,13 +11,13 @@ import pathlib
 import re
 import subprocess
 import sys
+import time
 
 import h5py
 import hdf5plugin
 import numpy as np
 import zfpy
 from PIL import Image
-from pysz import sz, szConfig, szErrorBoundMode
 
 ANGLES_DEG = [10, 20, 30, 40, 50, 60]
 # Error bounds as shares of the range of values.
@@ -55,30 +55,33 @@ def volume_of(path, time_step):
     return np.frombuffer(data, match.group(4)).reshape(dims[::-1]).astype(np.float32)
 
 
+def stored(values, filters):
+    """Bytes in an HDF5 file under `filters`, milliseconds of writing, and the values read back."""
+    file = io.BytesIO()
+    with h5py.File(file, "w") as packed:
+        start = time.perf_counter()
+        data = packed.create_dataset("values", data=values, chunks=values.shape, **filters)
+        packed.flush()
+        encode_ms = 1e3 * (time.perf_counter() - start)
+        size = data.id.get_storage_size()
+    with h5py.File(file, "r") as packed:
+        return size, encode_ms, packed["values"][...]
+
+
 def sz3(values, bound):
-    config = szConfig()
-    config.errorBoundMode = szErrorBoundMode.ABS
-    config.absErrorBound = float(bound)
-    packed = sz.compress(values, config)[0]
-    return len(packed), sz.decompress(packed, np.float32, values.shape)[0]
+    return stored(values, hdf5plugin.SZ3(absolute=float(bound)))
 
 
 def sperr(values, bound):
     """With half the bound as root mean square error: the mode in which it is smallest."""
     psnr = 20 * np.log10(2 * float(values.max() - values.min()) / float(bound))
-    file = io.BytesIO()
-    with h5py.File(file, "w") as packed:
-        filters = hdf5plugin.Sperr(peak_signal_to_noise_ratio=psnr, swap=True)
-        size = packed.create_dataset("values", data=values, chunks=values.shape, **filters).id
-        packed.flush()
-        size = size.get_storage_size()
-    with h5py.File(file, "r") as packed:
-        return size, packed["values"][...]
+    return stored(values, hdf5plugin.Sperr(peak_signal_to_noise_ratio=psnr, swap=True))
 
 
 def zfp(values, bound):
+    start = time.perf_counter()
     packed = zfpy.compress_numpy(values, tolerance=float(bound))
-    return len(packed), zfpy.decompress_numpy(packed)
+    return len(packed), 1e3 * (time.perf_counter() - start), zfpy.decompress_numpy(packed)
 
 
 def volumes(values, out):
@@ -93,10 +96,10 @@ def volumes(values, out):
     for name, codec in (("SZ3", sz3), ("SPERR", sperr), ("zfp", zfp)):
         for what, scaled, width, back in scales:
             for share in BOUNDS:
-                size, decoded = codec(np.ascontiguousarray(scaled), share * width)
+                size, encode_ms, decoded = codec(np.ascontiguousarray(scaled), share * width)
                 file = f"{name}{what}_{share}.raw".replace(" ", "_")
                 (out / file).write_bytes(back(decoded).astype("<f4").tobytes())
-                yield f"{name},{share} of the range{what},{size},,{file}"
+                yield f"{name},{share} of the range{what},{size},,{encode_ms:.2f},{file}"
 
 
 def pictures(arguments, out):
@@ -117,9 +120,9 @@ def pictures(arguments, out):
             size += packed.tell()
             seen = np.asarray(Image.open(packed).convert("RGB"), np.float64)
             error += np.mean((seen - view) ** 2) / 255**2
-        yield f"six {kind},quality {setting['quality']},{size},{-10 * np.log10(error / len(views)):.3f},"
+        yield f"six {kind},quality {setting['quality']},{size},{-10 * np.log10(error / len(views)):.3f},,"
     lossless = sum((out / f"view_{a}.png").stat().st_size for a in ANGLES_DEG)
-    yield f"six PNG,lossless,{lossless},inf,"
+    yield f"six PNG,lossless,{lossless},inf,,"
 
 
 def main():
@@ -127,14 +130,16 @@ def main():
     parser.add_argument("input", type=pathlib.Path)
     parser.add_argument("--time-step", type=int, default=0)
     parser.add_argument("--scene")
+    parser.add_argument("--volumes-only", action="store_true", help="codecs of volumes alone, no pictures")
     parser.add_argument("--lamina", default="target/release/lamina")
     parser.add_argument("--out", type=pathlib.Path, required=True)
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     values = volume_of(arguments.input, arguments.time_step)
-    rows = ["coding,how,bytes,psnr_db,volume"]
+    rows = ["coding,how,bytes,psnr_db,encode_ms,volume"]
     rows += volumes(values, arguments.out)
-    rows += pictures(arguments, arguments.out)
+    if not arguments.volumes_only:
+        rows += pictures(arguments, arguments.out)
     (arguments.out / "peers.csv").write_text("\n".join(rows) + "\n")
 
 

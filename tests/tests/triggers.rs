@@ -4,8 +4,9 @@
 
 use glam::DVec3;
 use lamina_client::{Brick, Client, RunOptions};
+use lamina_codec::{DecodeLimits, decode_any};
 use lamina_model::suggest::suggest;
-use lamina_model::{FullPolicy, Grid, Steering, SteeringRequest, Volume, VoxelType, Voxels};
+use lamina_model::{FullPolicy, Grid, Intermediate, Steering, SteeringRequest, Volume, VoxelType, Voxels};
 use lamina_raycast::{Backend, Field};
 use lamina_rpc::connect::connect;
 use lamina_rpc::credentials::Role;
@@ -38,7 +39,7 @@ fn a_step_that_meets_a_condition_pauses_the_simulation_and_is_kept() {
     let folder = tempfile::tempdir().unwrap();
     let (store, raw) = (folder.path().join("runs"), folder.path().join("raw"));
     let config = folder.path().join("generator-node.toml");
-    let triggers = "[[trigger]]\nname = \"burst\"\nwhen = \"max > 3 * prev(max) && quantile(0.5) < max / 2\"\ndo = [\"pause\", \"raw\", \"picture\"]\n\
+    let triggers = "[[trigger]]\nname = \"burst\"\nwhen = \"max > 3 * prev(max) && quantile(0.5) < max / 2\"\ndo = [\"pause\", \"raw\", \"picture\", \"copy\"]\ncopy_kb = 3\n\
                     [[trigger]]\nname = \"calm\"\nwhen = \"max < 2\"\ndo = []\n";
     std::fs::write(&config, format!("trigger_folder = \"{}\"\n{triggers}", raw.display())).unwrap();
     let node =
@@ -87,7 +88,15 @@ fn a_step_that_meets_a_condition_pauses_the_simulation_and_is_kept() {
     assert!(wait_for(Duration::from_secs(10), || files().iter().any(|f| f.extension().is_some_and(|e| e == "raw"))));
     let ending = |e: &str| files().into_iter().find(|f| f.extension().is_some_and(|of| of == e));
     assert!(wait_for(Duration::from_secs(10), || ending("png").is_some()));
-    assert_eq!(files().len(), 2, "{:?}", files());
+    assert!(wait_for(Duration::from_secs(10), || ending("vdi").is_some()));
+    assert_eq!(files().len(), 3, "{:?}", files());
+    // The copy has all points, each within the bound of a copy where that fits; the recorded step is as it was.
+    let copy = std::fs::read(ending("vdi").unwrap()).unwrap();
+    assert!(copy.len() <= 3000, "{} bytes", copy.len());
+    let Intermediate::Volume(copy) = decode_any(&copy, &DecodeLimits::default()).unwrap() else {
+        panic!("not a reduced volume")
+    };
+    assert_eq!((copy.grid().dims(), copy.params().error_bound()), ([SIDE; 3], 0.0005));
     let file = &ending("raw").unwrap();
     let read = Series::open(file, &Options::default()).unwrap().read(0).unwrap();
     assert_eq!(read.voxels(), &Voxels::F32(voxels(PEAKS[3])), "{}", file.display());

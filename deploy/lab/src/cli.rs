@@ -194,7 +194,10 @@ pub(crate) struct Rd {
     /// Folder for rd.csv, bd.csv and rd.svg
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Encodings that other programs made, to compare with: a table `coding,how,bytes,psnr_db,volume`, as tests/bench/peers.py writes
+    /// Measure reduced volumes alone, not VDIs
+    #[arg(long)]
+    pub volumes_only: bool,
+    /// Encodings that other programs made, to compare with: a table `coding,how,bytes,psnr_db,encode_ms,volume`, as tests/bench/peers.py writes
     #[arg(long, value_name = "TABLE.csv")]
     pub peers: Option<PathBuf>,
 }

@@ -18,6 +18,12 @@ pub(crate) fn write_picture(folder: PathBuf, run: &RunInfo, step: u64, image: Im
     std::thread::spawn(move || write(&folder, &name, step, || png(&image).map_err(std::io::Error::other)));
 }
 
+/// Writes the bytes of a step of `run` into `folder`, on a thread of its own.
+pub(crate) fn write_copy(folder: PathBuf, run: &RunInfo, step: u64, encoded: Vec<u8>) {
+    let name = format!("{}_{step:06}.vdi", run.id);
+    std::thread::spawn(move || write(&folder, &name, step, || Ok(encoded)));
+}
+
 fn write(folder: &Path, name: &str, step: u64, bytes: impl FnOnce() -> std::io::Result<Vec<u8>>) {
     let file = folder.join(name).display().to_string();
     match bytes().and_then(|bytes| write_whole(folder, name, &bytes)) {

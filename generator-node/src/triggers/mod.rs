@@ -4,7 +4,7 @@ mod condition;
 mod files;
 mod statistics;
 
-pub(crate) use files::{write_picture, write_raw};
+pub(crate) use files::{write_copy, write_picture, write_raw};
 pub(crate) use statistics::{Moments, Statistics, sample_stride};
 
 use condition::Condition;
@@ -31,6 +31,7 @@ impl Trigger {
         if when.len() > LONGEST {
             return Err(Invalid::new("trigger.when", format!("\"{name}\": longer than {LONGEST} bytes")));
         }
+        spec.check_copy()?;
         let condition = Condition::parse(when);
         let condition = condition.map_err(|e| Invalid::new("trigger.when", format!("\"{name}\": {e}")))?;
         Ok(Self { spec: spec.clone(), condition, was_true: false })
@@ -44,6 +45,8 @@ pub(crate) struct Fired {
     pub name: String,
     /// What is to be done.
     pub actions: BTreeSet<TriggerAction>,
+    /// The most kilobytes of a copy.
+    pub copy_kb: Option<u32>,
 }
 
 /// All triggers of a node, and what they remember of a run.
@@ -163,8 +166,8 @@ impl Triggers {
                 condition::Quantity::Quantile(p) => statistics.quantile(p),
             });
             if is_true && !trigger.was_true {
-                let TriggerSpec { name, actions, .. } = trigger.spec.clone();
-                fired.push(Fired { name, actions });
+                let TriggerSpec { name, actions, copy_kb, .. } = trigger.spec.clone();
+                fired.push(Fired { name, actions, copy_kb });
             }
             trigger.was_true = is_true;
         }
@@ -178,7 +181,8 @@ mod tests {
     use lamina_model::Voxels;
 
     fn spec(name: &str, when: &str) -> TriggerSpec {
-        TriggerSpec { name: name.into(), when: when.into(), actions: BTreeSet::from([TriggerAction::Pause]) }
+        let actions = BTreeSet::from([TriggerAction::Pause]);
+        TriggerSpec { name: name.into(), when: when.into(), actions, copy_kb: None }
     }
 
     #[test]
@@ -249,6 +253,11 @@ mod tests {
         refused(&[spec("a", "psnr > 1")], "psnr");
         refused(&[spec("a", &format!("max > {}1{}", "(".repeat(500), ")".repeat(500)))], "longer than");
         refused(&[spec("a", "max >")], "\"a\"");
+        refused(&[TriggerSpec { copy_kb: Some(100), ..spec("a", "max > 1") }], "no copy");
+        let actions = BTreeSet::from([TriggerAction::Copy]);
+        for copy_kb in [None, Some(0)] {
+            refused(&[TriggerSpec { actions: actions.clone(), copy_kb, ..spec("a", "max > 1") }], "copy_kb = 5000");
+        }
         let many: Vec<_> = (0..=TriggerSpec::MOST).map(|n| spec(&format!("t{n}"), "max > 1")).collect();
         refused(&many, "no more");
     }

@@ -1,5 +1,6 @@
 //! Triggers: conditions over each step, and what is done at the step where one becomes true.
 
+use crate::Invalid;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::fmt;
@@ -15,11 +16,27 @@ pub struct TriggerSpec {
     /// What is done at a step where the condition is true and was not at the step before.
     #[serde(rename = "do")]
     pub actions: BTreeSet<TriggerAction>,
+    /// The most kilobytes of a copy; stated where one is to be kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub copy_kb: Option<u32>,
 }
 
 impl TriggerSpec {
     /// The most of a node.
     pub const MOST: usize = 64;
+
+    /// Checked: a size stands where a copy is to be kept, and nowhere else.
+    ///
+    /// # Errors
+    /// Names the trigger.
+    pub fn check_copy(&self) -> Result<(), Invalid> {
+        let reason = match (self.actions.contains(&TriggerAction::Copy), self.copy_kb) {
+            (true, None | Some(0)) => "a copy is to be kept; state its most kilobytes, such as copy_kb = 5000",
+            (false, Some(_)) => "copy_kb is stated, and no copy is to be kept; add \"copy\" to what is done",
+            _ => return Ok(()),
+        };
+        Err(Invalid::new("trigger.copy_kb", format!("\"{}\": {reason}", self.name)))
+    }
 }
 
 impl fmt::Display for TriggerSpec {
@@ -42,6 +59,8 @@ pub enum TriggerAction {
     Raw,
     /// Writes a picture of the step, ray-cast from the scene's camera.
     Picture,
+    /// Writes the step once more, as fine as fits `copy_kb`.
+    Copy,
 }
 
 impl TriggerAction {
@@ -51,6 +70,7 @@ impl TriggerAction {
             Self::Stop => "stop",
             Self::Raw => "raw",
             Self::Picture => "picture",
+            Self::Copy => "copy",
         }
     }
 }

@@ -596,6 +596,9 @@ pub struct Trigger {
     pub when: ::prost::alloc::string::String,
     #[prost(enumeration = "TriggerAction", repeated, tag = "3")]
     pub actions: ::prost::alloc::vec::Vec<i32>,
+    /// The most kilobytes of a copy, where one is written.
+    #[prost(uint32, optional, tag = "4")]
+    pub copy_kb: ::core::option::Option<u32>,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct TriggerList {
@@ -699,6 +702,8 @@ pub enum TriggerAction {
     /// Write the step's voxels, or a picture of it, into the node's folder.
     Raw = 3,
     Picture = 4,
+    /// Write the step once more, as fine as fits copy_kb.
+    Copy = 5,
 }
 impl TriggerAction {
     /// String value of the enum field names used in the ProtoBuf definition.
@@ -712,6 +717,7 @@ impl TriggerAction {
             Self::Stop => "TRIGGER_ACTION_STOP",
             Self::Raw => "TRIGGER_ACTION_RAW",
             Self::Picture => "TRIGGER_ACTION_PICTURE",
+            Self::Copy => "TRIGGER_ACTION_COPY",
         }
     }
     /// Creates an enum from field names used in the ProtoBuf definition.
@@ -722,6 +728,7 @@ impl TriggerAction {
             "TRIGGER_ACTION_STOP" => Some(Self::Stop),
             "TRIGGER_ACTION_RAW" => Some(Self::Raw),
             "TRIGGER_ACTION_PICTURE" => Some(Self::Picture),
+            "TRIGGER_ACTION_COPY" => Some(Self::Copy),
             _ => None,
         }
     }

@@ -11,32 +11,34 @@ impl From<TriggerAction> for v1::TriggerAction {
             TriggerAction::Stop => Self::Stop,
             TriggerAction::Raw => Self::Raw,
             TriggerAction::Picture => Self::Picture,
+            TriggerAction::Copy => Self::Copy,
         }
     }
 }
 
 impl From<TriggerSpec> for v1::Trigger {
-    fn from(TriggerSpec { name, when, actions }: TriggerSpec) -> Self {
+    fn from(TriggerSpec { name, when, actions, copy_kb }: TriggerSpec) -> Self {
         let actions = actions.into_iter().map(|action| v1::TriggerAction::from(action).into()).collect();
-        Self { name, when, actions }
+        Self { name, when, actions, copy_kb }
     }
 }
 
 impl TryFrom<v1::Trigger> for TriggerSpec {
     type Error = Invalid;
 
-    fn try_from(v1::Trigger { name, when, actions }: v1::Trigger) -> Result<Self, Invalid> {
+    fn try_from(v1::Trigger { name, when, actions, copy_kb }: v1::Trigger) -> Result<Self, Invalid> {
         let action = |number| match v1::TriggerAction::try_from(number) {
             Ok(v1::TriggerAction::Pause) => Ok(TriggerAction::Pause),
             Ok(v1::TriggerAction::Stop) => Ok(TriggerAction::Stop),
             Ok(v1::TriggerAction::Raw) => Ok(TriggerAction::Raw),
             Ok(v1::TriggerAction::Picture) => Ok(TriggerAction::Picture),
+            Ok(v1::TriggerAction::Copy) => Ok(TriggerAction::Copy),
             Ok(v1::TriggerAction::Unspecified) | Err(_) => {
-                Err(Invalid::new("trigger.do", format!("{number} is none of pause, stop, raw and picture")))
+                Err(Invalid::new("trigger.do", format!("{number} is none of pause, stop, raw, picture and copy")))
             }
         };
         let actions = actions.into_iter().map(action).collect::<Result<_, _>>()?;
-        Ok(Self { name, when, actions })
+        Ok(Self { name, when, actions, copy_kb })
     }
 }
 

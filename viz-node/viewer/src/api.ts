@@ -83,13 +83,15 @@ export interface SteerableNumber {
 }
 
 /** What is done where a trigger fires, beside that it is recorded. */
-export type TriggerAction = "pause" | "stop" | "raw" | "picture";
+export type TriggerAction = "pause" | "stop" | "raw" | "picture" | "copy";
 
 /** A condition over each step, and what is done at the step where it becomes true. */
 export interface Trigger {
   name: string;
   when: string;
   do: TriggerAction[];
+  /** The most kilobytes of a copy. */
+  copy_kb?: number;
 }
 
 /** What the simulation can be asked for. */

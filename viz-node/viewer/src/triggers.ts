@@ -19,10 +19,11 @@ async function ask(change: { set: Trigger } | { remove: string }, words: string)
 }
 
 /** The trigger in the form, to be changed. */
-function edit({ name, when, do: actions }: Trigger): void {
+function edit({ name, when, do: actions, copy_kb }: Trigger): void {
   byId<HTMLInputElement>("trigger-name").value = name;
   byId<HTMLInputElement>("trigger-when").value = when;
   actionBoxes().forEach((box) => (box.checked = actions.includes(box.value as TriggerAction)));
+  if (copy_kb !== undefined) byId<HTMLInputElement>("trigger-copy").value = String(copy_kb);
   byId("trigger-when").focus();
 }
 
@@ -42,7 +43,7 @@ function button(text: string, label: string, act: () => void): HTMLButtonElement
 }
 
 function entry(trigger: Trigger): HTMLElement {
-  const { name, when, do: actions } = trigger;
+  const { name, when, do: actions, copy_kb } = trigger;
   const [item, title, condition, tools] = [
     document.createElement("li"),
     document.createElement("b"),
@@ -60,7 +61,8 @@ function entry(trigger: Trigger): HTMLElement {
   const change = button("Change", `Change trigger ${name}`, () => edit(trigger));
   const remove = button("Remove", `Remove trigger ${name}`, () => void ask({ remove: name }, `removed ${name}`));
   tools.append(fired, change, remove);
-  item.append(title, ` ${actions.join(", ") || "record"} when `, condition, tools);
+  const done = actions.map((action) => (action === "copy" ? `copy of at most ${copy_kb} kB` : action));
+  item.append(title, ` ${done.join(", ") || "record"} when `, condition, tools);
   return item;
 }
 
@@ -94,7 +96,8 @@ export function listenToTriggers(): void {
     event.preventDefault();
     const [name, when] = ["trigger-name", "trigger-when"].map((id) => byId<HTMLInputElement>(id).value.trim());
     const actions = actionBoxes().filter((box) => box.checked);
-    const trigger = { name: name!, when: when!, do: actions.map((box) => box.value as TriggerAction) };
+    const trigger: Trigger = { name: name!, when: when!, do: actions.map((box) => box.value as TriggerAction) };
+    if (trigger.do.includes("copy")) trigger.copy_kb = Math.round(byId<HTMLInputElement>("trigger-copy").valueAsNumber);
     void ask({ set: trigger }, `${name} looks at the steps from the next one on`).then((done) => {
       if (done) byId<HTMLFormElement>("trigger-form").reset();
     });

@@ -30,7 +30,7 @@ const GAMMAS: [f64; 6] = [0.1, 0.05, 0.02, 0.01, 0.005, 0.002];
 const SHARES: [f64; 5] = [1.0, 0.75, 0.5, 0.375, 0.25];
 const BOUNDS: [f64; 12] = [0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025, 0.017, 0.012, 0.008, 0.005, 0.003];
 /// Decibels at which bytes are quoted.
-const QUOTED_DB: [f64; 3] = [36.0, 40.0, 44.0];
+const QUOTED_DB: [f64; 4] = [36.0, 40.0, 44.0, 48.0];
 
 /// The anchor of all comparisons, what the paper has, and what else is done with VDIs, one thing after the other.
 const VDI_CODINGS: [(&str, Segmentation, EncodeOptions, Detail); 5] = [
@@ -175,14 +175,17 @@ pub(crate) fn rd(arguments: &cli::Rd) -> anyhow::Result<()> {
     let field = prepare(volume, &scene);
     let plan = SamplePlan { batches: 64, ..SamplePlan::default() };
     let reference = kernels.cast.reference_samples(&field, &plan, arguments.input.time_step as u64)?;
-    let encodings = RAYS.len() * GAMMAS.len() * VDI_CODINGS.len() + SHARES.len() * BOUNDS.len();
+    let of_vdis = if arguments.volumes_only { 0 } else { RAYS.len() * GAMMAS.len() * VDI_CODINGS.len() };
+    let encodings = of_vdis + SHARES.len() * BOUNDS.len();
     let bar = ProgressBar::new(encodings as u64);
     let style = ProgressStyle::with_template("{bar:30} {pos}/{len} encodings  {elapsed}  {eta} to go")?;
     bar.set_style(style);
     let bench = RateDistortion { field, kernels, reference, bar };
     let base = VdiParams::new(1, 0.0)?.with_step_voxels(scene.step_voxels)?.into();
     let mut results = Results { curves: Vec::new(), out: &arguments.out };
-    bench.vdis(&base, &mut results)?;
+    if !arguments.volumes_only {
+        bench.vdis(&base, &mut results)?;
+    }
     if most_points(&bench.field) > 0 {
         bench.volumes(&base, &mut results)?;
     } else {

@@ -8,9 +8,9 @@ use lamina_raycast::Field;
 use lamina_vdi_render::{Detail, Drawable};
 use std::path::Path;
 
-/// First line of such a table. One of the last two is empty: a coding of pictures states its PSNR, one of volumes names the
-/// decoded volume, 32-bit floats in a file beside the table.
-const HEADER: &str = "coding,how,bytes,psnr_db,volume";
+/// First line of such a table. A coding of pictures states its PSNR, one of volumes the time it took and the decoded volume, 32-bit
+/// floats in a file beside the table; what is not stated is empty.
+const HEADER: &str = "coding,how,bytes,psnr_db,encode_ms,volume";
 
 /// The curves in `table`, its volumes shown by `bench` as its own are.
 ///
@@ -24,7 +24,7 @@ pub(super) fn curves(table: &Path, bench: &RateDistortion) -> anyhow::Result<Vec
     let mut curves: Vec<RateCurve> = Vec::new();
     for line in lines {
         let fields: Vec<&str> = line.split(',').collect();
-        let &[coding, how, bytes, psnr_db, volume] = fields.as_slice() else {
+        let &[coding, how, bytes, psnr_db, encode_ms, volume] = fields.as_slice() else {
             anyhow::bail!("{name}: \"{line}\" has not the fields {HEADER}");
         };
         let psnr_db = if volume.is_empty() {
@@ -37,7 +37,11 @@ pub(super) fn curves(table: &Path, bench: &RateDistortion) -> anyhow::Result<Vec
             bench.psnr_db(&Drawable::Volume(Box::new(Field::new(volume, bench.field.scene()))), Detail::Cubic)?
         };
         let bytes = bytes.parse().with_context(|| format!("{name}: bytes of \"{line}\""))?;
-        let sample = Sample { bytes, psnr_db, how: how.to_owned(), times_ms: [f64::NAN; 3] };
+        let encode_ms = match encode_ms {
+            "" => f64::NAN,
+            stated => stated.parse().with_context(|| format!("{name}: time of \"{line}\""))?,
+        };
+        let sample = Sample { bytes, psnr_db, how: how.to_owned(), times_ms: [f64::NAN, encode_ms, f64::NAN] };
         match curves.iter_mut().find(|c| c.coding == coding) {
             Some(curve) => curve.samples.push(sample),
             None => curves.push(RateCurve::new(coding, vec![sample])),
