@@ -1,7 +1,7 @@
 # Sourced by the batch scripts. Needs lamina, generator-node, viz-node and tuner on the PATH.
-# Where the nodes listen follows from the job alone: its first host, and three ports from its number. Nothing is written that could be
+# Where the nodes listen follows from the job alone: the first host of LAMINA_NODELIST (of the allocation, if that is empty), and three ports from its number. Nothing is written that could be
 # read when it is old.
-lamina_host() { scontrol show hostnames "${1:-$SLURM_JOB_NODELIST}" | head -1; }
+lamina_host() { scontrol show hostnames "${LAMINA_NODELIST:-$SLURM_JOB_NODELIST}" | head -1; }
 lamina_port() { echo $((20000 + SLURM_JOB_ID % 10000 * 3 + $1)); }
 
 # lamina_start FOLDER [SRUN OPTIONS]: the nodes on the first host of the allocation, beside what else runs there; a group of
@@ -31,7 +31,7 @@ lamina_start() {
 lamina_stop() {
     sleep "${LAMINA_LINGER:-3}"
     local step
-    for step in $(squeue --steps --noheader --format='%i %j' --jobs="$SLURM_JOB_ID" | awk '$2 ~ /^(generator-node|viz-node|tuner)$/ { print $1 }'); do
+    for step in $(squeue --steps --noheader --format='%i %j' --jobs="$SLURM_JOB_ID${SLURM_JOB_ID_HET_GROUP_1:+,$SLURM_JOB_ID_HET_GROUP_1}" | awk '$2 ~ /^(generator-node|viz-node|tuner)$/ { print $1 }'); do
         scancel --signal=TERM "$step"
     done
     wait
