@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Bytes of whole volumes under a bound on the error of each value, nothing hidden: Lamina's reduced volume beside SZ3, SPERR and zfp.
 
-    tests/bench/setup; out/bench/venv/bin/python3 -m pip install zfpy==1.0.1.post0 h5py hdf5plugin==7.1.0
+    tests/bench/setup; out/bench/venv/bin/python3 -m pip install pysz==1.1.0 zfpy==1.0.1.post0 h5py hdf5plugin==7.1.0
     out/bench/venv/bin/python3 tests/bench/error_bounds.py athena_snr.pvd@20 engine_256x256x128_uint8.raw.gz ...
 
 Bounds are shares of the range of values. The error of what was decoded is checked; times are of encoding, Lamina's and zfp's on one
@@ -20,7 +20,7 @@ import hdf5plugin
 import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).parent))
-from peers import stored, volume_of, zfp
+from peers import stored, sz3, volume_of, zfp
 
 BOUNDS = [1e-2, 1e-3, 1e-4]
 # Every value is seen alike: the same opacity throughout, from black to white.
@@ -61,7 +61,7 @@ def main():
             with tempfile.TemporaryDirectory() as folder:
                 codings = {
                     "Lamina": lamina(arguments.lamina, file, step or 0, values, share, pathlib.Path(folder)),
-                    "SZ3": stored(values, hdf5plugin.SZ3(absolute=bound)),
+                    "SZ3": sz3(values, bound),
                     "SPERR": stored(values, hdf5plugin.Sperr(absolute=bound, swap=True)),
                     "zfp": zfp(values, bound),
                 }

@@ -22,6 +22,7 @@ mod recorded;
 mod scalars;
 mod series;
 mod source;
+mod unpack;
 mod vti;
 mod vti_blocks;
 mod vti_header;

@@ -46,7 +46,7 @@ impl ArrayStep {
 
 fn open_arrays(path: &Path, options: ArrayOptions) -> Result<ArrayFile, ReadError> {
     let ending = split_name(path).1;
-    arrays::open(path, &ending, options).unwrap_or_else(|| Err(ReadError::Extension { path: path.into() }))
+    arrays::kind(path, &ending).ok_or_else(|| ReadError::Extension { path: path.into() })?(path, options)
 }
 
 /// The steps at `path`, one or more, and whether their times are stated there.
@@ -135,12 +135,11 @@ fn members(path: &Path) -> Result<Option<Vec<PathBuf>>, ReadError> {
 
 /// Whether a file, store or folder is of a kind that is read.
 fn is_recording(path: &Path) -> bool {
-    const ENDINGS: [&str; 14] =
-        ["vti", "nrrd", "nhdr", "raw", "raw.gz", "h5", "hdf5", "hdf", "vtkhdf", "nc", "nc4", "cdf", "tif", "tiff"];
     let ending = split_name(path).1;
+    let is_volume = ["vti", "nrrd", "nhdr", "raw", "raw.gz"].contains(&ending.as_str());
     match path.is_dir() {
         true => ending == "zarr" || arrays::is_plotfile(path),
-        false => ENDINGS.contains(&ending.as_str()),
+        false => is_volume || (ending != "zarr" && arrays::kind(path, &ending).is_some()),
     }
 }
 

@@ -3,9 +3,11 @@
 //! and by netCDF's attribute `_Unsigned`.
 
 use super::axes::{self, AxisOrder, AxisRole};
-use super::coordinates::{Attributes, Placement};
-use super::file::FieldArray;
+use super::coordinates::{Attributes, Placement, stated_time};
+use super::file::{ArrayFile, ArrayStore, FieldArray};
+use crate::ReadError;
 use crate::missing::Meaning;
+use std::path::Path;
 
 /// What is said of an array.
 pub(super) struct DescribedArray<'a> {
@@ -21,7 +23,7 @@ pub(super) struct DescribedArray<'a> {
 
 impl DescribedArray<'_> {
     /// The fields that it holds, one, or the components of a vector: `coordinate` gives the points of a named axis.
-    pub(super) fn fields(self, order: AxisOrder, coordinate: impl Fn(&str) -> Option<Vec<f64>>) -> Vec<FieldArray> {
+    fn fields(self, order: AxisOrder, coordinate: impl Fn(&str) -> Option<Vec<f64>>) -> Vec<FieldArray> {
         let Some((roles, components)) = axes::roles(&self.shape, self.axes.as_deref(), order) else {
             return Vec::new();
         };
@@ -51,5 +53,46 @@ impl DescribedArray<'_> {
             Some(at) => field.components(at),
             None => vec![field],
         }
+    }
+}
+
+/// The fields of a file's arrays, and the times of its steps.
+#[derive(Default)]
+pub(super) struct GatheredFields {
+    fields: Vec<FieldArray>,
+    /// The points of the first array's axis of time.
+    times: Option<Vec<f64>>,
+    /// The time that an array states.
+    stated: Option<f64>,
+}
+
+impl GatheredFields {
+    /// Takes in an array, if it is a field; `coordinate` gives the points of a named axis.
+    pub(super) fn add(
+        &mut self,
+        array: DescribedArray<'_>,
+        order: AxisOrder,
+        coordinate: impl Fn(&str) -> Option<Vec<f64>>,
+    ) {
+        let time = array.axes.iter().flatten().find(|name| axes::is_time(name)).cloned();
+        let attributes = array.attributes;
+        let fields = array.fields(order, &coordinate);
+        if !fields.is_empty() {
+            self.fields.extend(fields);
+            self.times = self.times.take().or_else(|| coordinate(&time?));
+            self.stated = self.stated.or_else(|| stated_time(attributes));
+        }
+    }
+
+    /// The file of these fields, whose own `attributes` may state its time.
+    pub(super) fn into_file(
+        self,
+        path: &Path,
+        attributes: Option<&dyn Attributes>,
+        store: impl ArrayStore + 'static,
+    ) -> Result<ArrayFile, ReadError> {
+        let stated = || self.stated.or_else(|| stated_time(attributes?)).map(|time| vec![time]);
+        let times = self.times.or_else(stated);
+        ArrayFile::new(path, times, self.fields, store)
     }
 }

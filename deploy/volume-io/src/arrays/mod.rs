@@ -16,14 +16,17 @@ pub(crate) use file::{ArrayFile, ArrayOptions};
 pub(crate) use plotfile::is_plotfile;
 use std::path::Path;
 
-/// Opens what has one of these endings, or is a folder of this kind; none for what is neither.
-pub(crate) fn open(path: &Path, ending: &str, options: ArrayOptions) -> Option<Result<ArrayFile, ReadError>> {
+/// How a kind of file or store is opened.
+pub(crate) type Open = fn(&Path, ArrayOptions) -> Result<ArrayFile, ReadError>;
+
+/// How what has one of these endings, or is a folder of this kind, is opened; none for what is neither.
+pub(crate) fn kind(path: &Path, ending: &str) -> Option<Open> {
     Some(match ending {
-        "h5" | "hdf5" | "hdf" | "vtkhdf" => hdf5::open(path, options),
-        "nc" | "nc4" | "cdf" => netcdf::open(path, options),
-        "zarr" => zarr::open(path, options),
-        "tif" | "tiff" => tiff::open(path, options),
-        _ if is_plotfile(path) => plotfile::open(path, options),
+        "h5" | "hdf5" | "hdf" | "vtkhdf" => hdf5::open,
+        "nc" | "nc4" | "cdf" => netcdf::open,
+        "zarr" => zarr::open,
+        "tif" | "tiff" => tiff::open,
+        _ if is_plotfile(path) => plotfile::open,
         _ => return None,
     })
 }

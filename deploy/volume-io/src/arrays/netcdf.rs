@@ -1,9 +1,9 @@
 //! netCDF: classic files (CDF-1, 2 and 5), whose header `netcdf-reader` reads; netCDF-4 is HDF5.
 
 use super::coordinates::{Attributes, coordinates};
-use super::described::DescribedArray;
+use super::described::{DescribedArray, GatheredFields};
 use super::file::{ArrayFile, ArrayOptions, ArrayStore, MOST_POINTS};
-use super::{axes, hdf5};
+use super::hdf5;
 use crate::ReadError;
 use crate::scalars::{ByteOrder, ScalarType};
 use lamina_model::Voxels;
@@ -31,27 +31,20 @@ pub(super) fn open(path: &Path, options: ArrayOptions) -> Result<ArrayFile, Read
         _ => return hdf5::open(path, options),
     };
     let file = Classic::open(path, format)?;
-    let mut fields = Vec::new();
-    let mut times = None;
+    let mut fields = GatheredFields::default();
     for (key, variable) in file.variables.iter().enumerate() {
         let (Some(shape), Some(scalar)) = (file.shape(variable), scalar(&variable.dtype)) else { continue };
-        let axes: Vec<String> = variable.dimensions.iter().map(|dimension| dimension.name.clone()).collect();
-        let time = axes.iter().find(|name| axes::is_time(name)).cloned();
         let stored = DescribedArray {
             name: variable.name.clone(),
             key,
             shape,
             width: scalar.size_bytes() as u8,
-            axes: Some(axes),
+            axes: Some(variable.dimensions.iter().map(|dimension| dimension.name.clone()).collect()),
             attributes: variable as &dyn Attributes,
         };
-        let of_array = stored.fields(options.axes, |axis| file.points(axis));
-        if !of_array.is_empty() {
-            times = times.or_else(|| file.points(&time?));
-            fields.extend(of_array);
-        }
+        fields.add(stored, options.axes, |axis| file.points(axis));
     }
-    ArrayFile::new(path, times, fields, file)
+    fields.into_file(path, None, file)
 }
 
 /// A classic file. Its numbers have the most significant byte first.

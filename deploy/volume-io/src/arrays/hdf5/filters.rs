@@ -2,7 +2,7 @@
 //!
 //! <https://github.com/HDFGroup/hdf5_plugins/blob/master/docs/RegisteredFilterPlugins.md>
 
-use crate::{blosc, lzf};
+use crate::{blosc, lzf, unpack};
 use hdf5_reader::error::Error;
 use hdf5_reader::filters::FilterRegistry;
 use hdf5_reader::messages::filter_pipeline::FilterDescription;
@@ -23,7 +23,7 @@ pub(super) fn registry() -> FilterRegistry {
     registry.register(LZF, Box::new(|of, bytes, _| said(lzf::unpacked(bytes, chunk_bytes(of, 2)))));
     registry.register(BLOSC, Box::new(|_, bytes, _| said(blosc::unpacked(bytes, MOST_BYTES))));
     registry.register(LZ4, Box::new(|_, bytes, _| said(lz4_blocks(bytes))));
-    registry.register(ZSTANDARD, Box::new(|_, bytes, _| said(blosc::unpacked_zstandard(bytes, MOST_BYTES))));
+    registry.register(ZSTANDARD, Box::new(|_, bytes, _| said(unpack::unpacked_zstandard(bytes, MOST_BYTES))));
     registry
 }
 
@@ -55,7 +55,7 @@ fn lz4_blocks(bytes: &[u8]) -> Result<Vec<u8>, String> {
         if packed == wanted {
             unpacked.extend_from_slice(data);
         } else {
-            unpacked.extend(blosc::unpacked_lz4(data, wanted)?);
+            unpacked.extend(unpack::unpacked_lz4(data, wanted)?);
         }
         rest = after;
     }

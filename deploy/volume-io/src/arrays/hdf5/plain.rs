@@ -2,9 +2,7 @@
 
 use super::datasets::{Datasets, failed, numbers, shape, width};
 use crate::ReadError;
-use crate::arrays::axes;
-use crate::arrays::coordinates::stated_time;
-use crate::arrays::described::DescribedArray;
+use crate::arrays::described::{DescribedArray, GatheredFields};
 use crate::arrays::file::{ArrayFile, ArrayOptions};
 use hdf5_reader::Dataset;
 use hdf5_reader::group::Group;
@@ -29,26 +27,18 @@ pub(super) fn open(path: &Path, root: &Group, options: ArrayOptions) -> Result<A
         }
         numbers(dataset)
     };
-    let mut fields = Vec::new();
-    let (mut times, mut stated) = (None, None);
+    let mut fields = GatheredFields::default();
     for (key, (name, dataset)) in found.iter().enumerate() {
         let (Some(shape), Some(width)) = (shape(dataset), width(dataset.dtype())) else { continue };
         let axes = dimension_scales(dataset, &scales);
         // A scale goes by its whole name, of which the last part says what it is.
         let short = axes.as_ref().map(|axes| axes.iter().map(|name| last_part(name).to_owned()).collect());
-        let whole = |short: &str| axes.as_ref()?.iter().find(|name| last_part(name) == short).cloned();
+        let whole = |short: &str| axes.as_ref()?.iter().find(|name| last_part(name) == short);
         let stored = DescribedArray { name: name.clone(), key, shape, width, axes: short, attributes: dataset };
-        let of_array = stored.fields(options.axes, |axis| points(&whole(axis)?));
-        if !of_array.is_empty() {
-            let time = axes.as_ref().and_then(|axes| axes.iter().find(|name| axes::is_time(last_part(name))));
-            times = times.or_else(|| time.and_then(|name| points(name)));
-            stated = stated.or_else(|| stated_time(dataset));
-            fields.extend(of_array);
-        }
+        fields.add(stored, options.axes, |axis| points(whole(axis)?));
     }
-    let times = times.or_else(|| stated.or_else(|| stated_time(root)).map(|time| vec![time]));
     let datasets = found.into_iter().map(|(_, dataset)| dataset).collect();
-    ArrayFile::new(path, times, fields, Datasets { path: path.into(), datasets })
+    fields.into_file(path, Some(root), Datasets { path: path.into(), datasets })
 }
 
 fn last_part(name: &str) -> &str {

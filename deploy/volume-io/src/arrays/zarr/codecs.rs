@@ -1,7 +1,7 @@
 //! The codecs of a chunk, undone from the last to the first.
 
-use crate::blosc;
 use crate::scalars::ByteOrder;
+use crate::{blosc, unpack};
 
 /// Codecs in the order in which they were applied.
 #[derive(Debug, Clone)]
@@ -63,11 +63,11 @@ impl CodecChain {
             bytes = match step {
                 ChunkCodec::Transpose(_) | ChunkCodec::Bytes(_) | ChunkCodec::Shards { .. } => bytes,
                 ChunkCodec::Blosc => blosc::unpacked(&bytes, most)?,
-                ChunkCodec::Zlib => blosc::unpacked_zlib(&bytes, most)?,
-                ChunkCodec::Gzip => blosc::read_at_most(flate2::read::MultiGzDecoder::new(&bytes[..]), most, "gzip")?,
-                ChunkCodec::Zstandard => blosc::unpacked_zstandard(&bytes, most)?,
+                ChunkCodec::Zlib => unpack::unpacked_zlib(&bytes, most)?,
+                ChunkCodec::Gzip => unpack::read_at_most(flate2::read::MultiGzDecoder::new(&bytes[..]), most, "gzip")?,
+                ChunkCodec::Zstandard => unpack::unpacked_zstandard(&bytes, most)?,
                 ChunkCodec::Lz4 => match bytes.split_first_chunk::<4>() {
-                    Some((stated, rest)) => blosc::unpacked_lz4(rest, most.min(u32::from_le_bytes(*stated) as usize))?,
+                    Some((stated, rest)) => unpack::unpacked_lz4(rest, most.min(u32::from_le_bytes(*stated) as usize))?,
                     None => return Err("an LZ4 chunk ends too early".into()),
                 },
                 ChunkCodec::Shuffle(width) => blosc::bytes_together(&bytes, *width),

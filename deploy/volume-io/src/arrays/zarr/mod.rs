@@ -7,9 +7,8 @@ mod chunks;
 mod codecs;
 mod metadata;
 
-use super::axes;
-use super::coordinates::{Attributes, coordinates, stated_time};
-use super::described::DescribedArray;
+use super::coordinates::{Attributes, coordinates};
+use super::described::{DescribedArray, GatheredFields};
 use super::file::{ArrayFile, ArrayOptions, ArrayStore, MOST_POINTS};
 use crate::ReadError;
 use crate::vti::UNNAMED_FIELD;
@@ -54,7 +53,7 @@ pub(super) fn open(path: &Path, options: ArrayOptions) -> Result<ArrayFile, Read
         let voxels = store.read(key, std::slice::from_ref(&(0..length))).ok()?;
         Some(coordinates(&voxels, &store.0[key].attributes))
     };
-    let (mut fields, mut times, mut stated) = (Vec::new(), None, None);
+    let mut fields = GatheredFields::default();
     for (key, (name, array)) in found.iter().enumerate() {
         let stored = DescribedArray {
             name: name.clone(),
@@ -64,16 +63,9 @@ pub(super) fn open(path: &Path, options: ArrayOptions) -> Result<ArrayFile, Read
             axes: array.axes.clone(),
             attributes: &array.attributes,
         };
-        let of_array = stored.fields(options.axes, |axis| points(name, axis));
-        if !of_array.is_empty() {
-            let time = array.axes.as_ref().and_then(|axes| axes.iter().find(|axis| axes::is_time(axis)));
-            times = times.or_else(|| points(name, time?));
-            stated = stated.or_else(|| stated_time(&array.attributes));
-            fields.extend(of_array);
-        }
+        fields.add(stored, options.axes, |axis| points(name, axis));
     }
-    let times = times.or_else(|| stated.or_else(|| stated_time(&of_group)).map(|time| vec![time]));
-    ArrayFile::new(path, times, fields, store)
+    fields.into_file(path, Some(&of_group), store)
 }
 
 /// What lies in a store.
