@@ -3,9 +3,9 @@
 use crate::key_frames::Predecessor;
 use crate::step::Step;
 use lamina_codec::volume::ReferenceVolume;
-use lamina_codec::{EncodeOptions, EncodedStep};
+use lamina_codec::{EncodeOptions, EncodedStep, ErrorMeasure};
 use lamina_compute::Laps;
-use lamina_model::{Cost, GenerationParams, Invalid, Limits, Representation, Setting};
+use lamina_model::{Cost, GenerationParams, Invalid, Limits, Representation, Setting, VdiParams};
 use std::time::Duration;
 
 /// A step generated.
@@ -101,20 +101,42 @@ pub(crate) fn generate_within(
     Ok(GeneratedStep { params, encoded, fell_back: at > first_wanted })
 }
 
-/// Error bound of the finest copy of a step.
-const COPY_BOUND: f64 = 0.0005;
+/// Shares of the sample points a side and error bounds of a step's copy, by falling size: each takes about half of the one before.
+const COPIES: [(f64, f64); 8] = [
+    (1.0, 0.0005),
+    (1.0, 0.002),
+    (1.0, 0.008),
+    (0.75, 0.01),
+    (0.6, 0.015),
+    (0.45, 0.02),
+    (0.35, 0.03),
+    (0.25, 0.04),
+];
 
-/// The step as fine as fits `size_bytes`: a reduced volume of all its points, or one that is coarser; a VDI where it can be none.
+/// The step as fine as fits `size_bytes`: a reduced volume of all its points, or one that is coarser, whose values are right also where
+/// the scene shows nothing of them; a VDI where it can be none.
+///
+/// # Errors
+/// If none is as small.
 pub(crate) fn copy_within(
     step: &Step,
     size_bytes: u64,
     options: &EncodeOptions,
     laps: &mut Laps,
 ) -> Result<EncodedStep, Invalid> {
-    let wanted = GenerationParams::volume(step.longest_side().max(1), COPY_BOUND)?;
+    let side = f64::from(step.longest_side().min(VdiParams::MAX_RESOLUTION));
+    let copy = |(share, bound): (f64, f64)| GenerationParams::volume((share * side).round().max(1.0) as u32, bound);
+    let fallbacks = COPIES.into_iter().map(copy).collect::<Result<Vec<_>, Invalid>>()?;
     let limits = Limits { size_bytes: Some(size_bytes), ..Limits::default() };
-    let setting = Setting { limits, ..Setting::default() };
-    generate_within(step, wanted, &setting, None, options, (laps, &mut Rungs::default())).map(|made| made.encoded)
+    let setting = Setting { limits, fallbacks, ..Setting::default() };
+    let options = EncodeOptions { error: ErrorMeasure::Everywhere, ..*options };
+    let rungs = &mut Rungs::default();
+    let made = generate_within(step, setting.fallbacks[0], &setting, None, &options, (laps, rungs))?;
+    let smallest = made.encoded.cost.size_bytes;
+    if smallest > size_bytes {
+        return Err(Invalid::new("trigger.copy_kb", format!("the smallest copy takes {smallest} bytes; allow as many")));
+    }
+    Ok(made.encoded)
 }
 
 /// `wanted` with ever wider bounds, the narrowest first.

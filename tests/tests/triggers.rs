@@ -90,13 +90,18 @@ fn a_step_that_meets_a_condition_pauses_the_simulation_and_is_kept() {
     assert!(wait_for(Duration::from_secs(10), || ending("png").is_some()));
     assert!(wait_for(Duration::from_secs(10), || ending("vdi").is_some()));
     assert_eq!(files().len(), 3, "{:?}", files());
-    // The copy has all points, each within the bound of a copy where that fits; the recorded step is as it was.
+    // The copy has all points, each value within the bound, of all that fits the size; the recorded step is as it was.
     let copy = std::fs::read(ending("vdi").unwrap()).unwrap();
     assert!(copy.len() <= 3000, "{} bytes", copy.len());
     let Intermediate::Volume(copy) = decode_any(&copy, &DecodeLimits::default()).unwrap() else {
         panic!("not a reduced volume")
     };
     assert_eq!((copy.grid().dims(), copy.params().error_bound()), ([SIDE; 3], 0.0005));
+    let range = scene.transfer.range();
+    for (unit, value) in copy.units().iter().zip(voxels(PEAKS[3])) {
+        let error = (f64::from(*unit) - f64::from(range.unit_from_value(f64::from(value)))).abs();
+        assert!(error <= 0.0005 + 1e-6, "{value} is off by {error} of the range");
+    }
     let file = &ending("raw").unwrap();
     let read = Series::open(file, &Options::default()).unwrap().read(0).unwrap();
     assert_eq!(read.voxels(), &Voxels::F32(voxels(PEAKS[3])), "{}", file.display());

@@ -1,23 +1,29 @@
 //! A run: opened at the first step, when the domains of all ranks are known.
 
 use crate::conduit::Node;
+use crate::guard::caught;
 use crate::lattice_run::{LatticeRun, lattices};
 use crate::mesh::Domain;
 use crate::options::CatalystOptions;
 use crate::ranks::Ranks;
 use crate::resampled_run::ResampledRun;
-use crate::target::{self, Extent};
+use crate::target::{self, Extent, StatedPoints};
 use lamina_client::{Brick, Client, ClientError, Receipt, RunOptions};
 use lamina_model::{Grid, SteeringRequest, VoxelType};
 
 /// Domains of a mesh with a field, and the field's name; the first field, where none is named.
 pub(crate) type Found = Result<(Vec<Domain>, Option<String>), String>;
 
+/// Reads the domains of a channel, the first if none is stated, with a field.
+pub(crate) type DomainReader<'a> = dyn Fn(Option<&str>, Option<&str>) -> Found + 'a;
+
 /// The simulation as its calls show it.
 pub(crate) struct Adaptor {
     options: CatalystOptions,
     ranks: Ranks,
     run: Option<OpenRun>,
+    /// All ranks have rank 0's options.
+    agreed: bool,
     /// The ranks know each other's domains: a run of parts of one lattice has no further collective call.
     gathered: bool,
     /// Steps so far, which number those that have no number.
@@ -46,34 +52,47 @@ enum Way {
 impl Adaptor {
     /// By the options in the node `lamina`, and the communicator, a Fortran handle.
     pub(crate) fn new(stated: Option<Node>, communicator: Option<f64>) -> Result<Self, String> {
-        let (options, ranks) = (CatalystOptions::read(stated)?, Ranks::of(communicator)?);
+        let (options, ranks) = (CatalystOptions::read(stated), Ranks::of(communicator)?);
         let numbers = options.steering.iter().flatten().map(|number| (number.name.clone(), number.value)).collect();
-        Ok(Self { options, ranks, run: None, gathered: false, calls: 0, lost: 0, paused: false, stop: false, numbers })
+        Ok(Self {
+            options,
+            ranks,
+            run: None,
+            agreed: false,
+            gathered: false,
+            calls: 0,
+            lost: 0,
+            paused: false,
+            stop: false,
+            numbers,
+        })
     }
 
-    /// What is shown of channels, if one is stated.
-    pub(crate) fn channel(&self) -> Option<&str> {
-        self.options.channel.as_deref()
-    }
-
-    /// Hands a step over, whose `domains` with a field are read here.
+    /// Hands a step over, whose domains of a channel (if one is stated) with a field are read by `domains`.
     pub(crate) fn push(
         &mut self,
         step: Option<f64>,
         time: Option<f64>,
-        domains: &dyn Fn(Option<&str>) -> Found,
+        domains: &DomainReader<'_>,
     ) -> Result<(), String> {
         let call = self.calls;
         self.calls += 1;
         let step = step.filter(|step| *step >= 0.0).map_or(call, |step| step as u64);
         let time = time.unwrap_or(step as f64);
-        let found = domains(self.options.field.as_deref());
+        if !self.agreed {
+            self.agreed = true;
+            self.ranks.duplicate()?;
+            let of_ranks = self.ranks.gather(&self.options.of_all_ranks())?;
+            self.options.take_over(&of_ranks[0]);
+        }
         if !self.gathered {
             // All ranks take part, also one whose own mesh cannot be shown: nobody waits for it.
-            self.open(&found)?;
+            self.open(domains)?;
         }
-        let of_more = |(_, field): &(String, String)| Ok(domains(Some(field))?.0);
-        let found = found.and_then(|(own, _)| {
+        let channel = self.options.channel.as_deref();
+        let read = |field: Option<&str>| caught(|| domains(channel, field));
+        let of_more = |(_, field): &(String, String)| Ok(read(Some(field))?.0);
+        let found = read(self.options.field.as_deref()).and_then(|(own, _)| {
             let more = self.options.more_fields.iter().map(of_more).collect::<Result<Vec<_>, String>>();
             Ok((own, more?))
         });
@@ -95,29 +114,39 @@ impl Adaptor {
         };
         let outcome = match &mut run.way {
             Way::InPlace(way) => found.and_then(|(own, more)| way.push(&own, &more, hand_over)),
-            Way::Resampled(way) => way.push(&self.ranks, found, hand_over),
+            Way::Resampled(way) => way.push(&self.ranks, step, found, hand_over),
         };
         self.lost += u64::from(outcome.is_err());
         outcome
     }
 
-    /// Opens the run on the grid that holds the domains of all ranks. Collective, once.
-    fn open(&mut self, found: &Found) -> Result<(), String> {
+    /// Opens the run on the grid that holds the domains of all ranks. Collective, until one has a domain.
+    fn open(&mut self, domains: &DomainReader<'_>) -> Result<(), String> {
+        let stated = self.options.points.as_deref().map(StatedPoints::parse).transpose()?;
+        let channel = self.options.channel.clone();
+        let read = |field: Option<&str>| caught(|| domains(channel.as_deref(), field));
+        // Where none is stated, all show the field that the first rank with one has first.
+        let found = read(self.options.field.as_deref());
+        let name = found.as_ref().ok().filter(|(own, _)| !own.is_empty()).and_then(|(_, field)| field.clone());
+        let names = self.ranks.gather(name.unwrap_or_default().as_bytes())?;
+        let Some(name) = names.into_iter().find(|name| !name.is_empty()) else {
+            found?;
+            return Err("no rank has a domain with the field yet".to_owned());
+        };
+        let field = String::from_utf8_lossy(&name).into_owned();
+        self.options.field = Some(field.clone());
+        let found = read(Some(&field));
         let own = found.as_ref().map_or(&[][..], |(domains, _)| domains);
         let extents: Vec<Extent> = own.iter().filter_map(Extent::of).collect();
         let bytes: Vec<u8> = extents.iter().flat_map(|extent| extent.to_bytes()).collect();
         let of_ranks: Vec<Vec<Extent>> = self.ranks.gather(&bytes)?.iter().map(|b| Extent::read_all(b)).collect();
         let Some(first) = of_ranks.iter().flatten().next().copied() else {
-            found.as_ref().map_err(Clone::clone)?;
+            found?;
             return Err("no rank has a domain with the field yet".to_owned());
         };
         self.gathered = true;
-        let name = found.as_ref().ok().and_then(|(_, field)| field.clone()).unwrap_or_default();
-        let names = self.ranks.gather(name.as_bytes())?;
-        let name = names.into_iter().find(|name| !name.is_empty()).and_then(|name| String::from_utf8(name).ok());
-        let field = name.or_else(|| self.options.field.clone()).unwrap_or_else(|| "field".to_owned());
         let fields = 1 + self.options.more_fields.len();
-        let (way, grid, voxel_type) = match lattices(&of_ranks).filter(|_| self.options.points.is_none()) {
+        let (way, grid, voxel_type) = match lattices(&of_ranks).filter(|_| stated.is_none()) {
             Some(all) => {
                 found.as_ref().map_err(Clone::clone)?;
                 // Several fields are copied, to lie in memory alike.
@@ -128,7 +157,7 @@ impl Adaptor {
             }
             None => {
                 let all: Vec<Extent> = of_ranks.into_iter().flatten().collect();
-                let lattice = target::lattice(&all, self.options.points)?;
+                let lattice = target::lattice(&all, stated)?;
                 if self.ranks.rank == 0 {
                     let ([x, y, z], spacing) = (lattice.dims, lattice.spacing);
                     eprintln!(

@@ -23,7 +23,7 @@ fn publish(adaptor: &mut Adaptor, node: Node) -> Result<(), String> {
         let text = || node.text().or_else(|| node.text_at("data"))?.trim().parse().ok();
         node.array().and_then(|array| array.get(0)).or_else(text)
     };
-    adaptor.push(state("cycle"), state("time"), &|field| -> Found { domains_of(&meshes, field) })
+    adaptor.push(state("cycle"), state("time"), &|_, field| -> Found { domains_of(&meshes, field) })
 }
 
 /// A new run.

@@ -1,7 +1,7 @@
 //! Meshes of cells, where the simulation has them: positions of points, and the points of each cell.
 
 use crate::cells::Shape;
-use crate::conduit::NodeArray;
+use crate::conduit::{NodeArray, hashed};
 use glam::DVec3;
 use std::ops::Range;
 
@@ -24,9 +24,32 @@ pub(crate) enum Points {
 /// The points of each cell.
 #[derive(Debug)]
 pub(crate) enum Cells {
-    /// Hexahedra between the points of a grid of so many points per axis, x fastest.
-    Grid([usize; 3]),
+    Grid(GridCells),
     Listed(Box<ListedCells>),
+}
+
+/// Hexahedra between the points of a grid.
+#[derive(Debug)]
+pub(crate) struct GridCells {
+    /// Per axis.
+    pub(crate) points: [usize; 3],
+    /// Of all positions the first, and from one neighbor to the next: there may be ghosts around the grid.
+    pub(crate) first: usize,
+    pub(crate) strides: [usize; 3],
+}
+
+impl GridCells {
+    /// Of points that lie x fastest.
+    pub(crate) fn dense(points: [usize; 3]) -> Self {
+        Self { points, first: 0, strides: [1, points[0], points[0].saturating_mul(points[1])] }
+    }
+
+    /// The position of point `n` of the grid, x fastest.
+    fn place(&self, n: usize) -> usize {
+        let [x, y, _] = self.points;
+        let index = [n % x, n / x % y, n / (x * y)];
+        self.first + index.iter().zip(self.strides).map(|(n, stride)| n * stride).sum::<usize>()
+    }
 }
 
 /// Cells as lists of their points; a polyhedron as a list of faces.
@@ -56,6 +79,11 @@ pub(crate) enum Ranges {
         offsets: NodeArray,
         sizes: NodeArray,
     },
+    /// All of one length, each at its place.
+    At {
+        offsets: NodeArray,
+        size: usize,
+    },
 }
 
 /// The shape of each cell; no shape is a polyhedron.
@@ -71,6 +99,10 @@ impl Lists {
         let range = match &self.ranges {
             Ranges::Every(size) => n * size..(n + 1) * size,
             Ranges::Following(starts) => *starts.get(n)?..*starts.get(n + 1)?,
+            Ranges::At { offsets, size } => {
+                let start = index(offsets.get(n)?)?;
+                start..start.checked_add(*size)?
+            }
             Ranges::Stated { offsets, sizes } => {
                 let start = index(offsets.get(n)?)?;
                 start..start.checked_add(index(sizes.get(n)?)?)?
@@ -90,6 +122,17 @@ impl Lists {
             Ranges::Every(size) => self.all.len / size.max(&1),
             Ranges::Following(starts) => starts.len().saturating_sub(1),
             Ranges::Stated { offsets, sizes } => offsets.len.min(sizes.len),
+            Ranges::At { offsets, .. } => offsets.len,
+        }
+    }
+
+    fn fingerprint(&self, sum: u64) -> u64 {
+        let sum = self.all.fingerprint(sum);
+        match &self.ranges {
+            Ranges::Every(size) => hashed(sum, *size as u64),
+            Ranges::Following(starts) => starts.iter().fold(sum, |sum, start| hashed(sum, *start as u64)),
+            Ranges::Stated { offsets, sizes } => sizes.fingerprint(offsets.fingerprint(sum)),
+            Ranges::At { offsets, size } => hashed(offsets.fingerprint(sum), *size as u64),
         }
     }
 }
@@ -140,7 +183,7 @@ impl CellMesh {
     /// How many cells there are.
     pub(crate) fn cells(&self) -> usize {
         match &self.cells {
-            Cells::Grid(points) => points.iter().map(|points| points.saturating_sub(1)).product(),
+            Cells::Grid(grid) => grid.points.iter().map(|points| points.saturating_sub(1)).product(),
             Cells::Listed(listed) => match &listed.shapes {
                 Shapes::All(_) => listed.lists.len(),
                 Shapes::Numbered(numbers, _) => numbers.len.min(listed.lists.len()),
@@ -153,7 +196,7 @@ impl CellMesh {
         cell.points.clear();
         cell.faces.clear();
         match &self.cells {
-            Cells::Grid([x, y, _]) => {
+            Cells::Grid(GridCells { points: [x, y, _], .. }) => {
                 let (i, rest) = (n % (x - 1), n / (x - 1));
                 let (j, k) = (rest % (y - 1), rest / (y - 1));
                 let first = i + x * (j + y * k);
@@ -194,24 +237,34 @@ impl CellMesh {
     pub(crate) fn place(&self, cell: &mut CellPoints) -> Option<()> {
         cell.positions.clear();
         for point in &cell.points {
-            cell.positions.push(self.points.position(*point)?);
+            let place = match &self.cells {
+                Cells::Grid(grid) => grid.place(*point),
+                Cells::Listed(_) => *point,
+            };
+            cell.positions.push(self.points.position(place)?);
         }
         Some(())
     }
 
     /// A number that is another one where a position or a cell has changed.
     pub(crate) fn fingerprint(&self) -> u64 {
-        let mut sum = self.points.len() as u64;
-        let mut add = |array: &NodeArray| sum = array.fingerprint(sum);
-        if let Points::Listed(axes) = &self.points {
-            axes.iter().for_each(&mut add);
-        }
-        if let Cells::Listed(listed) = &self.cells {
-            for lists in std::iter::once(&listed.lists).chain(&listed.faces) {
-                add(&lists.all);
+        let sum = match &self.points {
+            Points::Listed(axes) => axes.iter().fold(0, |sum, axis| axis.fingerprint(sum)),
+            Points::Axes(axes) => axes.iter().flatten().fold(0, |sum, at| hashed(sum, at.to_bits())),
+        };
+        match &self.cells {
+            Cells::Grid(GridCells { points, first, strides }) => {
+                let numbers = points.iter().chain([first]).chain(strides);
+                numbers.fold(sum, |sum, number| hashed(sum, *number as u64))
+            }
+            Cells::Listed(listed) => {
+                let sum = std::iter::once(&listed.lists).chain(&listed.faces).fold(sum, |sum, l| l.fingerprint(sum));
+                match &listed.shapes {
+                    Shapes::All(shape) => hashed(sum, shape.map_or(0, |shape| shape.vertices() as u64)),
+                    Shapes::Numbered(numbers, _) => numbers.fingerprint(sum),
+                }
             }
         }
-        sum
     }
 }
 
@@ -335,7 +388,7 @@ mod tests {
     #[test]
     fn a_rectilinear_grid_has_the_hexahedra_between_its_points() {
         let axes = [vec![0.0, 1.0, 4.0], vec![0.0, 2.0], vec![-1.0, 0.0, 3.0]];
-        let mesh = CellMesh { points: Points::Axes(axes), cells: Cells::Grid([3, 2, 3]) };
+        let mesh = CellMesh { points: Points::Axes(axes), cells: Cells::Grid(GridCells::dense([3, 2, 3])) };
         assert_eq!((mesh.cells(), mesh.points.len()), (4, 18));
         assert_eq!(mesh.points.bounds(), Some([DVec3::new(0.0, 0.0, -1.0), DVec3::new(4.0, 2.0, 3.0)]));
         let mut cell = CellPoints::default();

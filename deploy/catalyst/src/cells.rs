@@ -16,8 +16,10 @@ pub(crate) enum Shape {
 
 /// Local coordinates beyond a cell's face by less than this lie on it.
 const ON_FACE: f64 = 1e-6;
-/// Newton's steps: four are enough for a cell that is not folded.
-const STEPS: usize = 16;
+/// A position is reached where it is off by less than this part of the cell.
+const REACHED: f64 = 1e-9;
+/// Newton's steps: four are enough for a cell that is not folded; towards the top of a pyramid they are slower.
+const STEPS: usize = 40;
 
 impl Shape {
     /// By Blueprint's name.
@@ -66,13 +68,17 @@ impl Shape {
 
     /// The local coordinates of `position`, if it lies in the cell of these vertices.
     pub(crate) fn locate(self, vertices: &[DVec3], position: DVec3) -> Option<DVec3> {
+        // Seen from its first vertex, in its own size: coordinates may be large, and cells small.
+        let first = *vertices.first()?;
+        let size = vertices.iter().map(|vertex| (*vertex - first).abs().max_element()).fold(0.0, f64::max);
+        let own = |place: DVec3| (place - first) / size;
+        let position = own(position);
         if self == Self::Tetrahedron {
-            let [a, b, c, d] = *vertices.first_chunk()?;
-            let edges = DMat3::from_cols(b - a, c - a, d - a);
-            let at = edges.inverse() * (position - a);
+            let [_, b, c, d] = vertices.first_chunk()?.map(own);
+            let at = DMat3::from_cols(b, c, d).inverse() * position;
             return (at.min_element() >= -ON_FACE && at.element_sum() <= 1.0 + ON_FACE).then_some(at);
         }
-        let corners = self.corners().map(|vertex| vertices[vertex]);
+        let corners = self.corners().map(|vertex| own(vertices[vertex]));
         let mut at = DVec3::splat(0.5);
         for _ in 0..STEPS {
             let (mut reached, mut slopes) = (DVec3::ZERO, [DVec3::ZERO; 3]);
@@ -84,14 +90,14 @@ impl Shape {
                 slopes[1] += place * (sign(1) * f.x * f.z);
                 slopes[2] += place * (sign(2) * f.x * f.y);
             }
-            let step = DMat3::from_cols(slopes[0], slopes[1], slopes[2]).inverse() * (position - reached);
-            at += step;
-            if !at.is_finite() || (at - 0.5).abs().max_element() > 8.0 {
-                return None;
-            }
-            if step.abs().max_element() < 1e-9 {
+            let off = position - reached;
+            if off.abs().max_element() < REACHED {
                 let inside = at.min_element() >= -ON_FACE && at.max_element() <= 1.0 + ON_FACE;
                 return inside.then_some(at);
+            }
+            at += DMat3::from_cols(slopes[0], slopes[1], slopes[2]).inverse() * off;
+            if !at.is_finite() || (at - 0.5).abs().max_element() > 8.0 {
+                return None;
             }
         }
         None
@@ -137,6 +143,30 @@ mod tests {
                 let position: DVec3 = places.iter().zip(weights).map(|(place, weight)| *place * weight).sum();
                 let found = shape.locate(&places, position).unwrap();
                 assert!((found - at).abs().max_element() < 1e-6, "{shape:?}: {found} for {at}");
+            }
+        }
+    }
+
+    #[test]
+    fn vertices_and_middles_of_edges_are_in_the_cell_also_far_from_the_origin() {
+        for shape in [Shape::Tetrahedron, Shape::Pyramid, Shape::Wedge, Shape::Hexahedron] {
+            for (size, origin) in [(1.0, 0.0), (0.01, 1e6), (1.0, 5e6), (1e-7, 1.0)] {
+                let places: Vec<DVec3> = vertices(shape).iter().map(|p| *p * size + DVec3::splat(origin)).collect();
+                let inner = places.iter().copied().sum::<DVec3>() / places.len() as f64;
+                let last = places[places.len() - 1];
+                let edge = if shape == Shape::Hexahedron { places[3] } else { places[2] };
+                // Not to lie on the wrong side by rounding: a millionth of the way in.
+                for position in [places[0], places[2], last, 0.5 * (edge + last)] {
+                    let position = position + (inner - position) * 1e-6;
+                    let at =
+                        shape.locate(&places, position).unwrap_or_else(|| panic!("{shape:?} of {size} at {origin}"));
+                    let made: DVec3 = places.iter().zip(shape.weights(at)).map(|(p, w)| *p * w).sum();
+                    assert!((made - position).abs().max_element() <= 1e-8 * size + 1e-15 * origin, "{shape:?}: {made}");
+                }
+            }
+            let places = vertices(shape);
+            for vertex in &places {
+                assert!(shape.locate(&places, *vertex).is_some(), "{shape:?} {vertex}");
             }
         }
     }

@@ -75,6 +75,11 @@ impl Element {
 
 const CHAR8_STR: i64 = 13;
 
+/// A sum that tells other words in another order apart.
+pub(crate) fn hashed(sum: u64, word: u64) -> u64 {
+    (sum.rotate_left(5) ^ word).wrapping_mul(0x517c_c1b7_2722_0a95)
+}
+
 /// Numbers in the simulation's memory.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct NodeArray {
@@ -111,9 +116,8 @@ impl NodeArray {
 
     /// A number that is another one where an element is, beginning from `sum`.
     pub(crate) fn fingerprint(&self, sum: u64) -> u64 {
-        let add = |sum: u64, word: u64| (sum.rotate_left(5) ^ word).wrapping_mul(0x517c_c1b7_2722_0a95);
-        let sum = add(sum, self.len as u64);
-        (0..self.len).filter_map(|n| self.get(n)).fold(sum, |sum, value| add(sum, value.to_bits()))
+        let sum = hashed(sum, self.len as u64);
+        (0..self.len).filter_map(|n| self.get(n)).fold(sum, |sum, value| hashed(sum, value.to_bits()))
     }
 
     /// The numbers of a slice that outlives it.
@@ -122,8 +126,13 @@ impl NodeArray {
         Self { element: Element::F64, first: values.as_ptr().cast(), len: values.len(), stride_bytes: 8 }
     }
 
-    /// Whether this process can read it: memory of a device it cannot.
-    pub(crate) fn is_readable(&self) -> bool {
+    /// It, if this process can read it: memory of a device it cannot. An error names `what` it is.
+    pub(crate) fn on_host(self, what: &str) -> Result<Self, String> {
+        let error = || format!("{what} in memory of a device; copy to the host before the step is handed over");
+        self.is_readable().then_some(self).ok_or_else(error)
+    }
+
+    fn is_readable(&self) -> bool {
         let last = self.len.saturating_sub(1) * self.stride_bytes + self.element.size_bytes() - 1;
         [0, last].into_iter().all(|offset| {
             let mut byte = 0_u8;
@@ -202,6 +211,9 @@ impl Node {
 
     /// Its children with their names.
     pub(crate) fn children(&self) -> Vec<(String, Self)> {
+        if self.node.is_null() {
+            return Vec::new();
+        }
         // SAFETY: as in `at`; indices are below the number; a name is allocated by C for the caller.
         unsafe {
             let number = (self.conduit.number_of_children)(self.node);
@@ -223,6 +235,9 @@ impl Node {
 
     /// The text it holds.
     pub(crate) fn text(&self) -> Option<String> {
+        if self.node.is_null() {
+            return None;
+        }
         // SAFETY: as in `at`; its type is asked for first.
         unsafe {
             if (self.conduit.id)((self.conduit.dtype)(self.node)) != CHAR8_STR {
@@ -234,6 +249,9 @@ impl Node {
 
     /// The numbers it holds.
     pub(crate) fn array(&self) -> Option<NodeArray> {
+        if self.node.is_null() {
+            return None;
+        }
         // SAFETY: as in `at`.
         let (id, len, stride) = unsafe {
             let dtype = (self.conduit.dtype)(self.node);

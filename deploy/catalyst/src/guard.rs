@@ -20,3 +20,9 @@ pub(crate) fn guarded(said: &mut String, node: *const ConduitNode, work: impl Fn
         }
     }
 }
+
+/// What `work` gives; an error where it panics.
+pub(crate) fn caught<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(work))
+        .unwrap_or_else(|_| Err("a fault in the library; its message is above".to_owned()))
+}

@@ -24,7 +24,7 @@ pub(crate) struct LatticeRun {
 /// The extents, if all are of lattices of one spacing and of no finer level.
 pub(crate) fn lattices(extents: &[Vec<Extent>]) -> Option<Vec<EvenGrid>> {
     let all = extents.iter().flatten().map(|extent| match extent.place {
-        DomainBounds::EvenGrid { lattice, .. } if extent.level == 0 => Some(lattice),
+        DomainBounds::EvenGrid { lattice, .. } if !extent.is_resampled => Some(lattice),
         _ => None,
     });
     let all = all.collect::<Option<Vec<EvenGrid>>>()?;

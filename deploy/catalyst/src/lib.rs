@@ -73,13 +73,14 @@ unsafe extern "C" fn execute(params: *const ConduitNode) -> c_int {
         let adaptor = run.as_mut().ok_or("catalyst_initialize was not called, or failed; no step is shown")?;
         let number = |name: &str| params.number(&format!("catalyst/state/{name}"));
         let channels = params.at("catalyst/channels").map(|node| node.children()).unwrap_or_default();
-        let wanted = adaptor.channel().map(str::to_owned);
-        let channel = channels.iter().find(|(name, _)| wanted.as_ref().is_none_or(|wanted| name == wanted));
-        let domains = |field: Option<&str>| match channel {
+        let domains = |wanted: Option<&str>, field: Option<&str>| match channels
+            .iter()
+            .find(|(name, _)| wanted.is_none_or(|wanted| name == wanted))
+        {
             Some((name, node)) => mesh::domains(node, name, field),
             None => {
                 let names = channels.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ");
-                Err(format!("no channel {}; there are: {names}", wanted.as_deref().unwrap_or("at all")))
+                Err(format!("no channel {}; there are: {names}", wanted.unwrap_or("at all")))
             }
         };
         adaptor.push(number("timestep").or_else(|| number("cycle")), number("time"), &domains)

@@ -3,7 +3,7 @@
 //!
 //! A field's values are x fastest, as Blueprint has them, any stride apart; offsets and strides of a field amid ghosts are taken.
 
-use crate::cell_mesh::{CellMesh, Cells, ListedCells, Lists, Points, Ranges, Shapes};
+use crate::cell_mesh::{CellMesh, Cells, GridCells, ListedCells, Lists, Points, Ranges, Shapes};
 use crate::cells::Shape;
 use crate::conduit::{Node, NodeArray};
 use lamina_model::VoxelType;
@@ -14,7 +14,9 @@ pub(crate) struct Domain {
     pub(crate) geometry: Geometry,
     pub(crate) field: FieldValues,
     /// Of an adaptive mesh: finer levels lie over coarser ones.
-    pub(crate) level: u32,
+    pub(crate) level: Option<u32>,
+    /// Which cells are others' or are covered, where that is stated: those of values that are not 0.
+    pub(crate) ghosts: Option<FieldValues>,
 }
 
 /// Where values lie.
@@ -50,6 +52,8 @@ pub(crate) struct FieldValues {
 }
 
 const AXES: [&str; 3] = ["x", "y", "z"];
+/// Fields that mark ghost cells: Ascent's and VTK's.
+const GHOSTS: [&str; 2] = ["ascent_ghosts", "vtkGhostType"];
 /// Coordinates off an even spacing by less than this part of it are rounding.
 const EVEN: f64 = 1e-4;
 
@@ -94,7 +98,7 @@ fn domain(mesh: &Node, name: &str, wanted: Option<&str>) -> Result<(Domain, Stri
     let (field_name, component) = match wanted {
         Some(wanted) => wanted.split_once('/').map_or((wanted.to_owned(), None), |(f, c)| (f.to_owned(), Some(c))),
         None => {
-            let first = fields.iter().find(|(_, node)| scalar(node));
+            let first = fields.iter().find(|(name, node)| !GHOSTS.contains(&name.as_str()) && scalar(node));
             (first.ok_or_else(|| format!("{name}: no field of scalars; there are {}", names()))?.0.clone(), None)
         }
     };
@@ -135,43 +139,53 @@ fn domain(mesh: &Node, name: &str, wanted: Option<&str>) -> Result<(Domain, Stri
         other => Err(format!("coordinates of type \"{other}\"; uniform, rectilinear and explicit ones are shown")),
     };
     let geometry = geometry.map_err(|error| format!("{name}: {error}"))?;
-    let level = mesh.number("state/level").filter(|level| *level > 0.0).map_or(0, |level| level as u32);
-    let field = FieldValues::new(&field, array, of_cells, &geometry)
-        .map_err(|error| format!("{name}: field {field_name}: {error}"))?;
-    Ok((Domain { geometry, field, level }, wanted.map_or(field_name, str::to_owned)))
-}
-
-impl FieldValues {
-    fn new(field: &Node, array: NodeArray, of_cells: bool, geometry: &Geometry) -> Result<Self, String> {
-        if !array.is_readable() {
-            return Err(
-                "its values lie in memory of a device; copy them to the host before they are handed over".into()
-            );
-        }
-        let dims = match geometry {
-            Geometry::EvenGrid(lattice) => lattice.dims,
+    // A level may be stated of any mesh; of an adaptive one there may be one alone, for now.
+    let level =
+        mesh.number("state/level").or_else(|| mesh.at("nestsets").map(|_| 0.0)).map(|level| level.max(0.0) as u32);
+    let values = |of: &str, field: &Node, array: NodeArray, is_of_cells: bool| {
+        let dims = match &geometry {
+            Geometry::EvenGrid(lattice) => lattice.dims.map(|n| n - usize::from(is_of_cells && !of_cells)),
             Geometry::Cells(mesh) => match &mesh.cells {
-                Cells::Grid(points) => points.map(|n| n - usize::from(of_cells)),
-                Cells::Listed(_) if of_cells => [mesh.cells(), 1, 1],
+                Cells::Grid(grid) => grid.points.map(|n| n - usize::from(is_of_cells)),
+                Cells::Listed(_) if is_of_cells => [mesh.cells(), 1, 1],
                 Cells::Listed(_) => [mesh.points.len(), 1, 1],
             },
         };
-        let three = |path: &str| -> Option<[usize; 3]> {
-            let numbers = field.at(path)?.array()?;
-            let all: Option<Vec<usize>> = (0..3).map(|n| numbers.get(n).map(|v| v as usize)).collect();
-            all?.try_into().ok()
-        };
-        let strides = three("strides").unwrap_or([1, dims[0], dims[0].saturating_mul(dims[1])]);
-        let offsets = three("offsets").unwrap_or_default();
-        let reach = |steps: [usize; 3]| {
-            let mut sum = 0_usize;
-            for (step, stride) in steps.into_iter().zip(strides) {
-                sum = sum.checked_add(step.checked_mul(stride)?)?;
-            }
-            Some(sum)
-        };
-        let first = reach(offsets);
-        let last = first.zip(reach(dims.map(|d| d.saturating_sub(1)))).and_then(|(a, b)| a.checked_add(b));
+        FieldValues::new(field, array, is_of_cells, dims).map_err(|error| format!("{name}: field {of}: {error}"))
+    };
+    let ghosts = fields.iter().find(|(name, node)| {
+        GHOSTS.contains(&name.as_str()) && node.text_at("association").as_deref() == Some("element")
+    });
+    let ghosts = ghosts.and_then(|(name, node)| Some((name, node, node.at("values")?.array()?)));
+    let ghosts = ghosts.map(|(of, node, array)| values(of, node, array, true)).transpose()?;
+    let field = values(&field_name, &field, array, of_cells)?;
+    Ok((Domain { geometry, field, level, ghosts }, wanted.map_or(field_name, str::to_owned)))
+}
+
+/// Three numbers at `path`, if there are any.
+fn three(node: &Node, path: &str) -> Result<Option<[usize; 3]>, String> {
+    let Some(numbers) = node.at(path).and_then(|node| node.array()) else { return Ok(None) };
+    let numbers = numbers.on_host(&format!("{path} lie"))?;
+    let all: Option<Vec<usize>> = (0..3).map(|n| numbers.get(n).map(|v| v as usize)).collect();
+    Ok(all.and_then(|all| all.try_into().ok()))
+}
+
+/// The first and the last element of so many values per axis; none, where there is no such number.
+fn reach(dims: [usize; 3], offsets: [usize; 3], strides: [usize; 3]) -> (Option<usize>, Option<usize>) {
+    let sum = |steps: [usize; 3]| {
+        let all = steps.into_iter().zip(strides).map(|(step, stride)| step.checked_mul(stride));
+        all.reduce(|sum, part| sum?.checked_add(part?)).flatten()
+    };
+    let first = sum(offsets);
+    (first, first.zip(sum(dims.map(|d| d.saturating_sub(1)))).and_then(|(a, b)| a.checked_add(b)))
+}
+
+impl FieldValues {
+    fn new(field: &Node, array: NodeArray, of_cells: bool, dims: [usize; 3]) -> Result<Self, String> {
+        let array = array.on_host("its values lie")?;
+        let strides = three(field, "strides")?.unwrap_or([1, dims[0], dims[0].saturating_mul(dims[1])]);
+        let offsets = three(field, "offsets")?.unwrap_or_default();
+        let (first, last) = reach(dims, offsets, strides);
         match (first, last) {
             (Some(first), Some(last)) if last < array.len => Ok(Self { array, first, dims, strides, of_cells }),
             _ => Err(format!("{} values for {dims:?} points or cells", array.len)),
@@ -234,10 +248,7 @@ fn uniform(coordset: &Node, of_cells: bool) -> Result<EvenGrid, String> {
 fn axis_values(coordset: &Node, axis: &str) -> Result<NodeArray, String> {
     let numbers = coordset.at(&format!("values/{axis}")).and_then(|node| node.array());
     let numbers = numbers.ok_or_else(|| format!("no coordinates along {axis}; volumes of three axes are shown"))?;
-    if !numbers.is_readable() {
-        return Err(format!("coordinates along {axis} lie in memory of a device; copy them to the host"));
-    }
-    Ok(numbers)
+    numbers.on_host(&format!("coordinates along {axis} lie"))
 }
 
 fn rectilinear(coordset: &Node, of_cells: bool) -> Result<Geometry, String> {
@@ -269,7 +280,7 @@ fn rectilinear(coordset: &Node, of_cells: bool) -> Result<Geometry, String> {
     if points.contains(&1) {
         return Err("a single layer of points is no volume".to_owned());
     }
-    Ok(Geometry::Cells(Box::new(CellMesh { points: Points::Axes(axes), cells: Cells::Grid(points) })))
+    Ok(Geometry::Cells(Box::new(CellMesh { points: Points::Axes(axes), cells: Cells::Grid(GridCells::dense(points)) })))
 }
 
 fn explicit(coordset: &Node, topology: &Node) -> Result<CellMesh, String> {
@@ -289,11 +300,15 @@ fn explicit(coordset: &Node, topology: &Node) -> Result<CellMesh, String> {
                     as usize
                     + 1;
             }
-            let stated = dims.iter().try_fold(1_usize, |product, n| product.checked_mul(*n));
-            if stated != Some(points.len()) {
-                return Err(format!("{} positions for a grid of {dims:?} points", points.len()));
+            let dense = GridCells::dense(dims);
+            let strides = three(topology, "elements/dims/strides")?.unwrap_or(dense.strides);
+            let offsets = three(topology, "elements/dims/offsets")?.unwrap_or_default();
+            match reach(dims, offsets, strides) {
+                (Some(first), Some(last)) if last < points.len() => {
+                    Cells::Grid(GridCells { points: dims, first, strides })
+                }
+                _ => return Err(format!("{} positions for a grid of {dims:?} points", points.len())),
             }
-            Cells::Grid(dims)
         }
         "unstructured" => Cells::Listed(Box::new(listed(topology)?)),
         other => return Err(format!("a topology of type \"{other}\"; structured and unstructured ones are shown")),
@@ -303,15 +318,13 @@ fn explicit(coordset: &Node, topology: &Node) -> Result<CellMesh, String> {
 
 /// The lists at `elements` or `subelements`, each of `size` numbers where none are stated.
 fn lists(node: &Node, size: Option<usize>) -> Result<Lists, String> {
-    let array = |name: &str| node.at(name).and_then(|node| node.array());
-    let all = array("connectivity").ok_or("cells without connectivity")?;
-    let stated = [Some(all), array("sizes"), array("offsets")];
-    if stated.iter().flatten().any(|array| !array.is_readable()) {
-        return Err("connectivity lies in memory of a device; copy it to the host".to_owned());
-    }
-    let [_, sizes, offsets] = stated;
-    let ranges = match (size, sizes, offsets) {
-        (Some(size), ..) => Ranges::Every(size),
+    let array = |name: &str| {
+        node.at(name).and_then(|node| node.array()).map(|a| a.on_host(&format!("{name} lies"))).transpose()
+    };
+    let all = array("connectivity")?.ok_or("cells without connectivity")?;
+    let ranges = match (size, array("sizes")?, array("offsets")?) {
+        (Some(size), _, None) => Ranges::Every(size),
+        (Some(size), _, Some(offsets)) => Ranges::At { offsets, size },
         (None, Some(sizes), Some(offsets)) => Ranges::Stated { offsets, sizes },
         (None, Some(sizes), None) => {
             let mut starts = vec![0_usize];
@@ -337,10 +350,14 @@ fn listed(topology: &Node) -> Result<ListedCells, String> {
     let name = elements.text_at("shape").ok_or("cells of no one shape; state elements/shape")?;
     let shapes = if name == "mixed" {
         let map = elements.at("shape_map").ok_or("mixed cells without shape_map")?.children();
-        let known =
-            map.iter().map(|(name, node)| Ok((node.array().and_then(|a| a.get(0)).unwrap_or(-1.0), of_name(name)?)));
+        let number = |node: &Node| node.array().and_then(|array| array.get(0)).unwrap_or(-1.0);
+        // Cells of other shapes, such as of a surface, are left out.
+        let known: Vec<_> = map.iter().filter_map(|(name, node)| Some((number(node), of_name(name).ok()?))).collect();
+        if known.is_empty() {
+            return Err(format!("mixed cells of no shape that is shown; {SHOWN}"));
+        }
         let numbers = elements.at("shapes").and_then(|node| node.array()).ok_or("mixed cells without shapes")?;
-        Shapes::Numbered(numbers, known.collect::<Result<_, String>>()?)
+        Shapes::Numbered(numbers.on_host("shapes lie")?, known)
     } else {
         Shapes::All(of_name(&name)?)
     };

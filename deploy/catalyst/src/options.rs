@@ -1,7 +1,6 @@
 //! What a run is called and where it goes: from the node `lamina` of Catalyst's or Ascent's, else from the environment.
 
 use crate::conduit::Node;
-use crate::target::StatedPoints;
 use lamina_model::SteerableNumber;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -22,7 +21,7 @@ pub(crate) struct CatalystOptions {
     /// What is shown first, an expression over the fields: `shown`, LAMINA_SHOWN.
     pub(crate) shown: Option<String>,
     /// Sample points of a mesh that is resampled: `points`, LAMINA_POINTS, `128` or `96 48 48`.
-    pub(crate) points: Option<StatedPoints>,
+    pub(crate) points: Option<String>,
     /// `credentials`, LAMINA_CREDENTIALS.
     pub(crate) credentials: Option<PathBuf>,
     /// The longest a call may take, seconds: `deadline`.
@@ -33,10 +32,7 @@ pub(crate) struct CatalystOptions {
 
 impl CatalystOptions {
     /// Those that the node `lamina` and the environment state.
-    ///
-    /// # Errors
-    /// If `points` is none.
-    pub(crate) fn read(stated: Option<Node>) -> Result<Self, String> {
+    pub(crate) fn read(stated: Option<Node>) -> Self {
         let text = |name: &str, variable: &str| {
             let node = stated.and_then(|node| node.text_at(name));
             node.or_else(|| std::env::var(variable).ok()).filter(|text| !text.is_empty())
@@ -52,9 +48,8 @@ impl CatalystOptions {
             };
             node.children().into_iter().filter_map(number).collect()
         });
-        let points = text("points", "LAMINA_POINTS").map(|text| StatedPoints::parse(&text)).transpose()?;
-        Ok(Self {
-            points,
+        Self {
+            points: text("points", "LAMINA_POINTS"),
             generator: text("generator", "LAMINA_GENERATOR").unwrap_or_else(|| "http://127.0.0.1:7101".to_owned()),
             name: text("name", "LAMINA_NAME").or_else(program).unwrap_or_else(|| "catalyst".to_owned()),
             channel: text("channel", "LAMINA_CHANNEL"),
@@ -66,7 +61,23 @@ impl CatalystOptions {
                 .and_then(|node| node.number("deadline"))
                 .and_then(|secs| Duration::try_from_secs_f64(secs).ok()),
             steering,
-        })
+        }
+    }
+
+    /// What all ranks have to have alike, as text.
+    pub(crate) fn of_all_ranks(&self) -> Vec<u8> {
+        let more = self.more_fields.iter().map(|(name, field)| format!("{name}={field}")).collect::<Vec<_>>().join(",");
+        let parts = [self.points.as_deref(), self.field.as_deref(), self.channel.as_deref(), Some(&more)];
+        parts.map(Option::unwrap_or_default).join("\n").into_bytes()
+    }
+
+    /// Takes over what rank 0 has.
+    pub(crate) fn take_over(&mut self, of_first: &[u8]) {
+        let text = String::from_utf8_lossy(of_first);
+        let mut parts = text.split('\n').map(|part| (!part.is_empty()).then(|| part.to_owned()));
+        let mut next = || parts.next().flatten();
+        (self.points, self.field, self.channel) = (next(), next(), next());
+        self.more_fields = next().map_or_else(Vec::new, |more| pairs(&more));
     }
 }
 

@@ -5,6 +5,7 @@ use std::ffi::{CStr, c_int, c_void};
 
 type CommFromFortran = unsafe extern "C" fn(c_int) -> usize;
 type CommNumber = unsafe extern "C" fn(usize, *mut c_int) -> c_int;
+type CommDuplicate = unsafe extern "C" fn(usize, *mut usize) -> c_int;
 type Initialized = unsafe extern "C" fn(*mut c_int) -> c_int;
 type Allgather = unsafe extern "C" fn(*const c_void, c_int, usize, *mut c_void, c_int, usize, usize) -> c_int;
 type Alltoall = Allgather;
@@ -102,16 +103,36 @@ impl Ranks {
         Ok(Self { rank: numbers[0] as u32, size: numbers[1] as u32, communicator })
     }
 
-    /// Sends `parts[r]` to rank r, and returns what each rank has sent here, by rank. Collective: all ranks call it.
-    pub(crate) fn exchange(&self, parts: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>, String> {
+    /// From now on by a communicator of its own, since the simulation may free its own. Collective: all ranks call it.
+    pub(crate) fn duplicate(&mut self) -> Result<(), String> {
+        let Some(communicator) = self.communicator.as_mut().filter(|_| self.size > 1) else { return Ok(()) };
+        // SAFETY: the type is MPI's; a handle is a pointer or an `int`, and the place has room for either.
+        let Some(duplicate) = (unsafe { function::<CommDuplicate>("MPI_Comm_dup") }) else { return Ok(()) };
+        let mut own = 0_usize;
+        // SAFETY: the communicator is one.
+        match unsafe { duplicate(communicator.handle, &raw mut own) } {
+            0 => communicator.handle = own,
+            code => return Err(format!("MPI_Comm_dup answers {code}")),
+        }
+        Ok(())
+    }
+
+    /// Sends `parts[r]` of a step to rank r, and returns what each rank has sent here, by rank. Collective: all ranks call it, at the
+    /// same step.
+    pub(crate) fn exchange(&self, step: u64, parts: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>, String> {
         let Some(communicator) = self.communicator.as_ref().filter(|_| self.size > 1) else {
             return Ok(parts);
         };
         // MPI counts in 31 bits: more goes in several rounds, as many as the rank with the longest part needs.
         let quota = c_int::MAX as usize / self.size as usize;
         let longest = parts.iter().map(Vec::len).max().unwrap_or(0) as u64;
-        let longest = communicator.gather_equal(&longest.to_le_bytes(), self.size)?;
-        let longest = longest.as_chunks().0.iter().map(|b| u64::from_le_bytes(*b)).max().unwrap_or(0) as usize;
+        let told = communicator.gather_equal(&[longest.to_le_bytes(), step.to_le_bytes()].concat(), self.size)?;
+        let (told, _) = told.as_chunks::<16>();
+        let number = |bytes: &[u8; 16], at: usize| u64::from_le_bytes(std::array::from_fn(|n| bytes[at + n]));
+        if let Some(other) = told.iter().map(|bytes| number(bytes, 8)).find(|other| *other != step) {
+            return Err(format!("ranks hand over different steps, {step} and {other}: each has to call at each step"));
+        }
+        let longest = told.iter().map(|bytes| number(bytes, 0)).max().unwrap_or(0) as usize;
         let mut received = vec![Vec::new(); self.size as usize];
         for round in 0..longest.div_ceil(quota) {
             let sent: Vec<&[u8]> = parts.iter().map(|part| part.chunks(quota).nth(round).unwrap_or_default()).collect();

@@ -116,17 +116,20 @@ pub(crate) fn sampled(
         samples.resize_with(bytes.len(), || Samples { values: vec![Vec::new(); fields.len()], ..Samples::default() });
         match &domain.geometry {
             Geometry::EvenGrid(lattice) => {
-                sample_lattice(lattice, &fields, slabs, |rank, place, n, v| samples[rank].push(place, n, v));
+                sample_lattice(lattice, &fields, domain.ghosts.as_ref(), slabs, |rank, place, n, v| {
+                    samples[rank].push(place, n, v)
+                });
             }
             Geometry::Cells(mesh) => {
                 locations.update(mesh, &slabs.lattice);
-                sample_cells(mesh, &fields, &locations.located, slabs, |rank, place, n, v| {
+                let ghosts = domain.ghosts.as_ref();
+                sample_cells(mesh, (&fields, ghosts), &locations.located, slabs, |rank, place, n, v| {
                     samples[rank].push(place, n, v);
                 });
             }
         }
         for (samples, bytes) in samples.iter().zip(&mut bytes) {
-            samples.write(domain.level, bytes);
+            samples.write(domain.level.unwrap_or(0), bytes);
         }
     }
     Ok(bytes)
@@ -144,7 +147,7 @@ fn alike(a: &Domain, b: &Domain) -> bool {
 /// Gives `push` the rank, the place in its slab, the field, and the value.
 fn sample_cells(
     mesh: &CellMesh,
-    fields: &[&FieldValues],
+    (fields, ghosts): (&[&FieldValues], Option<&FieldValues>),
     located: &[Located],
     slabs: &RankSlabs,
     mut push: impl FnMut(usize, u32, usize, f64),
@@ -157,6 +160,9 @@ fn sample_cells(
         let (own, after) = rest.split_at(rest.partition_point(|located| u64::from(located.place) < end));
         rest = after;
         for located in own {
+            if ghosts.is_some_and(|ghosts| ghosts.of(located.cell as usize) != 0.0) {
+                continue;
+            }
             let place = located.place - first as u32;
             let read =
                 fields.iter().all(|field| field.of_cells) || mesh.read(located.cell as usize, &mut cell).is_some();
@@ -176,6 +182,7 @@ fn sample_cells(
 fn sample_lattice(
     own: &EvenGrid,
     fields: &[&FieldValues],
+    ghosts: Option<&FieldValues>,
     slabs: &RankSlabs,
     mut push: impl FnMut(usize, u32, usize, f64),
 ) {
@@ -211,6 +218,9 @@ fn sample_lattice(
                 let Some((y, ty)) = along[1][j] else { continue };
                 for i in columns.clone() {
                     let Some((x, tx)) = along[0][i] else { continue };
+                    if ghosts.is_some_and(|ghosts| ghosts.at([x, y, z]) != 0.0) {
+                        continue;
+                    }
                     let place = i + slabs.lattice.dims[0] * (j + slabs.lattice.dims[1] * (k - layers.start));
                     for (n, field) in fields.iter().enumerate() {
                         push(rank as usize, place as u32, n, linear(field, own.dims, [x, y, z], [tx, ty, tz]));

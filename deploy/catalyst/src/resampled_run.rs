@@ -1,6 +1,7 @@
 //! A run whose mesh is no lattice: at each step the ranks sample what they have at the points of one, and send each other the values,
 //! so that each hands over one slab of it. Collective at every step.
 
+use crate::guard::caught;
 use crate::mesh::{Domain, EvenGrid};
 use crate::ranks::Ranks;
 use crate::resample::{CellLocations, RankSlabs, Slab, sampled};
@@ -28,16 +29,20 @@ impl ResampledRun {
     pub(crate) fn push(
         &mut self,
         ranks: &Ranks,
+        step: u64,
         found: Result<(Vec<Domain>, Vec<Vec<Domain>>), String>,
         hand_over: impl FnOnce(&[Brick<'_>]) -> Result<(), String>,
     ) -> Result<(), String> {
-        let own = found.and_then(|(domains, more)| sampled(&domains, &more, &mut self.locations, &self.slabs));
+        let own = caught(|| {
+            let (domains, more) = found?;
+            sampled(&domains, &more, &mut self.locations, &self.slabs)
+        });
         let nothing = || vec![Vec::new(); ranks.size as usize];
         let (parts, failed) = match own {
             Ok(parts) => (parts, None),
             Err(error) => (nothing(), Some(error)),
         };
-        let received = ranks.exchange(parts)?;
+        let received = ranks.exchange(step, parts)?;
         let layers = self.slabs.layers(ranks.rank);
         let mut slab = Slab::empty(layers.len() * self.slabs.layer(), self.fields);
         for part in &received {

@@ -6,7 +6,7 @@ use lamina_model::VoxelType;
 
 /// Fewest and most sample points where none are stated.
 const FEWEST: f64 = 32_768.0;
-const MOST: f64 = 16_777_216.0;
+const MOST: f64 = 4_194_304.0;
 /// Most that may be stated: places are numbers of 32 bits.
 const STATED_MOST: f64 = 2_147_483_648.0;
 /// Types by the numbers that ranks tell each other.
@@ -17,7 +17,8 @@ const TYPES: [VoxelType; 5] = [VoxelType::U8, VoxelType::U16, VoxelType::I16, Vo
 pub(crate) struct Extent {
     pub(crate) place: DomainBounds,
     pub(crate) voxel_type: VoxelType,
-    pub(crate) level: u32,
+    /// It has a level, or ghost cells that are marked: its values are not handed over as they are.
+    pub(crate) is_resampled: bool,
 }
 
 /// Of a lattice, or of a mesh of cells.
@@ -39,7 +40,8 @@ impl Extent {
                 DomainBounds::Box { lower, upper, cells: mesh.cells() as f64, of_cells: domain.field.of_cells }
             }
         };
-        Some(Self { place, voxel_type: domain.voxel_type(), level: domain.level })
+        let is_resampled = domain.level.is_some() || domain.ghosts.is_some();
+        Some(Self { place, voxel_type: domain.voxel_type(), is_resampled })
     }
 
     /// Twelve numbers.
@@ -53,7 +55,7 @@ impl Extent {
             }
         };
         let voxel_type = TYPES.iter().position(|t| *t == self.voxel_type).unwrap_or(4) as f64;
-        let all = [kind, voxel_type, f64::from(self.level)].into_iter().chain(numbers.concat());
+        let all = [kind, voxel_type, f64::from(u8::from(self.is_resampled))].into_iter().chain(numbers.concat());
         all.flat_map(f64::to_le_bytes).collect()
     }
 
@@ -68,7 +70,7 @@ impl Extent {
             } else {
                 DomainBounds::Box { lower: a, upper: b, cells: c[0], of_cells: c[1] == 1.0 }
             };
-            Self { place, voxel_type: TYPES[(n[1] as usize).min(4)], level: n[2] as u32 }
+            Self { place, voxel_type: TYPES[(n[1] as usize).min(4)], is_resampled: n[2] == 1.0 }
         };
         numbers.as_chunks().0.iter().map(one).collect()
     }
@@ -204,33 +206,34 @@ fn finest(lattices: &[EvenGrid], of_cells: bool, lower: [f64; 3], size: [f64; 3]
 mod tests {
     use super::*;
 
-    fn of_lattice(origin: [f64; 3], step: f64, dims: [usize; 3], of_cells: bool, level: u32) -> Extent {
+    fn of_lattice(origin: [f64; 3], step: f64, dims: [usize; 3], of_cells: bool, is_resampled: bool) -> Extent {
         let lattice = EvenGrid { origin, spacing: [step; 3], dims };
-        Extent { place: DomainBounds::EvenGrid { lattice, of_cells }, voxel_type: VoxelType::F32, level }
+        Extent { place: DomainBounds::EvenGrid { lattice, of_cells }, voxel_type: VoxelType::F32, is_resampled }
     }
 
     fn of_box(upper: [f64; 3], cells: f64) -> Extent {
         let place = DomainBounds::Box { lower: [0.0; 3], upper, cells, of_cells: true };
-        Extent { place, voxel_type: VoxelType::F64, level: 0 }
+        Extent { place, voxel_type: VoxelType::F64, is_resampled: false }
     }
 
     #[test]
     fn an_adaptive_mesh_is_shown_on_its_finest_level() {
         // 8 cells of 1.0 a side, and 4 of 0.5 within.
-        let coarse = of_lattice([0.5; 3], 1.0, [8; 3], true, 0);
-        let fine = of_lattice([2.25; 3], 0.5, [4; 3], true, 1);
+        let coarse = of_lattice([0.5; 3], 1.0, [8; 3], true, true);
+        let fine = of_lattice([2.25; 3], 0.5, [4; 3], true, true);
         let shown = lattice(&[coarse, fine], None).unwrap();
         assert_eq!(shown, EvenGrid { origin: [0.25; 3], spacing: [0.5; 3], dims: [16; 3] });
-        let of_points = [of_lattice([0.0; 3], 1.0, [9; 3], false, 0), of_lattice([2.0; 3], 0.5, [5; 3], false, 1)];
+        let of_points =
+            [of_lattice([0.0; 3], 1.0, [9; 3], false, true), of_lattice([2.0; 3], 0.5, [5; 3], false, true)];
         let shown = lattice(&of_points, None).unwrap();
         assert_eq!(shown, EvenGrid { origin: [0.0; 3], spacing: [0.5; 3], dims: [17; 3] });
     }
 
     #[test]
-    fn a_finest_level_of_too_many_points_is_shown_every_second() {
-        let fine = of_lattice([0.5; 3], 1.0, [512; 3], true, 3);
+    fn a_finest_level_of_too_many_points_is_shown_coarser() {
+        let fine = of_lattice([0.5; 3], 1.0, [512; 3], true, true);
         let shown = lattice(&[fine], None).unwrap();
-        assert_eq!(shown, EvenGrid { origin: [1.0; 3], spacing: [2.0; 3], dims: [256; 3] });
+        assert_eq!(shown, EvenGrid { origin: [2.0; 3], spacing: [4.0; 3], dims: [128; 3] });
     }
 
     #[test]
@@ -252,7 +255,7 @@ mod tests {
 
     #[test]
     fn extents_are_read_as_they_were_written() {
-        let all = [of_lattice([0.5, 1.0, -2.0], 0.25, [3, 4, 5], true, 2), of_box([1.0, 2.0, 3.0], 7.0)];
+        let all = [of_lattice([0.5, 1.0, -2.0], 0.25, [3, 4, 5], true, true), of_box([1.0, 2.0, 3.0], 7.0)];
         let bytes: Vec<u8> = all.iter().flat_map(|extent| extent.to_bytes()).collect();
         assert_eq!(Extent::read_all(&bytes), all);
     }

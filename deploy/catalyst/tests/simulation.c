@@ -119,6 +119,22 @@ static void finer(conduit_node *mesh, int first, int beyond, int step) {
     free(values);
 }
 
+/* Marks the outermost cells along x and y as ghosts, and spoils the values at their outer points. */
+static void outer_ghosts(conduit_node *mesh, int cx, int cy, int cz) {
+    float *marks = calloc((size_t)cx * cy * cz, sizeof(float)), *values = conduit_node_element_ptr(conduit_node_fetch(mesh, "fields/rho/values"), 0);
+    for (int k = 0; k < cz; k++)
+        for (int j = 0; j < cy; j++)
+            for (int i = 0; i < cx; i++) marks[i + (size_t)cx * (j + (size_t)cy * k)] = i == 0 || j == 0 || i == cx - 1 || j == cy - 1;
+    for (int k = 0; k <= cz; k++)
+        for (int j = 0; j <= cy; j++)
+            for (int i = 0; i <= cx; i++)
+                if (i == 0 || j == 0 || i == cx || j == cy) values[i + (size_t)(cx + 1) * (j + (size_t)(cy + 1) * k)] = 9.0f;
+    conduit_node_set_path_char8_str(mesh, "fields/ascent_ghosts/association", "element");
+    conduit_node_set_path_char8_str(mesh, "fields/ascent_ghosts/topology", "mesh");
+    conduit_node_set_path_float32_ptr(mesh, "fields/ascent_ghosts/values", marks, (int64_t)cx * cy * cz);
+    free(marks);
+}
+
 static int of_cells(const char *layout) {
     const char *layouts[] = {"structured", "hexahedra", "tetrahedra", "mixed", "polyhedra", "damaged"};
     for (int n = 0; n < 6; n++)
@@ -153,15 +169,20 @@ int main(int argc, char **argv) {
 #endif
     conduit_node_destroy(params);
 
+#ifdef WITH_ASCENT
+    if (strcmp(layout, "nothing") == 0) ascent_publish(ascent, NULL);
+#endif
     for (int step = 0; step < steps; step++) {
-        int several = strcmp(layout, "multimesh") == 0 || strcmp(layout, "amrmesh") == 0;
+        /* Of refined, the finer level is there from the second step on, and its coarse cells below are marked, and wrong. */
+        int refined = strcmp(layout, "refined") == 0, adaptive = refined || strcmp(layout, "amrmesh") == 0;
+        int several = adaptive || strcmp(layout, "multimesh") == 0;
         int middle = several ? (first + beyond) / 2 : beyond, uneven = strcmp(layout, "uneven") == 0;
         float *lower = points(first, several ? middle + 1 : beyond, pad, uneven, step);
         float *upper = several ? points(middle, beyond, 0, 0, step) : NULL;
         conduit_node *run = conduit_node_create(), *data = conduit_node_fetch(run, "catalyst/channels/grid/data");
         conduit_node_set_path_int64(run, "catalyst/state/timestep", step);
         set(run, "catalyst/state/time", 0.5 * step);
-        conduit_node_set_path_char8_str(run, "catalyst/channels/grid/type", several ? layout : "mesh");
+        conduit_node_set_path_char8_str(run, "catalyst/channels/grid/type", adaptive ? "amrmesh" : several ? layout : "mesh");
         if (of_cells(layout)) {
             struct box box = {{NX, NY, beyond - first}, first, {X0, Y0, Z0 + H * first}, H};
             cell_mesh(data, layout, box, density_at, step);
@@ -175,11 +196,14 @@ int main(int argc, char **argv) {
         } else {
             domain(conduit_node_fetch(data, "lower"), first, middle + 1, layout, lower, 0);
             domain(conduit_node_fetch(data, "upper"), middle, beyond, layout, upper, 0);
-            if (strcmp(layout, "amrmesh") == 0) {
-                finer(conduit_node_fetch(data, "finer"), first, beyond, step);
+            if (adaptive) {
                 conduit_node_set_path_int64(data, "lower/state/level", 0);
                 conduit_node_set_path_int64(data, "upper/state/level", 0);
-                conduit_node_set_path_int64(data, "finer/state/level", 1);
+                if (!refined || step > 0) {
+                    finer(conduit_node_fetch(data, "finer"), first, beyond, step);
+                    conduit_node_set_path_int64(data, "finer/state/level", 1);
+                    if (refined) outer_ghosts(conduit_node_fetch(data, "finer"), NX, NY, 2 * (beyond - first) - 2);
+                }
             }
         }
 #ifdef WITH_ASCENT

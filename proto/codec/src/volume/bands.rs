@@ -50,7 +50,7 @@ pub(super) fn encode(
         let bytes = std::mem::take(&mut predicted.bytes);
         let decoded = predicted.decoded();
         let other = match measure {
-            ErrorMeasure::Maximum => None,
+            ErrorMeasure::Maximum | ErrorMeasure::Everywhere => None,
             ErrorMeasure::MeanSquare => wavelet::encode(values, dims, free, &decoded, bytes.len()),
         };
         other.map_or((kind, bytes, decoded), |(bytes, decoded)| (WAVELET, bytes, decoded))

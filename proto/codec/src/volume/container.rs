@@ -32,7 +32,7 @@ const TEMPORAL: u16 = 4;
 const MAX_HEADER_BYTES: usize = 1 << 18;
 
 /// Encodes a reduced volume. Every value decodes within the params' gamma, except where the transfer function shows nothing
-/// of it, or, by [`ErrorMeasure::MeanSquare`], with a mean square error no greater than with that bound; a missing point
+/// of it (there, too, by [`ErrorMeasure::Everywhere`]), or, by [`ErrorMeasure::MeanSquare`], with a mean square error no greater than with that bound; a missing point
 /// decodes as missing.
 pub fn encode(volume: &ReducedVolume, measure: ErrorMeasure) -> Vec<u8> {
     encode_after(volume, measure, None).0
@@ -55,6 +55,7 @@ pub fn encode_after(
     let is_masked = units.par_iter().any(|u| u.is_nan());
     let bound = bound(volume.params());
     let free_intervals = FreeIntervals::new(volume, bound);
+    let free = |n| if measure == ErrorMeasure::Everywhere { None } else { free_intervals.at(n) };
     let (mut filled, mut missing) = (Cow::Borrowed(units), Vec::new());
     if is_masked {
         missing = mask::encode(&units.iter().map(|u| u.is_nan()).collect::<Vec<bool>>(), dims);
@@ -67,7 +68,7 @@ pub fn encode_after(
         (reference.checksum(), motion.encode(), motion.moved(&aligned, dims))
     });
     let before = past.as_ref().map(|(.., moved)| &moved[..]);
-    let coded = bands::encode(&filled, dims, bound, |n| free_intervals.at(n), measure, before);
+    let coded = bands::encode(&filled, dims, bound, free, measure, before);
     let version = match (coded.is_temporal, coded.is_marked, is_masked) {
         (true, ..) => TEMPORAL,
         (false, true, _) => MARKED,

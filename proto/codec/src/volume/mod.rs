@@ -42,6 +42,8 @@ pub enum ErrorMeasure {
     Maximum,
     /// The mean square error, which is at most what it is where each value keeps the bound. Single values may be off by more.
     MeanSquare,
+    /// The error of each value, also of those that the transfer function hides, which are otherwise free.
+    Everywhere,
 }
 
 /// Bytes of a band before the range coder: least and largest value, then the first one or the quantizer step of wavelets, each a
