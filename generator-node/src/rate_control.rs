@@ -102,16 +102,8 @@ pub(crate) fn generate_within(
 }
 
 /// Shares of the sample points a side and error bounds of a step's copy, by falling size: each takes about half of the one before.
-const COPIES: [(f64, f64); 8] = [
-    (1.0, 0.0005),
-    (1.0, 0.002),
-    (1.0, 0.008),
-    (0.75, 0.01),
-    (0.6, 0.015),
-    (0.45, 0.02),
-    (0.35, 0.03),
-    (0.25, 0.04),
-];
+const COPIES: [(f64, f64); 8] =
+    [(1.0, 0.0005), (1.0, 0.002), (1.0, 0.008), (0.75, 0.01), (0.6, 0.015), (0.45, 0.02), (0.35, 0.03), (0.25, 0.04)];
 
 /// The step as fine as fits `size_bytes`: a reduced volume of all its points, or one that is coarser, whose values are right also where
 /// the scene shows nothing of them; a VDI where it can be none.
@@ -134,7 +126,10 @@ pub(crate) fn copy_within(
     let made = generate_within(step, setting.fallbacks[0], &setting, None, &options, (laps, rungs))?;
     let smallest = made.encoded.cost.size_bytes;
     if smallest > size_bytes {
-        return Err(Invalid::new("trigger.copy_kb", format!("the smallest copy takes {smallest} bytes; allow as many")));
+        return Err(Invalid::new(
+            "trigger.copy_kb",
+            format!("the smallest copy takes {smallest} bytes; allow as many"),
+        ));
     }
     Ok(made.encoded)
 }

@@ -317,7 +317,16 @@ fn a_trigger_is_set_at_the_page_fires_and_is_removed() {
     browser.wait_js(&format!("{fired} !== null && /^step \\d+$/.test({fired}.textContent)"));
     browser.js(&format!("{fired}.click()"));
     browser.wait_js("document.querySelector('#readout').innerText.includes('late')");
-    browser.js("document.querySelector('#trigger-list [aria-label=\"Remove trigger late\"]').click()");
+    write("trigger-name", "kept");
+    write("trigger-when", "max > 1e30");
+    write("trigger-copy", "250");
+    browser.js("document.querySelector('#trigger-actions [value=copy]').checked = true");
+    browser.js("document.querySelector('#trigger-ask').click()");
+    let listed = "document.querySelector('#trigger-list').innerText";
+    browser.wait_js(&format!("{listed}.includes('copy of at most 250 kB when max > 1e30')"));
+    for name in ["late", "kept"] {
+        browser.js(&format!("document.querySelector('#trigger-list [aria-label=\"Remove trigger {name}\"]').click()"));
+    }
     browser.wait_js("document.querySelector('#trigger-list').children.length === 0");
     end(&browser, lamina);
 }
