@@ -101,7 +101,7 @@ pub(crate) fn generate_within(
     Ok(GeneratedStep { params, encoded, fell_back: at > first_wanted })
 }
 
-/// Shares of the sample points a side and error bounds of a step's copy, by falling size: each takes about half of the one before.
+/// Shares of the sample points a side and error bounds of a step's copy, by falling size.
 const COPIES: [(f64, f64); 8] =
     [(1.0, 0.0005), (1.0, 0.002), (1.0, 0.008), (0.75, 0.01), (0.6, 0.015), (0.45, 0.02), (0.35, 0.03), (0.25, 0.04)];
 

@@ -2,8 +2,10 @@
 
 use crate::cells::Shape;
 use crate::conduit::{NodeArray, hashed};
+use crate::strided_grid::StridedGrid;
 use glam::DVec3;
-use std::ops::Range;
+use std::iter::Sum;
+use std::ops::{Div, Range};
 
 /// A mesh of cells over points.
 #[derive(Debug)]
@@ -24,32 +26,9 @@ pub(crate) enum Points {
 /// The points of each cell.
 #[derive(Debug)]
 pub(crate) enum Cells {
-    Grid(GridCells),
+    /// Hexahedra between the points of a grid, which may lie amid ghosts.
+    Grid(StridedGrid),
     Listed(Box<ListedCells>),
-}
-
-/// Hexahedra between the points of a grid.
-#[derive(Debug)]
-pub(crate) struct GridCells {
-    /// Per axis.
-    pub(crate) points: [usize; 3],
-    /// Of all positions the first, and from one neighbor to the next: there may be ghosts around the grid.
-    pub(crate) first: usize,
-    pub(crate) strides: [usize; 3],
-}
-
-impl GridCells {
-    /// Of points that lie x fastest.
-    pub(crate) fn dense(points: [usize; 3]) -> Self {
-        Self { points, first: 0, strides: [1, points[0], points[0].saturating_mul(points[1])] }
-    }
-
-    /// The position of point `n` of the grid, x fastest.
-    fn place(&self, n: usize) -> usize {
-        let [x, y, _] = self.points;
-        let index = [n % x, n / x % y, n / (x * y)];
-        self.first + index.iter().zip(self.strides).map(|(n, stride)| n * stride).sum::<usize>()
-    }
 }
 
 /// Cells as lists of their points; a polyhedron as a list of faces.
@@ -172,18 +151,23 @@ impl Points {
         })
     }
 
-    /// The least box that holds all; none, where there is no finite one.
+    /// The least box that holds all.
     pub(crate) fn bounds(&self) -> Option<[DVec3; 2]> {
-        let finite = (0..self.len()).filter_map(|n| self.position(n)).filter(|p| p.is_finite());
-        finite.fold(None, |bounds, p| Some(bounds.map_or([p, p], |[low, high]: [DVec3; 2]| [low.min(p), high.max(p)])))
+        bounds((0..self.len()).filter_map(|n| self.position(n)))
     }
+}
+
+/// The least box that holds all positions; none, where there is no finite one.
+fn bounds(positions: impl Iterator<Item = DVec3>) -> Option<[DVec3; 2]> {
+    let both = |p| [p, p];
+    positions.filter(|p| p.is_finite()).map(both).reduce(|[low, high], [p, _]| [low.min(p), high.max(p)])
 }
 
 impl CellMesh {
     /// How many cells there are.
     pub(crate) fn cells(&self) -> usize {
         match &self.cells {
-            Cells::Grid(grid) => grid.points.iter().map(|points| points.saturating_sub(1)).product(),
+            Cells::Grid(grid) => grid.dims.iter().map(|points| points.saturating_sub(1)).product(),
             Cells::Listed(listed) => match &listed.shapes {
                 Shapes::All(_) => listed.lists.len(),
                 Shapes::Numbered(numbers, _) => numbers.len.min(listed.lists.len()),
@@ -196,7 +180,7 @@ impl CellMesh {
         cell.points.clear();
         cell.faces.clear();
         match &self.cells {
-            Cells::Grid(GridCells { points: [x, y, _], .. }) => {
+            Cells::Grid(StridedGrid { dims: [x, y, _], .. }) => {
                 let (i, rest) = (n % (x - 1), n / (x - 1));
                 let (j, k) = (rest % (y - 1), rest / (y - 1));
                 let first = i + x * (j + y * k);
@@ -238,7 +222,7 @@ impl CellMesh {
         cell.positions.clear();
         for point in &cell.points {
             let place = match &self.cells {
-                Cells::Grid(grid) => grid.place(*point),
+                Cells::Grid(grid) => grid.of(*point),
                 Cells::Listed(_) => *point,
             };
             cell.positions.push(self.points.position(place)?);
@@ -253,8 +237,8 @@ impl CellMesh {
             Points::Axes(axes) => axes.iter().flatten().fold(0, |sum, at| hashed(sum, at.to_bits())),
         };
         match &self.cells {
-            Cells::Grid(GridCells { points, first, strides }) => {
-                let numbers = points.iter().chain([first]).chain(strides);
+            Cells::Grid(StridedGrid { dims, first, strides }) => {
+                let numbers = dims.iter().chain([first]).chain(strides);
                 numbers.fold(sum, |sum, number| hashed(sum, *number as u64))
             }
             Cells::Listed(listed) => {
@@ -269,6 +253,11 @@ impl CellMesh {
 }
 
 impl CellPoints {
+    /// The least box that holds it.
+    pub(crate) fn bounds(&self) -> Option<[DVec3; 2]> {
+        bounds(self.positions.iter().copied())
+    }
+
     /// Where `position` lies in it: the part (a tetrahedron of a polyhedron; else 0), and local coordinates there.
     pub(crate) fn locate(&self, position: DVec3) -> Option<(u32, DVec3)> {
         if let Some(shape) = self.shape {
@@ -276,7 +265,7 @@ impl CellPoints {
         }
         let parts = 0..self.points.len() as u32;
         parts.into_iter().find_map(|part| {
-            let corners = self.tetrahedron(part, |n| self.positions[n], |sum, count| sum / count);
+            let corners = self.tetrahedron(part, |n| self.positions[n]);
             Some((part, Shape::Tetrahedron.locate(&corners, position)?))
         })
     }
@@ -284,24 +273,18 @@ impl CellPoints {
     /// The value at local coordinates `at` of a part, from the values `of_point`.
     pub(crate) fn interpolate(&self, part: u32, at: DVec3, of_point: impl Fn(usize) -> f64) -> f64 {
         let value = |n: usize| of_point(self.points[n]);
-        let sum = |values: &[f64], shape: Shape| values.iter().zip(shape.weights(at)).map(|(v, w)| v * w).sum();
+        let weights = self.shape.unwrap_or(Shape::Tetrahedron).weights(at).into_iter();
         match self.shape {
-            Some(shape) => {
-                let mut values = [0.0; 8];
-                for (n, held) in values.iter_mut().enumerate().take(shape.vertices()) {
-                    *held = value(n);
-                }
-                sum(&values[..shape.vertices()], shape)
-            }
-            None => sum(&self.tetrahedron(part, value, |sum, count| sum / count), Shape::Tetrahedron),
+            Some(shape) => (0..shape.vertices()).map(value).zip(weights).map(|(v, w)| v * w).sum(),
+            None => self.tetrahedron(part, value).iter().zip(weights).map(|(v, w)| v * w).sum(),
         }
     }
 
     /// A polyhedron is split along its edges: the middle of the cell, that of a face, and the two ends of the face's edge that begins
     /// with point `part`.
-    fn tetrahedron<T>(&self, part: u32, of: impl Fn(usize) -> T, mean: impl Fn(T, f64) -> T) -> [T; 4]
+    fn tetrahedron<T>(&self, part: u32, of: impl Fn(usize) -> T) -> [T; 4]
     where
-        T: std::iter::Sum<T> + Copy,
+        T: Sum<T> + Div<f64, Output = T>,
     {
         let (mut first, part) = (0, part as usize);
         let mut size = 0;
@@ -315,7 +298,7 @@ impl CellPoints {
         let next = if part + 1 < first + size { part + 1 } else { first };
         let middle = |range: Range<usize>| {
             let count = range.len() as f64;
-            mean(range.map(&of).sum(), count)
+            range.map(&of).sum::<T>() / count
         };
         [middle(0..self.points.len()), middle(first..first + size), of(part), of(next)]
     }
@@ -388,7 +371,7 @@ mod tests {
     #[test]
     fn a_rectilinear_grid_has_the_hexahedra_between_its_points() {
         let axes = [vec![0.0, 1.0, 4.0], vec![0.0, 2.0], vec![-1.0, 0.0, 3.0]];
-        let mesh = CellMesh { points: Points::Axes(axes), cells: Cells::Grid(GridCells::dense([3, 2, 3])) };
+        let mesh = CellMesh { points: Points::Axes(axes), cells: Cells::Grid(StridedGrid::dense([3, 2, 3])) };
         assert_eq!((mesh.cells(), mesh.points.len()), (4, 18));
         assert_eq!(mesh.points.bounds(), Some([DVec3::new(0.0, 0.0, -1.0), DVec3::new(4.0, 2.0, 3.0)]));
         let mut cell = CellPoints::default();

@@ -4,7 +4,6 @@ use crate::conduit::{Element, NodeArray};
 use crate::mesh::{Domain, EvenGrid, Geometry};
 use crate::partition::{IndexBox, disjoint};
 use crate::target::{DomainBounds, Extent};
-use glam::DVec3;
 use lamina_client::{Brick, VoxelSlice, dense, span};
 use lamina_model::{Grid, VoxelType};
 
@@ -57,7 +56,7 @@ impl LatticeRun {
         let mine = before..before + own;
         let parts = boxes[mine.clone()].iter().copied().zip(shares[mine].iter().copied()).collect();
         let dims = hull.dims().map(|points| points as usize);
-        let grid = Grid::new(dims, DVec3::from(spacing), DVec3::from(origin)).map_err(|e| e.to_string())?;
+        let grid = EvenGrid { origin, spacing, dims }.grid()?;
         let parts = (boxes != shares).then_some(parts);
         Ok((Self { origin, spacing, parts, voxel_type }, grid))
     }
@@ -171,8 +170,8 @@ impl<'a> GridValues<'a> {
         }
         let field = &self.domain.field;
         let apart = field.array.stride_bytes / field.array.element.size_bytes();
-        let strides = field.strides.map(|stride| stride * apart);
-        Ok((slice(&field.array, field.first * apart + offset(strides), reach(strides)?), strides))
+        let strides = field.layout.strides.map(|stride| stride * apart);
+        Ok((slice(&field.array, field.layout.first * apart + offset(strides), reach(strides)?), strides))
     }
 }
 

@@ -18,6 +18,7 @@ mod partition;
 mod ranks;
 mod resample;
 mod resampled_run;
+mod strided_grid;
 mod symbols;
 mod target;
 

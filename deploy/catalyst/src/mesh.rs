@@ -3,10 +3,12 @@
 //!
 //! A field's values are x fastest, as Blueprint has them, any stride apart; offsets and strides of a field amid ghosts are taken.
 
-use crate::cell_mesh::{CellMesh, Cells, GridCells, ListedCells, Lists, Points, Ranges, Shapes};
+use crate::cell_mesh::{CellMesh, Cells, ListedCells, Lists, Points, Ranges, Shapes};
 use crate::cells::Shape;
 use crate::conduit::{Node, NodeArray};
-use lamina_model::VoxelType;
+use crate::strided_grid::StridedGrid;
+use glam::DVec3;
+use lamina_model::{Grid, VoxelType};
 
 /// A field on one domain.
 #[derive(Debug)]
@@ -42,12 +44,8 @@ pub(crate) struct EvenGrid {
 #[derive(Debug)]
 pub(crate) struct FieldValues {
     pub(crate) array: NodeArray,
-    /// The element of the first value.
-    pub(crate) first: usize,
-    /// Values per axis; a list has one axis.
-    dims: [usize; 3],
-    /// Elements from one neighbor to the next.
-    pub(crate) strides: [usize; 3],
+    /// A list has one axis.
+    pub(crate) layout: StridedGrid,
     pub(crate) of_cells: bool,
 }
 
@@ -146,7 +144,7 @@ fn domain(mesh: &Node, name: &str, wanted: Option<&str>) -> Result<(Domain, Stri
         let dims = match &geometry {
             Geometry::EvenGrid(lattice) => lattice.dims.map(|n| n - usize::from(is_of_cells && !of_cells)),
             Geometry::Cells(mesh) => match &mesh.cells {
-                Cells::Grid(grid) => grid.points.map(|n| n - usize::from(is_of_cells)),
+                Cells::Grid(grid) => grid.dims.map(|n| n - usize::from(is_of_cells)),
                 Cells::Listed(_) if is_of_cells => [mesh.cells(), 1, 1],
                 Cells::Listed(_) => [mesh.points.len(), 1, 1],
             },
@@ -162,49 +160,22 @@ fn domain(mesh: &Node, name: &str, wanted: Option<&str>) -> Result<(Domain, Stri
     Ok((Domain { geometry, field, level, ghosts }, wanted.map_or(field_name, str::to_owned)))
 }
 
-/// Three numbers at `path`, if there are any.
-fn three(node: &Node, path: &str) -> Result<Option<[usize; 3]>, String> {
-    let Some(numbers) = node.at(path).and_then(|node| node.array()) else { return Ok(None) };
-    let numbers = numbers.on_host(&format!("{path} lie"))?;
-    let all: Option<Vec<usize>> = (0..3).map(|n| numbers.get(n).map(|v| v as usize)).collect();
-    Ok(all.and_then(|all| all.try_into().ok()))
-}
-
-/// The first and the last element of so many values per axis; none, where there is no such number.
-fn reach(dims: [usize; 3], offsets: [usize; 3], strides: [usize; 3]) -> (Option<usize>, Option<usize>) {
-    let sum = |steps: [usize; 3]| {
-        let all = steps.into_iter().zip(strides).map(|(step, stride)| step.checked_mul(stride));
-        all.reduce(|sum, part| sum?.checked_add(part?)).flatten()
-    };
-    let first = sum(offsets);
-    (first, first.zip(sum(dims.map(|d| d.saturating_sub(1)))).and_then(|(a, b)| a.checked_add(b)))
-}
-
 impl FieldValues {
     fn new(field: &Node, array: NodeArray, of_cells: bool, dims: [usize; 3]) -> Result<Self, String> {
         let array = array.on_host("its values lie")?;
-        let strides = three(field, "strides")?.unwrap_or([1, dims[0], dims[0].saturating_mul(dims[1])]);
-        let offsets = three(field, "offsets")?.unwrap_or_default();
-        let (first, last) = reach(dims, offsets, strides);
-        match (first, last) {
-            (Some(first), Some(last)) if last < array.len => Ok(Self { array, first, dims, strides, of_cells }),
-            _ => Err(format!("{} values for {dims:?} points or cells", array.len)),
-        }
+        let layout = StridedGrid::read(field, "", dims, array.len)?;
+        let layout = layout.ok_or_else(|| format!("{} values for {dims:?} points or cells", array.len))?;
+        Ok(Self { array, layout, of_cells })
     }
 
     /// The value at a place of a grid.
     pub(crate) fn at(&self, place: [usize; 3]) -> f64 {
-        let offset: usize = place.iter().zip(self.strides).map(|(n, stride)| n * stride).sum();
-        self.array.get(self.first + offset).unwrap_or(f64::NAN)
+        self.array.get(self.layout.at(place)).unwrap_or(f64::NAN)
     }
 
     /// The value of point or cell `n`, x fastest.
     pub(crate) fn of(&self, n: usize) -> f64 {
-        let [x, y, _] = self.dims;
-        if self.strides == [1, x, x * y] {
-            return self.array.get(self.first + n).unwrap_or(f64::NAN);
-        }
-        self.at([n % x, n / x % y, n / (x * y)])
+        self.array.get(self.layout.of(n)).unwrap_or(f64::NAN)
     }
 }
 
@@ -216,6 +187,12 @@ impl Domain {
 }
 
 impl EvenGrid {
+    /// As the grid of a run.
+    pub(crate) fn grid(&self) -> Result<Grid, String> {
+        let grid = Grid::new(self.dims, DVec3::from(self.spacing), DVec3::from(self.origin));
+        grid.map_err(|error| error.to_string())
+    }
+
     /// Checked: points on three axes.
     fn checked(self) -> Result<Self, String> {
         let Self { origin, spacing, dims } = self;
@@ -280,7 +257,10 @@ fn rectilinear(coordset: &Node, of_cells: bool) -> Result<Geometry, String> {
     if points.contains(&1) {
         return Err("a single layer of points is no volume".to_owned());
     }
-    Ok(Geometry::Cells(Box::new(CellMesh { points: Points::Axes(axes), cells: Cells::Grid(GridCells::dense(points)) })))
+    Ok(Geometry::Cells(Box::new(CellMesh {
+        points: Points::Axes(axes),
+        cells: Cells::Grid(StridedGrid::dense(points)),
+    })))
 }
 
 fn explicit(coordset: &Node, topology: &Node) -> Result<CellMesh, String> {
@@ -300,15 +280,8 @@ fn explicit(coordset: &Node, topology: &Node) -> Result<CellMesh, String> {
                     as usize
                     + 1;
             }
-            let dense = GridCells::dense(dims);
-            let strides = three(topology, "elements/dims/strides")?.unwrap_or(dense.strides);
-            let offsets = three(topology, "elements/dims/offsets")?.unwrap_or_default();
-            match reach(dims, offsets, strides) {
-                (Some(first), Some(last)) if last < points.len() => {
-                    Cells::Grid(GridCells { points: dims, first, strides })
-                }
-                _ => return Err(format!("{} positions for a grid of {dims:?} points", points.len())),
-            }
+            let grid = StridedGrid::read(topology, "elements/dims/", dims, points.len())?;
+            Cells::Grid(grid.ok_or_else(|| format!("{} positions for a grid of {dims:?} points", points.len()))?)
         }
         "unstructured" => Cells::Listed(Box::new(listed(topology)?)),
         other => return Err(format!("a topology of type \"{other}\"; structured and unstructured ones are shown")),

@@ -39,8 +39,7 @@ impl CellLocations {
             if mesh.read(n, &mut cell).is_none() || mesh.place(&mut cell).is_none() {
                 continue;
             }
-            let finite = cell.positions.iter().filter(|p| p.is_finite());
-            let bounds = finite.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[l, h], p| [l.min(*p), h.max(*p)]);
+            let Some(bounds) = cell.bounds() else { continue };
             let [low, high] = bounds.map(|corner| (corner - origin) / spacing);
             let range = |axis: usize| -> Range<usize> {
                 let last = lattice.dims[axis] as f64 - 1.0;

@@ -5,7 +5,6 @@ use crate::guard::caught;
 use crate::mesh::{Domain, EvenGrid};
 use crate::ranks::Ranks;
 use crate::resample::{CellLocations, RankSlabs, Slab, sampled};
-use glam::DVec3;
 use lamina_client::{Brick, VoxelSlice};
 use lamina_model::Grid;
 
@@ -20,8 +19,7 @@ pub(crate) struct ResampledRun {
 impl ResampledRun {
     /// Of `fields` fields; with the grid of the run.
     pub(crate) fn new(lattice: EvenGrid, ranks: u32, fields: usize) -> Result<(Self, Grid), String> {
-        let EvenGrid { origin, spacing, dims } = lattice;
-        let grid = Grid::new(dims, DVec3::from(spacing), DVec3::from(origin)).map_err(|e| e.to_string())?;
+        let grid = lattice.grid()?;
         Ok((Self { slabs: RankSlabs { lattice, ranks }, fields, locations: Vec::new() }, grid))
     }
 

@@ -4,24 +4,33 @@ use lamina_model::{Image, RunInfo, Voxels};
 use lamina_rpc::daemon::png;
 use std::path::{Path, PathBuf};
 
-/// Writes `voxels` of a step of `run` into `folder`, on a thread of its own.
+/// Writes `voxels` of a step of `run` into `folder`.
 pub(crate) fn write_raw(folder: PathBuf, run: &RunInfo, step: u64, voxels: Voxels) {
     let [nx, ny, nz] = run.grid.dims();
-    let name = format!("{}_{step:06}_{nx}x{ny}x{nz}_{}.raw", run.id, voxels.voxel_type());
-    let bytes = move || Ok(voxels.to_le_bytes(0..voxels.len()));
-    std::thread::spawn(move || write(&folder, &name, step, bytes));
+    let ending = format!("_{nx}x{ny}x{nz}_{}.raw", voxels.voxel_type());
+    keep(folder, run, step, &ending, move || Ok(voxels.to_le_bytes(0..voxels.len())));
 }
 
-/// Writes a picture of a step of `run` into `folder`, on a thread of its own.
+/// Writes a picture of a step of `run` into `folder`.
 pub(crate) fn write_picture(folder: PathBuf, run: &RunInfo, step: u64, image: Image) {
-    let name = format!("{}_{step:06}.png", run.id);
-    std::thread::spawn(move || write(&folder, &name, step, || png(&image).map_err(std::io::Error::other)));
+    keep(folder, run, step, ".png", move || png(&image).map_err(std::io::Error::other));
 }
 
-/// Writes the bytes of a step of `run` into `folder`, on a thread of its own.
+/// Writes the bytes of a step of `run` into `folder`.
 pub(crate) fn write_copy(folder: PathBuf, run: &RunInfo, step: u64, encoded: Vec<u8>) {
-    let name = format!("{}_{step:06}.vdi", run.id);
-    std::thread::spawn(move || write(&folder, &name, step, || Ok(encoded)));
+    keep(folder, run, step, ".vdi", || Ok(encoded));
+}
+
+/// Writes what `bytes` gives into the step's file with this ending, on a thread of its own.
+fn keep(
+    folder: PathBuf,
+    run: &RunInfo,
+    step: u64,
+    ending: &str,
+    bytes: impl FnOnce() -> std::io::Result<Vec<u8>> + Send + 'static,
+) {
+    let name = format!("{}_{step:06}{ending}", run.id);
+    std::thread::spawn(move || write(&folder, &name, step, bytes));
 }
 
 fn write(folder: &Path, name: &str, step: u64, bytes: impl FnOnce() -> std::io::Result<Vec<u8>>) {
