@@ -4,7 +4,8 @@
 //! steps: the mean step then, without its push, is the simulation alone; that of the steps before and after is the simulation
 //! beside the node, whatever steadily changes between them. Two such figures in a row above the limit, because a machine does other
 //! things, too, and the node takes every n-th step only and throttles its processor share; where that is not enough it takes
-//! cheaper parameters (time a step and bytes).
+//! cheaper parameters (time a step and bytes). What pushes take by themselves is known without a pause: where it is over half of the
+//! limit, they become rarer at once.
 
 use lamina_compute::CpuShare;
 use parking_lot::{Mutex, MutexGuard};
@@ -25,16 +26,20 @@ pub struct Coupling {
     pub cheaper: usize,
 }
 
-/// Intervals of a pause that count.
-const PAUSE_STEPS: usize = 4;
+/// Steps of the simulation in a pause that count.
+const PAUSE_STEPS: u32 = 4;
 /// Those between two pauses, at least.
-const WORK_STEPS: usize = 8;
+const WORK_STEPS: u32 = 8;
 /// Work lasts so many times as long as the pauses, once the limit is kept; before that a third of it.
 const WORK_PER_PAUSE: u32 = 9;
 /// The throttle that a limit begins with: the first steps are to keep it, too, and nothing has been measured yet.
 const FIRST_THROTTLE: f64 = 0.3;
 /// Share of the limit aimed at.
 const AIM: f64 = 0.7;
+/// Share of the limit that pushes may take; the rest is for what the node does meanwhile.
+const PUSH_AIM: f64 = 0.5;
+/// Pushes whose median tells what they take.
+const PUSHES: usize = 5;
 /// The least throttle: below it parameters become cheaper.
 const LEAST_THROTTLE: f64 = 0.03;
 /// The sparsest cadence.
@@ -61,6 +66,8 @@ struct Controller {
     skip: bool,
     /// Seconds, of the current phase.
     intervals: Vec<f64>,
+    /// Time of each push since the cadence was set, as a share of the simulation's own since the one before.
+    pushes: Vec<f64>,
     /// Mean step beside the node before the last pause, and in that pause.
     before: Option<f64>,
     alone: Option<f64>,
@@ -85,6 +92,7 @@ impl Controller {
             since: now,
             skip: true,
             intervals: Vec::new(),
+            pushes: Vec::new(),
             before: None,
             alone: None,
             last: None,
@@ -100,10 +108,16 @@ impl Controller {
             return None;
         }
         let alone = interval.saturating_sub(push / self.coupling.cadence);
+        if self.spare_pushes(push.as_secs_f64() / (alone * self.coupling.cadence).as_secs_f64(), limit) {
+            self.begin(self.pausing, now);
+            return None;
+        }
         self.intervals.push(if self.pausing { alone } else { interval }.as_secs_f64());
         let elapsed = now.saturating_duration_since(self.since);
+        // An interval is the mean of as many as the cadence says; one alone may be a chance.
+        let steps = if self.intervals.len() < 2 { 0 } else { self.intervals.len() as u32 * self.coupling.cadence };
         if self.pausing {
-            (self.intervals.len() >= PAUSE_STEPS).then(|| {
+            (steps >= PAUSE_STEPS).then(|| {
                 self.alone = Some(mean(&self.intervals));
                 self.pause = elapsed;
                 self.begin(false, now);
@@ -112,7 +126,7 @@ impl Controller {
         } else {
             let kept = self.coupling.overhead.is_some_and(|overhead| overhead <= limit);
             let long = if kept { WORK_PER_PAUSE } else { WORK_PER_PAUSE / 3 };
-            (self.intervals.len() >= WORK_STEPS && elapsed >= long * self.pause).then(|| {
+            (steps >= WORK_STEPS && elapsed >= long * self.pause).then(|| {
                 let beside = mean(&self.intervals);
                 let (before, alone) = (self.before.replace(beside), self.alone.take());
                 if let Some((before, alone)) = before.zip(alone) {
@@ -120,8 +134,8 @@ impl Controller {
                 }
                 self.begin(true, now);
                 // A simulation that falls silent leaves the pause to end by itself.
-                let pushes = self.coupling.cadence * (PAUSE_STEPS as u32 + 2);
-                Change::Pause(interval * pushes + Duration::from_millis(100))
+                let steps = PAUSE_STEPS + 4 * self.coupling.cadence;
+                Change::Pause(interval * steps + Duration::from_millis(100))
             })
         }
     }
@@ -144,11 +158,47 @@ impl Controller {
         }
     }
 
+    /// Takes in the share that a push took of the time of the simulation's steps since the one before; true if there are too many pushes
+    /// by that alone, and now fewer.
+    fn spare_pushes(&mut self, share: f64, limit: f64) -> bool {
+        if self.pushes.len() == PUSHES {
+            self.pushes.remove(0);
+        }
+        self.pushes.push(share);
+        let cadence = self.coupling.cadence;
+        if !self.push_share().is_some_and(|share| share > PUSH_AIM * limit) || cadence == SPARSEST {
+            return false;
+        }
+        self.set_cadence(2 * cadence);
+        // The same pushes, as rarely as that.
+        while self.coupling.cadence < SPARSEST && self.push_share().is_some_and(|share| share > PUSH_AIM * limit) {
+            self.set_cadence(2 * self.coupling.cadence);
+        }
+        (self.before, self.last) = (None, None);
+        self.pushes.clear();
+        true
+    }
+
+    /// The median of the last pushes, once there are enough.
+    fn push_share(&self) -> Option<f64> {
+        let mut sorted = self.pushes.clone();
+        sorted.sort_by(f64::total_cmp);
+        (sorted.len() == PUSHES).then(|| sorted[PUSHES / 2])
+    }
+
+    /// Of the next pushes; those known are told as if they had been that far apart.
+    fn set_cadence(&mut self, cadence: u32) {
+        let ratio = f64::from(self.coupling.cadence) / f64::from(cadence);
+        self.pushes.iter_mut().for_each(|share| *share *= ratio);
+        self.coupling.cadence = cadence;
+    }
+
     /// Gives up cadence, then cost, where even the `least` of two figures is too much; takes back in the reverse order what the
     /// limit leaves where even the `most` is little.
     fn adapt(&mut self, least: f64, most: f64, limit: f64) {
         let Coupling { mut throttle, mut cadence, mut cheaper, overhead } = self.coupling;
         let aim = AIM * limit;
+        let may_be_twice_as_many = self.push_share().is_some_and(|share| 2.0 * share <= PUSH_AIM * limit);
         if least > aim {
             if throttle <= LEAST_THROTTLE && cadence == SPARSEST {
                 cheaper = (cheaper + 1).min(CHEAPEST);
@@ -160,9 +210,12 @@ impl Controller {
                 throttle = (1.5 * throttle).min(1.0);
             } else if cheaper > 0 {
                 cheaper -= 1;
-            } else {
+            } else if may_be_twice_as_many {
                 cadence = (cadence / 2).max(1);
             }
+        }
+        if cadence != self.coupling.cadence {
+            self.pushes.clear();
         }
         self.coupling = Coupling { overhead, throttle, cadence, cheaper };
     }
@@ -253,7 +306,8 @@ mod tests {
                 let Coupling { cheaper, cadence, .. } = self.controller.coupling;
                 let beside = if self.paused { 0.0 } else { self.cost * self.throttle * 0.5_f64.powi(cheaper as i32) };
                 let interval = Duration::from_secs_f64(0.1 * (1.0 + beside)) + self.push / cadence;
-                let noise = if steps % 7 == 0 { 1.1 } else { 1.0 };
+                let longer = (steps..steps + cadence).filter(|step| step % 7 == 0).count();
+                let noise = 1.0 + 0.1 * longer as f64 / f64::from(cadence);
                 self.now += interval * cadence;
                 self.time[usize::from(!self.paused)] += interval.as_secs_f64() * f64::from(cadence);
                 sum += (interval.as_secs_f64() / 0.1 - 1.0) * f64::from(cadence);
@@ -322,6 +376,25 @@ mod tests {
         let overhead = simulated.run(1000);
         assert!((0.01..=0.06).contains(&overhead), "a fifth of a step each: {overhead}");
         assert!((2..=16).contains(&simulated.controller.coupling.cadence));
+    }
+
+    #[test]
+    fn pushes_become_rarer_before_any_pause_has_told_what_the_node_costs() {
+        for (push_ms, cadence) in [(2, 1), (4, 2), (15, 8), (90, 16)] {
+            let mut simulated = Simulated::new(0.05, 0.0);
+            simulated.push = Duration::from_millis(push_ms);
+            simulated.run(1 + PUSHES as u32);
+            let coupling = simulated.controller.coupling;
+            assert_eq!((coupling.cadence, coupling.overhead), (cadence, None), "{push_ms} ms of 100");
+        }
+        // As many again, when there is room.
+        let mut simulated = Simulated::new(0.05, 0.0);
+        simulated.push = Duration::from_millis(15);
+        simulated.run(2000);
+        assert_eq!(simulated.controller.coupling.cadence, 8);
+        simulated.push = Duration::from_micros(100);
+        simulated.run(2000);
+        assert_eq!(simulated.controller.coupling.cadence, 1);
     }
 
     #[tokio::test(start_paused = true)]

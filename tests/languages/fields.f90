@@ -12,6 +12,7 @@ program fields
     character(200) :: url
     integer :: step, i, j, k
     integer(kind(lamina_admitted)) :: code
+    logical :: wanted
 
     call get_command_argument(1, url)
     run%generator = trim(url)
@@ -25,6 +26,8 @@ program fields
     if (code < 0) error stop
     density = 1
     do step = 0, steps - 1
+        call lamina_wants(connection, step, wanted, code)
+        if (.not. wanted .or. code /= 1) error stop
         do k = 1, n(3)
             do j = 1, n(2)
                 do i = 1, n(1)

@@ -77,6 +77,9 @@ int main(int argc, char **argv) {
     expect("nobody there yet", lamina_connect(&run, &client), 0, "");
     lamina_brick whole = {.dims = {4, 3, 2}, .voxels = values}, brick;
     expect("nobody there", lamina_push(client, 0, 0, &whole), LAMINA_UNREACHABLE, "refused");
+    expect("nobody there to want it", lamina_wants(client, 1), LAMINA_UNREACHABLE, "refused");
+    expect("no client to ask", lamina_wants(NULL, 1), LAMINA_INVALID, "client");
+    expect("a step before the first", lamina_wants(client, (uint64_t)-1), LAMINA_INVALID, "step");
     expect("no brick", lamina_push(client, 1, 0, NULL), LAMINA_INVALID, "brick");
     expect("no client", lamina_push(NULL, 1, 0, &whole), LAMINA_INVALID, "client");
     brick = whole;
@@ -115,7 +118,7 @@ int main(int argc, char **argv) {
     lamina_close(NULL, &summary);
     lamina_close(client, &summary);
     /* All but the one without a client. */
-    if (summary.pushed != 0 || summary.lost != 12 || summary.run_dropped_steps != -1) {
+    if (summary.pushed != 0 || summary.lost != 13 || summary.run_dropped_steps != -1) {
         printf("pushed %d, lost %d\n", (int)summary.pushed, (int)summary.lost);
         wrong = 1;
     }

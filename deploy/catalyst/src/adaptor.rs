@@ -43,6 +43,30 @@ struct OpenRun {
     field: String,
 }
 
+impl OpenRun {
+    /// Whether this rank's part of a step would be handed over; an error, if it is lost. Once a step.
+    fn wants(&mut self, step: u64) -> Result<bool, String> {
+        let client = self.client.as_mut().ok_or("the run was refused, at the first step; see above")?;
+        client.wants(step).map_err(|error| in_words(&error, &self.field))
+    }
+
+    /// Whether a step is computed: where the mesh is resampled, all ranks have a part in what any of them hands over. Collective then.
+    fn is_computed(&self, ranks: &Ranks, is_wanted: bool) -> Result<bool, String> {
+        match self.way {
+            Way::InPlace(_) => Ok(is_wanted),
+            Way::Resampled(_) => ranks.any(is_wanted),
+        }
+    }
+}
+
+fn in_words(error: &ClientError, field: &str) -> String {
+    match error {
+        // The client says by itself, once, why its node is away, and tries again.
+        ClientError::Unreachable { .. } => format!("{field} is not shown: its node cannot be reached"),
+        _ => format!("{field}: {error}"),
+    }
+}
+
 /// How values become bricks.
 enum Way {
     InPlace(LatticeRun),
@@ -89,6 +113,28 @@ impl Adaptor {
             // All ranks take part, also one whose own mesh cannot be shown: nobody waits for it.
             self.open(domains)?;
         }
+        if let Some(run) = &mut self.run {
+            let wanted = run.wants(step);
+            let outcome = if run.is_computed(&self.ranks, wanted == Ok(true))? {
+                self.compute((step, time), domains, wanted)
+            } else {
+                wanted.map(|_| ())
+            };
+            self.lost += u64::from(outcome.is_err());
+            return outcome;
+        }
+        caught(|| domains(self.options.channel.as_deref(), self.options.field.as_deref()))?;
+        Err("this rank took no part when the run was opened, at the first step; see above".to_owned())
+    }
+
+    /// Reads the fields of a step, and hands them over where this rank's part of it is `wanted`. Collective where the mesh is resampled.
+    fn compute(
+        &mut self,
+        (step, time): (u64, f64),
+        domains: &DomainReader<'_>,
+        wanted: Result<bool, String>,
+    ) -> Result<(), String> {
+        let Some(run) = &mut self.run else { return Ok(()) };
         let channel = self.options.channel.as_deref();
         let read = |field: Option<&str>| caught(|| domains(channel, field));
         let of_more = |(_, field): &(String, String)| Ok(read(Some(field))?.0);
@@ -96,28 +142,18 @@ impl Adaptor {
             let more = self.options.more_fields.iter().map(of_more).collect::<Result<Vec<_>, String>>();
             Ok((own, more?))
         });
-        let Some(run) = &mut self.run else {
-            found?;
-            return Err("this rank took no part when the run was opened, at the first step; see above".to_owned());
-        };
         let (client, field) = (&mut run.client, &run.field);
         let hand_over = |bricks: &[Brick<'_>]| {
-            let client = client.as_mut().ok_or("the run was refused, at the first step; see above")?;
+            let Some(client) = client.as_mut().filter(|_| wanted == Ok(true)) else { return wanted.map(|_| ()) };
             match client.push_bricks(step, time, bricks) {
                 Ok(Receipt::Admitted(_) | Receipt::Dropped) => Ok(()),
-                // The client says by itself, once, that its node is away, and tries again.
-                Err(ClientError::Unreachable { .. }) => {
-                    Err(format!("{field} is not shown: its node cannot be reached"))
-                }
-                Err(error) => Err(format!("{field}: {error}")),
+                Err(error) => Err(in_words(&error, field)),
             }
         };
-        let outcome = match &mut run.way {
+        match &mut run.way {
             Way::InPlace(way) => found.and_then(|(own, more)| way.push(&own, &more, hand_over)),
             Way::Resampled(way) => way.push(&self.ranks, step, found, hand_over),
-        };
-        self.lost += u64::from(outcome.is_err());
-        outcome
+        }
     }
 
     /// Opens the run on the grid that holds the domains of all ranks. Collective, until one has a domain.

@@ -141,6 +141,12 @@ impl Ranks {
         Ok(received)
     }
 
+    /// True if it is so at any rank. Collective: all ranks call it.
+    pub(crate) fn any(&self, is_so: bool) -> Result<bool, String> {
+        let Some(communicator) = self.communicator.as_ref().filter(|_| self.size > 1) else { return Ok(is_so) };
+        Ok(communicator.gather_equal(&[u8::from(is_so)], self.size)?.contains(&1))
+    }
+
     /// `bytes` of every rank, by rank. Collective: all ranks call it.
     pub(crate) fn gather(&self, bytes: &[u8]) -> Result<Vec<Vec<u8>>, String> {
         let Some(communicator) = self.communicator.as_ref().filter(|_| self.size > 1) else {

@@ -213,6 +213,7 @@ def _library():
         ctypes.c_size_t,
         ctypes.POINTER(ctypes.c_void_p),
     ]
+    library.lamina_wants.argtypes = [ctypes.c_void_p, ctypes.c_uint64]
     library.lamina_push.argtypes = [ctypes.c_void_p, ctypes.c_uint64, ctypes.c_double, ctypes.POINTER(_Brick)]
     library.lamina_push_bricks.argtypes = [
         ctypes.c_void_p,
@@ -305,6 +306,14 @@ class Client:
         self._client = ctypes.c_void_p()
         size = ctypes.sizeof(options)
         self._check(self._library.lamina_connect_sized(ctypes.byref(options), size, ctypes.byref(self._client)))
+
+    def wants(self, step):
+        """Whether a push of `step` would be handed over: to be asked where its values cost something to have, before they are
+        computed, once a step; what is done between this and the push counts as a cost of watching. Where the node goes without
+        the step it counts as one brick dropped, and is not to be pushed; errors are those of push: the step is lost, and is not
+        to be pushed either. Ranks need not get the same answer: where all have a part in computing the values, let them agree."""
+        with self._lock:
+            return self._check(self._library.lamina_wants(self._client, step)) == 1
 
     def push(self, step, time, voxels, start=(0, 0, 0), colors=None, more=None):
         """Hands in this rank's part of a step, which begins at index `start` of the run's grid; `more` has the arrays of the run's

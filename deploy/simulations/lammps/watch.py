@@ -15,7 +15,7 @@ run = step = None
 
 def deposit(lmp):
     """Cloud in cell: each atom in the eight cells around it. Ghost atoms bring what neighbors' atoms have in own cells, so that
-    nothing is sent. Index of the first own cell, and the counts."""
+    nothing is sent. Index of the first own cell, the counts, and a cell's sides."""
     lo, hi = (np.array(end) for end in lmp.extract_box()[:2])
     d = (hi - lo) / N
     # The Python module does not say where a subdomain ends; the input cuts the box along x alone, into equal parts.
@@ -29,15 +29,16 @@ def deposit(lmp):
         weight = np.prod(np.where(corner, g - near, 1 - (g - near)), axis=1)
         own = np.all((cell >= 0) & (cell < end - first), axis=1)
         np.add.at(density, tuple(cell[own].T), weight[own])
-    return first, density, lo, d
+    return first, density, d
 
 
 def watch(pointer):
     global run, step
     lmp = lammps(ptr=pointer)
-    first, density, lo, d = deposit(lmp)
     if step is None:
         step = 0
+        lo, hi = (np.array(end) for end in lmp.extract_box()[:2])
+        d = (hi - lo) / N
         try:
             # Rank and ranks are the launcher's.
             run = lamina.Client(
@@ -51,12 +52,19 @@ def watch(pointer):
             )
         except OSError as error:
             print(f"not shown: {error}", file=sys.stderr)
-    if "DEPOSITED" in os.environ:
-        with open(f"{os.environ['DEPOSITED']}.{first[0]}", "a") as file:
-            file.write(f"{step} {density.sum():.9f}\n")
     try:
-        # Per volume, x, y, z as the array has them.
-        run and run.push(step, lmp.extract_global("ntimestep"), density / d.prod(), start=first)
+        # What the node goes without is not deposited.
+        if run and run.wants(step):
+            push(lmp)
     except OSError as lost:
         print(f"step {step} not shown: {lost}", file=sys.stderr)
     step += 1
+
+
+def push(lmp):
+    first, density, d = deposit(lmp)
+    if "DEPOSITED" in os.environ:
+        with open(f"{os.environ['DEPOSITED']}.{first[0]}", "a") as file:
+            file.write(f"{step} {density.sum():.9f}\n")
+    # Per volume, x, y, z as the array has them.
+    run.push(step, lmp.extract_global("ntimestep"), density / d.prod(), start=first)

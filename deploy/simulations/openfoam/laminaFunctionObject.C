@@ -65,11 +65,6 @@ class lamina : public fvMeshFunctionObject
     //- Finds the cells of the grid's points. On all ranks at once
     void locate()
     {
-        if (!box_.valid())
-        {
-            // With the reduction of its corners: the box of all ranks.
-            box_.reset(new boundBox(mesh_.points(), true));
-        }
         const label ranks = Pstream::nProcs();
         const vector d = spacing();
         const boundBox own(mesh_.points(), false);
@@ -148,6 +143,11 @@ class lamina : public fvMeshFunctionObject
     void open()
     {
         open_ = true;
+        if (!box_.valid())
+        {
+            // With the reduction of its corners: the box of all ranks.
+            box_.reset(new boundBox(mesh_.points(), true));
+        }
         std::vector<std::string> names;
         for (const word& field : fields_)
         {
@@ -244,16 +244,32 @@ public:
         return true;
     }
 
-    //- Pushes a step
+    //- Pushes a step, if the node does not go without it: all ranks sample what any of them pushes
     virtual bool write()
+    {
+        if (!open_)
+        {
+            open();
+        }
+        const int32_t wanted = client_ ? lamina_wants(client_, step_) : 0;
+        if (wanted < 0)
+        {
+            notShown();
+        }
+        if (returnReduce(wanted > 0, orOp<bool>()))
+        {
+            push(wanted > 0);
+        }
+        ++step_;
+        return true;
+    }
+
+    //- Samples the fields; hands them over where this rank's part of the step is wanted
+    void push(const bool wanted)
     {
         if (moved_)
         {
             locate();
-        }
-        if (!open_)
-        {
-            open();
         }
         std::vector<std::vector<float>> slabs;
         for (const word& field : fields_)
@@ -273,12 +289,15 @@ public:
         brick.dims[2] = first(rank + 1) - first(rank);
         brick.voxels = slabs[0].data();
         brick.more = more.empty() ? nullptr : more.data();
-        if (client_ && lamina_push_bricks(client_, step_, time_.value(), &brick, brick.dims[2] ? 1 : 0) < 0)
+        if (wanted && lamina_push_bricks(client_, step_, time_.value(), &brick, brick.dims[2] ? 1 : 0) < 0)
         {
-            Pout<< "lamina: step " << label(step_) << " not shown: " << lamina_error() << endl;
+            notShown();
         }
-        ++step_;
-        return true;
+    }
+
+    void notShown() const
+    {
+        Pout<< "lamina: step " << label(step_) << " not shown: " << lamina_error() << endl;
     }
 
     virtual void updateMesh(const mapPolyMesh&)

@@ -131,6 +131,13 @@ static inline int32_t lamina_connect(const lamina_options *run, lamina_client **
     return lamina_connect_sized(run, sizeof(lamina_options), client);
 }
 
+/* 1 if a push of `step` would be handed over: to be asked where its values cost something to have, before they are computed, once
+ * a step; what is done between this and the push counts as a cost of watching, which a contract limits (overhead <= 5%). 0 if the
+ * node goes without the step, which is then counted as one brick dropped; or, if the step is lost, an error: in both cases it is
+ * not to be pushed. Ranks need not get the same answer: where all have a part in computing the values, let them agree
+ * (MPI_Allreduce with MPI_MAX), and those that did not get 1 not push. */
+int32_t lamina_wants(lamina_client *client, uint64_t step);
+
 /* Hands in this rank's brick of `step`, steps ascending from 0 or more, at simulation time `time`. LAMINA_ADMITTED,
  * LAMINA_DROPPED or, if the step is lost, an error; without a client (NULL) always one. */
 int32_t lamina_push(lamina_client *client, uint64_t step, double time, const lamina_brick *brick);

@@ -10,7 +10,7 @@ module lamina
     private
     public :: lamina_number, lamina_steering, lamina_field
     public :: lamina_run, lamina_connection, lamina_summary, lamina_open, lamina_put, lamina_buffer, &
-        lamina_box, lamina_brick, lamina_put_bricks, lamina_end, lamina_message
+        lamina_wants, lamina_box, lamina_brick, lamina_put_bricks, lamina_end, lamina_message
 
     integer(c_int32_t), parameter, public :: lamina_f32 = 5, lamina_f64 = 6
     integer(c_int32_t), parameter, public :: lamina_drop_oldest = 0, lamina_drop_newest = 1, lamina_block = 2
@@ -118,6 +118,12 @@ module lamina
             type(options), intent(in) :: run
             integer(c_size_t), value :: length
             type(c_ptr), intent(out) :: client
+            integer(c_int32_t) :: code
+        end function
+        function c_wants(client, step) bind(c, name="lamina_wants") result(code)
+            import :: c_ptr, c_int32_t, c_int64_t
+            type(c_ptr), value :: client
+            integer(c_int64_t), value :: step
             integer(c_int32_t) :: code
         end function
         function c_push(client, step, time, given) bind(c, name="lamina_push") result(code)
@@ -464,6 +470,19 @@ contains
         what = c_steering(connection%client, request)
         number = request%number + 1
         value = request%value
+    end subroutine
+
+    ! Whether a push of the step would be handed over: to be asked where its values cost something to have, before they are computed,
+    ! once a step; what is done between this and lamina_put counts as a cost of watching. Where it is not wanted, or the code is below
+    ! 0 and the step lost, it is not to be pushed. Ranks need not get the same answer: where all have a part in computing the values,
+    ! let them agree (MPI_Allreduce with MPI_LOR).
+    subroutine lamina_wants(connection, step, wanted, code)
+        type(lamina_connection), intent(in) :: connection
+        integer, intent(in) :: step
+        logical, intent(out) :: wanted
+        integer(c_int32_t), intent(out) :: code
+        code = c_wants(connection%client, int(step, c_int64_t))
+        wanted = code > 0
     end subroutine
 
     ! Ends this rank's part of the run.

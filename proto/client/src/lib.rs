@@ -139,6 +139,25 @@ impl Client {
         self.push_all(step, time, std::slice::from_ref(brick), None)
     }
 
+    /// Whether a push of `step` would be handed over: to be asked where its values cost something to have, before they are computed, once
+    /// a step; what the simulation does between this and the push counts as a cost of watching, which a contract limits
+    /// (`overhead <= 5%`). Where the node goes without the step it is counted as one brick dropped, and is not to be pushed. Ranks need
+    /// not get the same answer. At once, or, where the run's policy is to block, within the deadline.
+    ///
+    /// # Errors
+    /// If the node cannot be reached now, or refuses the run. The step then counts as lost and is not to be pushed; the simulation may go
+    /// on.
+    pub fn wants(&mut self, step: u64) -> Result<bool, ClientError> {
+        if self.pace.passes_over(step) {
+            self.summary.dropped += 1;
+            return Ok(false);
+        }
+        let now = Instant::now();
+        self.ensure_session(now).inspect_err(|_| self.summary.lost += 1)?;
+        self.pace.expect(step, now);
+        Ok(true)
+    }
+
     /// Memory for this rank's brick of `dims` sample points from `start` on, to compute into: on the node's own host it is read
     /// where it is. Each buffer is for one [`Self::push_buffer`].
     ///

@@ -18,6 +18,10 @@ pub(crate) struct Pace {
     took: Duration,
     /// Calls since the last push began, this one among them.
     calls: u32,
+    /// The step that was asked about last, if it is wanted, and when: its push is no further call, and begins then.
+    wanted: Option<(u64, Instant)>,
+    /// When the step that is pushed now was asked about.
+    asked: Option<Instant>,
     /// Only steps whose number is a multiple of this are wanted; 0: as 1.
     cadence: u32,
     timing: Timing,
@@ -26,13 +30,24 @@ pub(crate) struct Pace {
 impl Pace {
     /// Counts a call; true if the node does without it.
     pub(crate) fn passes_over(&mut self, step: u64) -> bool {
+        self.asked = self.wanted.take().filter(|(wanted, _)| *wanted == step).map(|(_, at)| at);
+        if self.asked.is_some() {
+            return false;
+        }
         self.calls += 1;
         !step.is_multiple_of(self.cadence.max(1).into())
     }
 
-    /// A push begins; what it tells the node. A second try of the same call tells the same.
+    /// The next push is of this step, which is counted already, and what the simulation does until then is for it.
+    pub(crate) fn expect(&mut self, step: u64, now: Instant) {
+        self.wanted = Some((step, now));
+    }
+
+    /// A push begins, or began when the simulation asked whether its step is wanted; what it tells the node. A second try of the same
+    /// call tells the same.
     pub(crate) fn begin(&mut self, now: Instant) -> Timing {
         if self.calls > 0 {
+            let now = self.asked.take().unwrap_or(now);
             let since = self.begun.map_or(Duration::ZERO, |begun| now.saturating_duration_since(begun));
             self.timing = Timing { interval: since / self.calls, push: self.took };
             (self.begun, self.calls) = (Some(now), 0);
@@ -69,5 +84,29 @@ mod tests {
         // Four steps of 90 ms.
         assert_eq!(pace.begin(start + ms(460)), Timing { interval: ms(90), push: ms(10) });
         assert_eq!(pace.begin(start + ms(470)).interval, ms(90), "a second try");
+    }
+
+    #[test]
+    fn a_step_that_was_asked_about_is_counted_once_and_its_push_begins_then() {
+        let (mut pace, start, ms) = (Pace::default(), Instant::now(), Duration::from_millis);
+        let mut told = Timing::default();
+        for (step, at) in [(0, 0), (1, 100), (2, 200)] {
+            assert!(!pace.passes_over(step));
+            pace.expect(step, start + ms(at));
+            assert!(!pace.passes_over(step));
+            // Its values take 30 ms, the push 5.
+            assert_eq!(pace.begin(start + ms(at + 30)), told, "the step before");
+            pace.pushed(start + ms(at + 35));
+            told = Timing { interval: ms(100), push: ms(35) };
+        }
+        // Asked about, and not pushed.
+        assert!(!pace.passes_over(3));
+        pace.expect(3, start + ms(300));
+        assert!(!pace.passes_over(4));
+        assert_eq!(pace.begin(start + ms(400)).interval, ms(100));
+        pace.pushed(start + ms(405));
+        pace.set_cadence(2);
+        assert!(pace.passes_over(5) && !pace.passes_over(6));
+        assert_eq!(pace.begin(start + ms(600)), Timing { interval: ms(100), push: ms(5) });
     }
 }

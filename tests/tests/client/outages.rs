@@ -42,6 +42,37 @@ fn a_dead_node_costs_the_simulation_nothing_and_is_found_when_it_appears() {
 }
 
 #[test]
+fn a_step_that_nobody_would_take_is_counted_when_it_is_asked_about_and_one_that_is_wanted_when_it_is_pushed() {
+    let dead = dead_socket();
+    let address = dead.local_addr().unwrap();
+    let mut client = Client::connect(options(&format!("http://{address}"))).unwrap();
+    for step in 0..5 {
+        match client.wants(step) {
+            Err(ClientError::Unreachable { address: said, .. }) => assert!(said.contains(&address.to_string())),
+            other => panic!("{other:?}"),
+        }
+    }
+    assert_eq!(client.summary(), Summary { lost: 5, ..Summary::default() });
+    drop(dead);
+    let _node = Node::generator_at(address, 2);
+    let until = Instant::now() + LONG;
+    let wanted = |step: &u64| {
+        std::thread::sleep(Duration::from_millis(10));
+        assert!(Instant::now() < until);
+        client.wants(*step).unwrap_or(false)
+    };
+    let step = (5..).find(wanted).unwrap();
+    assert_eq!(client.summary().pushed, 0);
+    assert_eq!(push_whole(&mut client, step).unwrap(), admitted(true));
+    // Neither asked about nor pushed, asked about and not pushed, pushed and not asked about: a simulation may do as it likes.
+    assert!(client.wants(step + 2).unwrap() && client.wants(step + 3).unwrap());
+    assert_eq!(push_whole(&mut client, step + 3).unwrap(), admitted(true));
+    assert_eq!(push_whole(&mut client, step + 4).unwrap(), admitted(true));
+    let summary = client.close();
+    assert_eq!((summary.pushed, summary.dropped), (3, 0));
+}
+
+#[test]
 fn a_node_that_accepts_and_never_answers_is_waited_for_once_unless_the_run_is_to_block() {
     let stuck = TcpListener::bind(any_port()).unwrap();
     let deadline = Duration::from_millis(300);

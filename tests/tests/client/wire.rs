@@ -11,6 +11,9 @@ use tonic::codegen::tokio_stream::wrappers::ReceiverStream;
 use tonic::service::Routes;
 use tonic::{Request, Response, Status, Streaming};
 
+/// The node goes without every other step.
+const CADENCE: u32 = 2;
+
 #[derive(Clone, Copy)]
 enum Verdict {
     Admit,
@@ -43,7 +46,7 @@ async fn record(
 ) -> (u64, usize) {
     let (mut step, mut bytes) = (0, 0);
     let answer = |admission: v1::Admission| {
-        Ok(v1::PushAnswer { admission: admission.into(), step_complete: true, ..Default::default() })
+        Ok(v1::PushAnswer { admission: admission.into(), step_complete: true, cadence: CADENCE })
     };
     // The answers stay open until the client hangs up, so that nothing it sends is missed.
     while let Ok(Some(v1::PushPart { part: Some(part) })) = parts.message().await {
@@ -106,6 +109,21 @@ fn a_brick_that_is_not_admitted_is_never_sent() {
         client.close();
         assert_eq!(records.recv_timeout(LONG).unwrap(), (3, sent));
     }
+}
+
+#[test]
+fn a_step_that_the_node_goes_without_is_not_wanted_and_never_sent() {
+    let (node, records) = Recorder::start(Verdict::Admit);
+    let mut client = Client::connect(options(&node.url())).unwrap();
+    assert!(client.wants(1).unwrap(), "the node has not said so yet");
+    assert_eq!(push_whole(&mut client, 1).unwrap(), admitted(true));
+    let wanted: Vec<bool> = (2..6).map(|step| client.wants(step).unwrap()).collect();
+    assert_eq!(wanted, [true, false, true, false]);
+    assert_eq!(push_whole(&mut client, 6).unwrap(), admitted(true));
+    assert_eq!(push_whole(&mut client, 7).unwrap(), Receipt::Dropped);
+    assert_eq!(client.close(), Summary { pushed: 2, dropped: 3, lost: 0, run_dropped_steps: Some(0) });
+    let heard: Vec<u64> = (0..2).map(|_| records.recv_timeout(LONG).unwrap().0).collect();
+    assert_eq!(heard, [1, 6]);
 }
 
 #[test]

@@ -203,6 +203,21 @@ pub unsafe extern "C" fn lamina_connect_sized(run: *const Options, size: usize, 
 /// See `lamina.h`.
 ///
 /// # Safety
+/// `client` comes from [`lamina_connect_sized`], is not closed, and no other thread uses it.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lamina_wants(client: *mut Connection, step: u64) -> i32 {
+    let wants = || {
+        // SAFETY: by the function's own condition.
+        let connection = unsafe { connection(client) }?;
+        checked_step(step)?;
+        connection.client.wants(step).map(i32::from)
+    };
+    guarded(wants).map_or(FAILED, |code| code.unwrap_or_else(|error| fail(&error)))
+}
+
+/// See `lamina.h`.
+///
+/// # Safety
 /// `client` comes from [`lamina_connect_sized`], is not closed, and no other thread uses it; `brick` is as the header says.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lamina_push(client: *mut Connection, step: u64, time: f64, brick: *const CBrick) -> i32 {
@@ -253,6 +268,11 @@ pub unsafe extern "C" fn lamina_push_bricks(
     guarded(push).map_or(FAILED, |code| code.unwrap_or_else(|error| fail(&error)))
 }
 
+/// A step that C calls unsigned; one that was negative in the simulation is refused as such.
+fn checked_step(step: u64) -> Result<(), ClientError> {
+    if step > i64::MAX as u64 { Err(invalid("step", format!("{} is negative", step as i64))) } else { Ok(()) }
+}
+
 fn code_of(receipt: Receipt) -> i32 {
     match receipt {
         Receipt::Admitted(_) => 0,
@@ -284,9 +304,7 @@ impl Connection {
         brick: *const CBrick,
         more: &'a mut Vec<VoxelSlice<'a>>,
     ) -> Result<Brick<'a>, ClientError> {
-        if step > i64::MAX as u64 {
-            return Err(invalid("step", format!("{} is negative", step as i64)));
-        }
+        checked_step(step)?;
         // SAFETY: null or valid, by the function's own condition.
         let given = unsafe { brick.as_ref() }.ok_or_else(|| invalid("brick", "is NULL"))?;
         let (start, dims) = (sizes("brick.start", given.start)?, sizes("brick.dims", given.dims)?);
