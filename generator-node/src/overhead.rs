@@ -5,7 +5,7 @@
 //! beside the node, whatever steadily changes between them. Two such figures in a row above the limit, because a machine does other
 //! things, too, and the node takes every n-th step only and throttles its processor share; where that is not enough it takes
 //! cheaper parameters (time a step and bytes). What pushes take by themselves is known without a pause: where it is over half of the
-//! limit, they become rarer at once.
+//! limit, they become rarer at once, and more frequent again where it is far below.
 
 use lamina_compute::CpuShare;
 use parking_lot::{Mutex, MutexGuard};
@@ -38,6 +38,8 @@ const FIRST_THROTTLE: f64 = 0.3;
 const AIM: f64 = 0.7;
 /// Share of the limit that pushes may take; the rest is for what the node does meanwhile.
 const PUSH_AIM: f64 = 0.5;
+/// What a push may take of that at most, for pushes to become more frequent again.
+const HYSTERESIS: f64 = 0.7;
 /// Pushes whose median tells what they take.
 const PUSHES: usize = 5;
 /// The least throttle: below it parameters become cheaper.
@@ -66,8 +68,11 @@ struct Controller {
     skip: bool,
     /// Seconds, of the current phase.
     intervals: Vec<f64>,
-    /// Time of each push since the cadence was set, as a share of the simulation's own since the one before.
+    /// What the last pushes under this cadence took, each as a share of the simulation's own time since the push before.
     pushes: Vec<f64>,
+    /// The cadence that pushes call for by what they take, and the one that the node's work calls for.
+    push_cadence: u32,
+    work_cadence: u32,
     /// Mean step beside the node before the last pause, and in that pause.
     before: Option<f64>,
     alone: Option<f64>,
@@ -93,6 +98,8 @@ impl Controller {
             skip: true,
             intervals: Vec::new(),
             pushes: Vec::new(),
+            push_cadence: 1,
+            work_cadence: 1,
             before: None,
             alone: None,
             last: None,
@@ -108,9 +115,13 @@ impl Controller {
             return None;
         }
         let alone = interval.saturating_sub(push / self.coupling.cadence);
-        if self.spare_pushes(push.as_secs_f64() / (alone * self.coupling.cadence).as_secs_f64(), limit) {
-            self.begin(self.pausing, now);
+        if alone.is_zero() {
+            // The simulation pushes by a rule of its own, and nothing follows from its times.
             return None;
+        }
+        if self.adapt_to_pushes(push.as_secs_f64() / (alone * self.coupling.cadence).as_secs_f64(), limit) {
+            self.begin(false, now);
+            return Some(Change::Work(self.coupling.throttle));
         }
         self.intervals.push(if self.pausing { alone } else { interval }.as_secs_f64());
         let elapsed = now.saturating_duration_since(self.since);
@@ -158,25 +169,27 @@ impl Controller {
         }
     }
 
-    /// Takes in the share that a push took of the time of the simulation's steps since the one before; true if there are too many pushes
-    /// by that alone, and now fewer.
-    fn spare_pushes(&mut self, share: f64, limit: f64) -> bool {
+    /// Takes in what a push took, as a share of the simulation's own time since the push before; true if pushes are to be rarer or more
+    /// frequent for that alone.
+    fn adapt_to_pushes(&mut self, share: f64, limit: f64) -> bool {
         if self.pushes.len() == PUSHES {
             self.pushes.remove(0);
         }
         self.pushes.push(share);
-        let cadence = self.coupling.cadence;
-        if !self.push_share().is_some_and(|share| share > PUSH_AIM * limit) || cadence == SPARSEST {
-            return false;
+        let Some(share) = self.push_share() else { return false };
+        let (before, aim) = (self.coupling.cadence, PUSH_AIM * limit);
+        // At another cadence the same push is a share of so much more, or less, time.
+        let at = |cadence: u32| share * f64::from(before) / f64::from(cadence);
+        if share > aim {
+            self.push_cadence = before;
+            while self.push_cadence < SPARSEST && at(self.push_cadence) > aim {
+                self.push_cadence *= 2;
+            }
+        } else if self.push_cadence > 1 && at(self.push_cadence / 2) <= HYSTERESIS * aim {
+            self.push_cadence /= 2;
         }
-        self.set_cadence(2 * cadence);
-        // The same pushes, as rarely as that.
-        while self.coupling.cadence < SPARSEST && self.push_share().is_some_and(|share| share > PUSH_AIM * limit) {
-            self.set_cadence(2 * self.coupling.cadence);
-        }
-        (self.before, self.last) = (None, None);
-        self.pushes.clear();
-        true
+        self.set_cadence();
+        self.coupling.cadence != before
     }
 
     /// The median of the last pushes, once there are enough.
@@ -186,38 +199,38 @@ impl Controller {
         (sorted.len() == PUSHES).then(|| sorted[PUSHES / 2])
     }
 
-    /// Of the next pushes; those known are told as if they had been that far apart.
-    fn set_cadence(&mut self, cadence: u32) {
-        let ratio = f64::from(self.coupling.cadence) / f64::from(cadence);
-        self.pushes.iter_mut().for_each(|share| *share *= ratio);
-        self.coupling.cadence = cadence;
+    /// The sparser one of what pushes and what the node's work call for. What was measured under another one does not count.
+    fn set_cadence(&mut self) {
+        let cadence = self.push_cadence.max(self.work_cadence);
+        if cadence != self.coupling.cadence {
+            self.coupling.cadence = cadence;
+            (self.before, self.last) = (None, None);
+            self.pushes.clear();
+        }
     }
 
     /// Gives up cadence, then cost, where even the `least` of two figures is too much; takes back in the reverse order what the
     /// limit leaves where even the `most` is little.
     fn adapt(&mut self, least: f64, most: f64, limit: f64) {
-        let Coupling { mut throttle, mut cadence, mut cheaper, overhead } = self.coupling;
+        let Coupling { mut throttle, cadence, mut cheaper, overhead } = self.coupling;
         let aim = AIM * limit;
-        let may_be_twice_as_many = self.push_share().is_some_and(|share| 2.0 * share <= PUSH_AIM * limit);
         if least > aim {
             if throttle <= LEAST_THROTTLE && cadence == SPARSEST {
                 cheaper = (cheaper + 1).min(CHEAPEST);
             }
-            cadence = (2 * cadence).min(SPARSEST);
+            self.work_cadence = (2 * cadence).min(SPARSEST);
             throttle = (throttle * (aim / least).clamp(0.3, 0.95)).max(LEAST_THROTTLE);
         } else if most < 0.5 * limit {
             if throttle < 1.0 {
                 throttle = (1.5 * throttle).min(1.0);
             } else if cheaper > 0 {
                 cheaper -= 1;
-            } else if may_be_twice_as_many {
-                cadence = (cadence / 2).max(1);
+            } else {
+                self.work_cadence = (self.work_cadence / 2).max(1);
             }
         }
-        if cadence != self.coupling.cadence {
-            self.pushes.clear();
-        }
         self.coupling = Coupling { overhead, throttle, cadence, cheaper };
+        self.set_cadence();
     }
 }
 

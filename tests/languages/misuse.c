@@ -118,7 +118,7 @@ int main(int argc, char **argv) {
     lamina_close(NULL, &summary);
     lamina_close(client, &summary);
     /* All but the one without a client. */
-    if (summary.pushed != 0 || summary.lost != 13 || summary.run_dropped_steps != -1) {
+    if (summary.pushed != 0 || summary.lost != 14 || summary.run_dropped_steps != -1) {
         printf("pushed %d, lost %d\n", (int)summary.pushed, (int)summary.lost);
         wrong = 1;
     }

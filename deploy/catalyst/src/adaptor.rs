@@ -44,18 +44,21 @@ struct OpenRun {
 }
 
 impl OpenRun {
-    /// Whether this rank's part of a step would be handed over; an error, if it is lost. Once a step.
-    fn wants(&mut self, step: u64) -> Result<bool, String> {
-        let client = self.client.as_mut().ok_or("the run was refused, at the first step; see above")?;
-        client.wants(step).map_err(|error| in_words(&error, &self.field))
-    }
-
-    /// Whether a step is computed: where the mesh is resampled, all ranks have a part in what any of them hands over. Collective then.
-    fn is_computed(&self, ranks: &Ranks, is_wanted: bool) -> Result<bool, String> {
-        match self.way {
-            Way::InPlace(_) => Ok(is_wanted),
-            Way::Resampled(_) => ranks.any(is_wanted),
+    /// Whether a step is computed, and whether this rank's part of it would be handed over, or why it is lost. Once a step. Where the mesh
+    /// is resampled it is collective, and all ranks compute what any of them hands over.
+    fn wants(&mut self, ranks: &Ranks, step: u64) -> Result<(bool, Result<bool, String>), String> {
+        let is_resampled = matches!(self.way, Way::Resampled(_));
+        if is_resampled {
+            // From the question on time counts as a cost of watching: to wait for slower ranks is none.
+            ranks.any(step, false)?;
         }
+        let wanted = caught(|| {
+            let client = self.client.as_mut().ok_or("the run was refused, at the first step; see above")?;
+            client.wants(step).map_err(|error| in_words(&error, &self.field))
+        });
+        let is_wanted = wanted == Ok(true);
+        let is_computed = if is_resampled { ranks.any(step, is_wanted)? } else { is_wanted };
+        Ok((is_computed, wanted))
     }
 }
 
@@ -114,11 +117,10 @@ impl Adaptor {
             self.open(domains)?;
         }
         if let Some(run) = &mut self.run {
-            let wanted = run.wants(step);
-            let outcome = if run.is_computed(&self.ranks, wanted == Ok(true))? {
-                self.compute((step, time), domains, wanted)
-            } else {
-                wanted.map(|_| ())
+            let outcome = match run.wants(&self.ranks, step) {
+                Ok((true, wanted)) => self.compute((step, time), domains, wanted),
+                Ok((false, wanted)) => wanted.map(|_| ()),
+                Err(error) => Err(error),
             };
             self.lost += u64::from(outcome.is_err());
             return outcome;

@@ -126,13 +126,10 @@ impl Ranks {
         // MPI counts in 31 bits: more goes in several rounds, as many as the rank with the longest part needs.
         let quota = c_int::MAX as usize / self.size as usize;
         let longest = parts.iter().map(Vec::len).max().unwrap_or(0) as u64;
-        let told = communicator.gather_equal(&[longest.to_le_bytes(), step.to_le_bytes()].concat(), self.size)?;
-        let (told, _) = told.as_chunks::<16>();
-        let number = |bytes: &[u8; 16], at: usize| u64::from_le_bytes(std::array::from_fn(|n| bytes[at + n]));
-        if let Some(other) = told.iter().map(|bytes| number(bytes, 8)).find(|other| *other != step) {
-            return Err(format!("ranks hand over different steps, {step} and {other}: each has to call at each step"));
-        }
-        let longest = told.iter().map(|bytes| number(bytes, 0)).max().unwrap_or(0) as usize;
+        let told = communicator.gather_equal(&[step, longest].map(u64::to_le_bytes).concat(), self.size)?;
+        let told = told_pairs(&told);
+        same_step(step, &told)?;
+        let longest = told.iter().map(|[_, longest]| *longest).max().unwrap_or(0) as usize;
         let mut received = vec![Vec::new(); self.size as usize];
         for round in 0..longest.div_ceil(quota) {
             let sent: Vec<&[u8]> = parts.iter().map(|part| part.chunks(quota).nth(round).unwrap_or_default()).collect();
@@ -141,10 +138,13 @@ impl Ranks {
         Ok(received)
     }
 
-    /// True if it is so at any rank. Collective: all ranks call it.
-    pub(crate) fn any(&self, is_so: bool) -> Result<bool, String> {
+    /// True if it is so of a step at any rank. Collective: all ranks call it, at the same step.
+    pub(crate) fn any(&self, step: u64, is_so: bool) -> Result<bool, String> {
         let Some(communicator) = self.communicator.as_ref().filter(|_| self.size > 1) else { return Ok(is_so) };
-        Ok(communicator.gather_equal(&[u8::from(is_so)], self.size)?.contains(&1))
+        let told = communicator.gather_equal(&[step, u64::from(is_so)].map(u64::to_le_bytes).concat(), self.size)?;
+        let told = told_pairs(&told);
+        same_step(step, &told)?;
+        Ok(told.iter().any(|[_, is_so]| *is_so > 0))
     }
 
     /// `bytes` of every rank, by rank. Collective: all ranks call it.
@@ -160,6 +160,20 @@ impl Ranks {
         let all = communicator.gather_equal(&padded, self.size)?;
         Ok(all.chunks(longest).zip(lengths).map(|(part, len)| part[..len].to_vec()).collect())
     }
+}
+
+/// Two numbers of each rank.
+fn told_pairs(bytes: &[u8]) -> Vec<[u64; 2]> {
+    let number = |bytes: &[u8]| u64::from_le_bytes(std::array::from_fn(|n| bytes[n]));
+    bytes.as_chunks::<16>().0.iter().map(|pair| [number(pair), number(&pair[8..])]).collect()
+}
+
+/// The first number of each rank is this rank's step.
+fn same_step(step: u64, told: &[[u64; 2]]) -> Result<(), String> {
+    let other = told.iter().find(|[other, _]| *other != step);
+    other.map_or(Ok(()), |[other, _]| {
+        Err(format!("ranks hand over different steps, {step} and {other}: each has to call at each step"))
+    })
 }
 
 impl Communicator {

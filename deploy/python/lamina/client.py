@@ -308,10 +308,11 @@ class Client:
         self._check(self._library.lamina_connect_sized(ctypes.byref(options), size, ctypes.byref(self._client)))
 
     def wants(self, step):
-        """Whether a push of `step` would be handed over: to be asked where its values cost something to have, before they are
-        computed, once a step; what is done between this and the push counts as a cost of watching. Where the node goes without
-        the step it counts as one brick dropped, and is not to be pushed; errors are those of push: the step is lost, and is not
-        to be pushed either. Ranks need not get the same answer: where all have a part in computing the values, let them agree."""
+        """Whether to compute and push `step`: to be asked where its values cost something to have, once a step; what is done between
+        this and the push counts as a cost of watching. False if the node goes without it, because a contract limits that cost
+        ("overhead <= 5%"): it counts as one brick dropped, and is not to be pushed. Errors are those of push: the step is lost,
+        and is not to be pushed either. Ranks need not get the same answer: where all have a part in computing the values, let them
+        wait for each other first, then ask, then agree."""
         with self._lock:
             return self._check(self._library.lamina_wants(self._client, step)) == 1
 

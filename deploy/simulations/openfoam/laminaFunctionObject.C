@@ -251,6 +251,8 @@ public:
         {
             open();
         }
+        // From the question on time counts as a cost of watching: to wait for slower ranks is none.
+        returnReduce(true, orOp<bool>());
         const int32_t wanted = client_ ? lamina_wants(client_, step_) : 0;
         if (wanted < 0)
         {

@@ -131,11 +131,11 @@ static inline int32_t lamina_connect(const lamina_options *run, lamina_client **
     return lamina_connect_sized(run, sizeof(lamina_options), client);
 }
 
-/* 1 if a push of `step` would be handed over: to be asked where its values cost something to have, before they are computed, once
- * a step; what is done between this and the push counts as a cost of watching, which a contract limits (overhead <= 5%). 0 if the
- * node goes without the step, which is then counted as one brick dropped; or, if the step is lost, an error: in both cases it is
- * not to be pushed. Ranks need not get the same answer: where all have a part in computing the values, let them agree
- * (MPI_Allreduce with MPI_MAX), and those that did not get 1 not push. */
+/* Whether to compute and push `step`: to be asked where its values cost something to have, once a step; what is done between this and
+ * the push counts as a cost of watching. 1: yes. 0: the node goes without it, because a contract limits that cost (overhead <= 5%); it is
+ * counted as one brick dropped, and is not to be pushed. Below 0, an error: the node is known to be away or refuses the run; the step is
+ * lost, and is not to be pushed. Ranks need not get the same answer: where all have a part in computing the values, let them wait for
+ * each other first (a wait would count), then ask, then agree (MPI_Allreduce with MPI_MAX); those that did not get 1 do not push. */
 int32_t lamina_wants(lamina_client *client, uint64_t step);
 
 /* Hands in this rank's brick of `step`, steps ascending from 0 or more, at simulation time `time`. LAMINA_ADMITTED,

@@ -472,10 +472,10 @@ contains
         value = request%value
     end subroutine
 
-    ! Whether a push of the step would be handed over: to be asked where its values cost something to have, before they are computed,
-    ! once a step; what is done between this and lamina_put counts as a cost of watching. Where it is not wanted, or the code is below
-    ! 0 and the step lost, it is not to be pushed. Ranks need not get the same answer: where all have a part in computing the values,
-    ! let them agree (MPI_Allreduce with MPI_LOR).
+    ! Whether to compute and push a step: to be asked where its values cost something to have, once a step; what is done between this
+    ! and lamina_put counts as a cost of watching. Not wanted: the node goes without the step, because a contract limits that cost, or,
+    ! if the code is below 0, it is lost; it is not to be pushed. Ranks need not get the same answer: where all have a part in computing
+    ! the values, let them wait for each other first, then ask, then agree (MPI_Allreduce with MPI_LOR).
     subroutine lamina_wants(connection, step, wanted, code)
         type(lamina_connection), intent(in) :: connection
         integer, intent(in) :: step

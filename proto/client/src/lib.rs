@@ -55,7 +55,7 @@ use tonic::{Code, Status};
 pub struct Summary {
     /// Bricks handed over.
     pub pushed: u64,
-    /// Bricks that the node did not take, because it had dropped their steps by policy.
+    /// Bricks that the node did not take, because it had dropped their steps by policy or goes without them.
     pub dropped: u64,
     /// Bricks that could not be handed over.
     pub lost: u64,
@@ -137,10 +137,11 @@ impl Client {
         self.push_all(step, time, std::slice::from_ref(brick), None)
     }
 
-    /// Whether a push of `step` would be handed over: to be asked where its values cost something to have, before they are computed, once
-    /// a step; what the simulation does between this and the push counts as a cost of watching, which a contract limits
-    /// (`overhead <= 5%`). Where the node goes without the step it is counted as one brick dropped, and is not to be pushed. Ranks need
-    /// not get the same answer. At once, or, where the run's policy is to block, within the deadline.
+    /// Whether to compute and push `step`: to be asked where its values cost something to have, once a step; what the simulation does
+    /// between this and the push counts as a cost of watching. False if the node goes without the step, because a contract limits that
+    /// cost (`overhead <= 5%`): it is counted as one brick dropped, and is not to be pushed. Ranks need not get the same answer: where
+    /// all have a part in computing the values, let them wait for each other first, then ask, then agree. At once, or, where the run's
+    /// policy is to block, within the deadline.
     ///
     /// # Errors
     /// If the node cannot be reached now, or refuses the run. The step then counts as lost and is not to be pushed; the simulation may go

@@ -7,7 +7,7 @@ use tokio::sync::oneshot;
 use tonic::{Code, Status};
 
 const LONGEST_BACKOFF: Duration = Duration::from_secs(5);
-/// How long a push waits for a node that is tried again: one that is there answers within it.
+/// How long a call waits for a node that is tried again: one that is there answers within it.
 const AT_ONCE: Duration = Duration::from_millis(10);
 
 impl Client {

@@ -826,8 +826,8 @@ pub struct BrickHeader {
     pub ny: u64,
     #[prost(uint64, tag = "10")]
     pub nz: u64,
-    /// The mean time of a step of the simulation since this rank's last push, and what that push took, nanoseconds; 0: not known.
-    /// The node sees from them what it costs the simulation.
+    /// The mean time of a step of the simulation since this rank's last push, and what that push took with the
+    /// simulation's own work for it, nanoseconds; 0: not known. The node sees from them what it costs the simulation.
     #[prost(uint64, tag = "11")]
     pub interval_ns: u64,
     #[prost(uint64, tag = "12")]

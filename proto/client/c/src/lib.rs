@@ -209,7 +209,7 @@ pub unsafe extern "C" fn lamina_wants(client: *mut Connection, step: u64) -> i32
     let wants = || {
         // SAFETY: by the function's own condition.
         let connection = unsafe { connection(client) }?;
-        checked_step(step)?;
+        checked_step(step).inspect_err(|_| connection.unfit += 1)?;
         connection.client.wants(step).map(i32::from)
     };
     guarded(wants).map_or(FAILED, |code| code.unwrap_or_else(|error| fail(&error)))
