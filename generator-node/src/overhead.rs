@@ -266,6 +266,11 @@ impl Overhead {
         }
     }
 
+    /// As the root of a group says, which keeps the limit.
+    pub fn set_cadence(&self, cadence: u32) {
+        self.controller().coupling.cadence = cadence.clamp(1, SPARSEST);
+    }
+
     /// Another simulation begins: what is known of the last one does not hold for it.
     pub fn restart(&self) {
         let mut controller = self.controller();

@@ -148,7 +148,7 @@ impl Door {
         (ingest, held): (Arc<Ingest>, HeldSteps),
         mut events: tokio::sync::mpsc::UnboundedReceiver<MemberEvent>,
     ) {
-        let mut looks = tokio::time::interval(LOOK);
+        let (mut looks, mut cadence) = (tokio::time::interval(LOOK), 1);
         loop {
             let event = tokio::select! {
                 event = events.recv() => event,
@@ -166,6 +166,9 @@ impl Door {
                 MemberEvent::Arrival(member, arrival) => {
                     ingest.heard(&arrival.run_id);
                     self.arrive(member, &arrival);
+                    if std::mem::replace(&mut cadence, ingest.cadence()) != cadence {
+                        self.tell_cadence(cadence);
+                    }
                 }
                 MemberEvent::Run(v1::GroupRun { run_id }) => ingest.follow(&run_id),
                 MemberEvent::Refusal(v1::GroupRefusal { run_id, reason }) => ingest.refuse(&run_id, &reason),
@@ -174,6 +177,7 @@ impl Door {
                     held.lock().remove(&(run_id, step));
                 }
                 MemberEvent::Ranks(v1::GroupRanks { run_id, ranks }) => ingest.tell_ranks(&run_id, ranks),
+                MemberEvent::Cadence(cadence) => ingest.set_cadence(cadence),
                 MemberEvent::Overdue(v1::GroupOverdue { run_id, step, time }) => ingest.overdue(&run_id, step, time),
             }
         }
@@ -276,6 +280,11 @@ impl Door {
                 lack.iter().for_each(|member| self.tell_overdue(*member, &run.id, *step, partial.time));
             }
         }
+    }
+
+    /// Ranks of all members push the same steps.
+    fn tell_cadence(&self, cadence: u32) {
+        (1..self.outbox.size()).for_each(|member| send(&self.outbox, member, 0, Kind::Cadence(cadence)));
     }
 
     fn tell_overdue(&self, member: u32, run_id: &str, step: u64, time: f64) {

@@ -91,6 +91,8 @@ pub(crate) enum MemberEvent {
     Ranks(v1::GroupRanks),
     /// The root tells this member that all others are past a step.
     Overdue(v1::GroupOverdue),
+    /// The root tells this member which steps its ranks push: those whose number is a multiple of this.
+    Cadence(u32),
 }
 
 /// Where messages go in this process.
@@ -153,6 +155,7 @@ fn sort(
         Some(Kind::Dropped(step)) => node.send(MemberEvent::Dropped(step)).is_ok(),
         Some(Kind::Ranks(ranks)) => node.send(MemberEvent::Ranks(ranks)).is_ok(),
         Some(Kind::Overdue(overdue)) => node.send(MemberEvent::Overdue(overdue)).is_ok(),
+        Some(Kind::Cadence(cadence)) => node.send(MemberEvent::Cadence(cadence)).is_ok(),
         _ => member.send((from, message)).is_ok(),
     }
 }

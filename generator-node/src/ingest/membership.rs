@@ -114,6 +114,16 @@ impl Ingest {
         self.room.notify_waiters();
     }
 
+    /// Steps whose number is a multiple of this are pushed.
+    pub(crate) fn cadence(&self) -> u32 {
+        self.overhead.coupling().cadence
+    }
+
+    /// The root of the group keeps the limit on overhead.
+    pub(crate) fn set_cadence(&self, cadence: u32) {
+        self.overhead.set_cadence(cadence);
+    }
+
     /// All other members of the group are past `step`.
     pub(crate) fn overdue(&self, run_id: &str, step: u64, time: f64) {
         self.core().overdue(run_id, (step, time), Instant::now());

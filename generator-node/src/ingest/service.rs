@@ -24,7 +24,7 @@ pub struct Ingest {
     core: Mutex<Core>,
     /// How runs that do not say are shown.
     default_scene: Option<Scene>,
-    overhead: Arc<Overhead>,
+    pub(super) overhead: Arc<Overhead>,
     pub(super) room: Notify,
     pub(super) ready: Notify,
     shared: Option<SharedMemory>,
@@ -214,7 +214,7 @@ async fn take_brick(
         admitted = ingest.admit(&header) => admitted?,
         () = answers.closed() => return Ok(()),
     };
-    let cadence = ingest.overhead.coupling().cadence;
+    let cadence = ingest.cadence();
     let Some(expected) = admitted else {
         let _ = answers.send(Ok(answer(v1::Admission::Dropped, false, cadence))).await;
         return Ok(());

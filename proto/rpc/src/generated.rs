@@ -4045,7 +4045,7 @@ pub struct GroupMessage {
     pub sequence: u64,
     #[prost(
         oneof = "group_message::Kind",
-        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 17, 18, 16, 22, 13, 14, 15, 19, 20, 21"
+        tags = "2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 17, 18, 16, 22, 13, 14, 15, 19, 20, 21, 23"
     )]
     pub kind: ::core::option::Option<group_message::Kind>,
 }
@@ -4100,5 +4100,8 @@ pub mod group_message {
         /// The root to members that hold a step: nothing is made of it.
         #[prost(message, tag = "21")]
         Dropped(super::GroupStep),
+        /// The root to members: steps whose number is a multiple of this are pushed.
+        #[prost(uint32, tag = "23")]
+        Cadence(u32),
     }
 }

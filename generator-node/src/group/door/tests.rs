@@ -64,6 +64,14 @@ fn members_let_go_of_steps_that_the_root_makes_nothing_of() {
 }
 
 #[test]
+fn ranks_of_all_members_push_the_steps_that_the_root_takes() {
+    let (door, mut events) = two_members(FullPolicy::DropOldest);
+    door.tell_cadence(4);
+    let heard = std::iter::from_fn(|| events[1].blocking_recv()).find(|e| matches!(e, MemberEvent::Cadence(_)));
+    assert!(matches!(heard, Some(MemberEvent::Cadence(4))), "{heard:?}");
+}
+
+#[test]
 fn no_step_is_dropped_where_the_simulation_waits() {
     let (door, mut events) = two_members(FullPolicy::Block);
     for (step, member) in (0..10).flat_map(|step| [(step, 0), (step, 1)]) {
