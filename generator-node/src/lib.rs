@@ -197,11 +197,12 @@ async fn run_pipeline(
     let pipeline = pipeline::run(steps, node.clone(), settings, stopped);
     let pipeline = tokio::spawn(pipeline);
     let drained = {
-        let ingest = ingest.clone();
+        let (ingest, node) = (ingest.clone(), node.clone());
         async move {
             shutdown.await;
-            // What was admitted is shown; nothing new is.
+            // What was admitted is shown, as fast as it can be; nothing new is.
             ingest.stop();
+            node.overhead.limit(None);
             stop.send_replace(true);
             let aborted = pipeline.abort_handle();
             if tokio::time::timeout(DRAIN, pipeline).await.is_err() {
