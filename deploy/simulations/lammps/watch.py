@@ -13,11 +13,16 @@ N = (48, 48, 48)
 run = step = None
 
 
+def cells(lmp):
+    """The box's lower corner, and a cell's sides."""
+    lo, hi = (np.array(end) for end in lmp.extract_box()[:2])
+    return lo, (hi - lo) / N
+
+
 def deposit(lmp):
     """Cloud in cell: each atom in the eight cells around it. Ghost atoms bring what neighbors' atoms have in own cells, so that
     nothing is sent. Index of the first own cell, the counts, and a cell's sides."""
-    lo, hi = (np.array(end) for end in lmp.extract_box()[:2])
-    d = (hi - lo) / N
+    lo, d = cells(lmp)
     # The Python module does not say where a subdomain ends; the input cuts the box along x alone, into equal parts.
     rank, ranks = lmp.extract_setting("world_rank"), lmp.extract_setting("world_size")
     first, end = np.array([N[0] * rank // ranks, 0, 0]), np.array([N[0] * (rank + 1) // ranks, *N[1:]])
@@ -37,8 +42,7 @@ def watch(pointer):
     lmp = lammps(ptr=pointer)
     if step is None:
         step = 0
-        lo, hi = (np.array(end) for end in lmp.extract_box()[:2])
-        d = (hi - lo) / N
+        lo, d = cells(lmp)
         try:
             # Rank and ranks are the launcher's.
             run = lamina.Client(
