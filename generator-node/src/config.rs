@@ -1,6 +1,6 @@
 //! The generator-node's configuration file.
 
-use crate::triggers::Triggers;
+use crate::triggers::{Means, Triggers, Webhook};
 use lamina_codec::{Codec, EncodeOptions, ErrorMeasure, Layout};
 use lamina_compute::CpuLimit;
 use lamina_compute::gpu::Choice;
@@ -55,6 +55,8 @@ pub struct Config {
     pub trigger: Vec<TriggerSpec>,
     /// Folder for the raw steps that triggers ask for.
     pub trigger_folder: PathBuf,
+    /// Address that is told of triggers that ask for it; nobody is told without.
+    pub webhook: Option<String>,
 }
 
 /// A compressor's name in configuration files.
@@ -103,6 +105,7 @@ impl Default for Config {
             scene: None,
             trigger: Vec::new(),
             trigger_folder: "raw".into(),
+            webhook: None,
         }
     }
 }
@@ -146,7 +149,8 @@ impl Config {
             return Err(Invalid::new("waiting_steps", "0: no step could wait for its turn; give 1 or more"));
         }
         self.encode_options().check()?;
-        Triggers::new(&self.trigger, false)?;
+        self.webhook.as_deref().map_or(Ok(()), Webhook::check)?;
+        Triggers::new(&self.trigger, self.means(false))?;
         Ok(self)
     }
 
@@ -155,7 +159,12 @@ impl Config {
     /// # Errors
     /// Names the trigger, and what is wrong with it.
     pub fn check_triggers_of_group(&self) -> Result<(), Invalid> {
-        Triggers::new(&self.trigger, true).map(|_| ())
+        Triggers::new(&self.trigger, self.means(true)).map(|_| ())
+    }
+
+    /// What the node, or the group that it is of, can do for its triggers.
+    pub(crate) fn means(&self, of_group: bool) -> Means {
+        Means { of_group, webhook: self.webhook.is_some() }
     }
 
     /// How VDIs and reduced volumes are encoded.

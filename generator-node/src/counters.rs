@@ -1,5 +1,6 @@
 //! What a generator-node counts, for `/metrics`.
 
+use lamina_model::Diagnostics;
 use lamina_rpc::daemon::Histogram;
 use parking_lot::Mutex;
 use std::collections::BTreeMap;
@@ -14,6 +15,8 @@ pub(crate) struct PipelineCounters {
     pub trials: AtomicU64,
     /// How often each trigger fired.
     pub fired: Mutex<BTreeMap<String, u64>>,
+    /// What the simulation told of the newest step.
+    pub diagnostics: Mutex<Diagnostics>,
     /// Encoded bytes of live steps.
     pub size_bytes: Histogram,
     /// Generation times of live steps, seconds.
@@ -28,6 +31,7 @@ impl Default for PipelineCounters {
             failed_steps: AtomicU64::new(0),
             trials: AtomicU64::new(0),
             fired: Mutex::default(),
+            diagnostics: Mutex::default(),
             size_bytes: Histogram::new(Histogram::BYTES),
             generation_secs: Histogram::new(Histogram::SECONDS),
             encode_secs: Histogram::new(Histogram::SECONDS),

@@ -45,7 +45,7 @@ use tokio::sync::watch;
 use tonic::service::Routes;
 use tonic::service::interceptor::InterceptedService;
 use tonic_health::server::HealthReporter;
-use triggers::Triggers;
+use triggers::{Triggers, Webhook};
 
 /// Runs the node on `listener` until `shutdown` completes, its rays cast by `backend` within `share` of the processor. Of `settings` it
 /// takes up while it runs what is in [`Config::LIVE`].
@@ -185,13 +185,14 @@ async fn run_pipeline(
         publisher: publisher.clone(),
     }));
     let (stop, stopped) = watch::channel(false);
-    let triggers = Triggers::new(&config.trigger, matches!(steps, Steps::Group(..)))?;
+    let triggers = Triggers::new(&config.trigger, config.means(matches!(steps, Steps::Group(..))))?;
     ingest.steering().set_triggers(triggers.specs());
     let triggers = Arc::new(Mutex::new(triggers));
     let settings = pipeline::Settings {
         config: settings,
         triggers: triggers.clone(),
         trigger_folder: config.trigger_folder.clone(),
+        webhook: config.webhook.clone().map(Webhook::start),
         steering: ingest.steering().clone(),
     };
     let pipeline = pipeline::run(steps, node.clone(), settings, stopped);

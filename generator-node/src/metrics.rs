@@ -29,6 +29,11 @@ pub(crate) fn write_pipeline(node: &NodeState, text: &mut Exposition) {
         let values: Vec<(&str, f64)> = fired.iter().map(|(name, count)| (name.as_str(), *count as f64)).collect();
         text.counters("generator_triggers_fired_total", "How often triggers fired.", "trigger", &values);
     }
+    let diagnostics = c.diagnostics.lock().clone();
+    if !diagnostics.is_empty() {
+        let values: Vec<(&str, f64)> = diagnostics.iter().collect();
+        text.gauges("generator_diagnostic", "What the simulation told of the newest step.", "name", &values);
+    }
     text.histogram("generator_step_size_bytes", "Encoded bytes of live steps.", &c.size_bytes);
     text.histogram("generator_step_generation_seconds", "Generation times of live steps.", &c.generation_secs);
     text.histogram("generator_step_encode_seconds", "Encoding times of live steps.", &c.encode_secs);

@@ -11,12 +11,13 @@ use crate::rate_control::{GeneratedStep, Rungs, copy_within, generate_within, st
 use crate::spans;
 use crate::steering::{Changes, SteeringRelay};
 use crate::step::{FieldSource, Purpose, Step};
-use crate::triggers::{Fired, Statistics, Triggers, write_copy, write_picture, write_raw};
+use crate::triggers::{Statistics, Triggers, Webhook, Word, write_copy, write_picture, write_raw};
 use lamina_codec::EncodedStep;
 use lamina_compute::{Activity, Laps, Priority};
 use lamina_model::suggest::{suggest, suggest_camera};
 use lamina_model::{
-    Cost, GenerationParams, Grid, Invalid, RunInfo, Scene, Steering, SteeringRequest, StepReport, TriggerAction, Voxels,
+    Cost, GenerationParams, Grid, Invalid, RunInfo, Scene, Steering, SteeringRequest, StepReport, TriggerAction,
+    TriggerSpec, Voxels,
 };
 use lamina_raycast::Field;
 use lamina_rpc::credentials::Role;
@@ -36,6 +37,7 @@ pub(crate) struct Settings {
     pub triggers: Arc<Mutex<Triggers>>,
     /// Folder for the raw steps that they ask for.
     pub trigger_folder: PathBuf,
+    pub webhook: Option<Webhook>,
     /// Through which they ask the simulation.
     pub steering: Arc<SteeringRelay>,
 }
@@ -78,7 +80,8 @@ type Seen = (Statistics, Option<Voxels>);
 #[derive(Default)]
 struct Pulled {
     names: Vec<String>,
-    is_pictured: bool,
+    /// Degrees that pictures are turned by.
+    angles: Vec<f64>,
     /// The most kilobytes of the copy that is asked for.
     copy_kb: Option<u32>,
 }
@@ -145,7 +148,7 @@ impl Pipeline {
             // The next step begins with what fitted.
             self.start = Some(params);
         }
-        let Pulled { names: triggers, is_pictured, copy_kb } =
+        let Pulled { names: triggers, angles, copy_kb } =
             seen.map_or_else(Pulled::default, |seen| self.pull_triggers(&step, seen, &cost));
         let (mut items, mut has_reference) = (Vec::new(), false);
         let Config { reference_every: every, live_batches, .. } = *self.settings.config.borrow();
@@ -165,8 +168,8 @@ impl Pipeline {
         items.push(step.frame(&params, cost, bytes, purpose));
         self.node.publisher.publish(items);
         timeline.lap("publish", []);
-        if is_pictured {
-            self.keep_picture(&step);
+        for angle in angles {
+            self.keep_picture(&step, angle);
             timeline.lap("picture", []);
             laps.lap(Activity::Generate);
         }
@@ -207,9 +210,9 @@ impl Pipeline {
     }
 
     /// Casts and writes the picture that a trigger asks for.
-    fn keep_picture(&self, step: &Step) {
-        match step.picture(self.node.plan.image_size) {
-            Ok(image) => write_picture(self.settings.trigger_folder.clone(), &step.run, step.step, image),
+    fn keep_picture(&self, step: &Step, angle_deg: f64) {
+        match step.picture(angle_deg, self.node.plan.image_size) {
+            Ok(image) => write_picture(self.settings.trigger_folder.clone(), &step.run, step.step, angle_deg, image),
             Err(error) => tracing::error!(step = step.step, %error, "no picture for a trigger"),
         }
     }
@@ -234,9 +237,10 @@ impl Pipeline {
     /// Looks at a step for the triggers; does what those that fire ask for, as far as it is not to be done once the step is on its way.
     fn pull_triggers(&mut self, step: &Step, (statistics, mut voxels): Seen, cost: &Cost) -> Pulled {
         let mut pulled = Pulled::default();
-        let Settings { triggers, trigger_folder, steering, .. } = &self.settings;
-        let fired = triggers.lock().evaluate(&step.run.id, (step.step, step.time), &statistics, cost);
-        for Fired { name, actions, copy_kb } in fired {
+        let Settings { triggers, trigger_folder, webhook, steering, .. } = &self.settings;
+        let fired =
+            triggers.lock().evaluate(&step.run.id, (step.step, step.time), &statistics, cost, step.diagnostics());
+        for TriggerSpec { name, when, actions, copy_kb, angles } in fired {
             tracing::warn!(step = step.step, trigger = name, "trigger fired");
             *self.node.counters.fired.lock().entry(name.clone()).or_default() += 1;
             for action in &actions {
@@ -254,13 +258,22 @@ impl Pipeline {
                             write_raw(trigger_folder.clone(), &step.run, step.step, voxels);
                         }
                     }
-                    TriggerAction::Picture => pulled.is_pictured = true,
+                    TriggerAction::Picture if angles.is_empty() => pulled.angles.push(0.0),
+                    TriggerAction::Picture => pulled.angles.extend(&angles),
                     // One, the finest.
                     TriggerAction::Copy => pulled.copy_kb = pulled.copy_kb.max(copy_kb),
+                    TriggerAction::Webhook => {
+                        if let Some(webhook) = webhook {
+                            webhook.send(word(step, &name, &when));
+                        }
+                    }
                 }
             }
             pulled.names.push(name);
         }
+        // From each direction once, however many ask for it.
+        pulled.angles.sort_by(f64::total_cmp);
+        pulled.angles.dedup();
         pulled
     }
 
@@ -269,20 +282,23 @@ impl Pipeline {
         let (NextRun { id, info, changes, is_new }, scene, before) = self.next_run(run_id, &spec);
         let shown = spec.shown_fields(&info.field, scene.as_ref())?;
         let chosen = |scene| changes.all.apply(beside(scene, before.as_ref()));
-        let (lost_ranks, seen);
+        let (lost_ranks, diagnostics, seen);
         let mut derivation = Duration::ZERO;
         let (source, scene) = match step {
             Arrived::Own(step) => {
-                lost_ranks = step.lost_ranks.clone();
+                (lost_ranks, diagnostics) = (step.lost_ranks.clone(), step.remarks.diagnostics.clone());
                 let volume;
                 (volume, derivation) = step.into_volume(&shown)?;
                 seen = self.look_at(volume.voxels());
                 let scene = scene.map_or_else(|| suggest(&[&volume]).map(chosen), Ok)?;
                 (FieldSource::Own(self.node.backend.clone(), Box::new(Field::new(volume, &scene))), scene)
             }
-            Arrived::Group(root, GroupArrived { run_id, spec, step, members, lost_ranks: lost, .. }) => {
+            Arrived::Group(
+                root,
+                GroupArrived { run_id, spec, step, members, lost_ranks: lost, diagnostics: told, .. },
+            ) => {
                 let step = (&*run_id, step);
-                lost_ranks = lost;
+                (lost_ranks, diagnostics) = (lost, told);
                 let scene = match scene {
                     Some(scene) => scene,
                     None => {
@@ -312,7 +328,8 @@ impl Pipeline {
         }
         self.had_empty_voxels = empty > 0;
         let step = Step::new(info, (number, time), self.node.segmentation, source);
-        Ok((step.without(lost_ranks).derived_in(derivation), seen))
+        self.node.counters.diagnostics.lock().clone_from(&diagnostics);
+        Ok((step.without(lost_ranks).with_diagnostics(diagnostics).derived_in(derivation), seen))
     }
 
     /// The run of the next step, its scene if that is known, and the scene that it had before another field was chosen.
@@ -354,4 +371,19 @@ fn beside(chosen: Scene, before: Option<&Scene>) -> Scene {
 fn whole_view(scene: Scene, grid: &Grid) -> Result<Scene, Invalid> {
     let transfer = scene.transfer.with_unit_length(scene.transfer.unit_length(grid));
     Ok(Scene { camera: suggest_camera(&grid.bounds())?, transfer, ..scene })
+}
+
+/// What is told of the trigger `name`, which fired at `step`.
+fn word(step: &Step, name: &str, when: &str) -> Word {
+    let (run, number, time) = (&step.run, step.step, step.time);
+    Word {
+        text: format!("{}: trigger {name} fired at step {number}, time {time}: {when}", run.name),
+        trigger: name.to_owned(),
+        when: when.to_owned(),
+        run: run.id.clone(),
+        field: run.field.clone(),
+        step: number,
+        time,
+        diagnostics: step.diagnostics().clone(),
+    }
 }

@@ -6,8 +6,8 @@ use lamina_codec::volume::ReferenceVolume;
 use lamina_codec::{EncodeOptions, EncodedStep, encode_timed};
 use lamina_compute::{Activity, Laps};
 use lamina_model::{
-    Cost, Frame, GenerationParams, Image, Intermediate, Invalid, ReferenceSamples, RunInfo, SamplePlan, Segmentation,
-    Setting,
+    Cost, Diagnostics, Frame, GenerationParams, Image, Intermediate, Invalid, ReferenceSamples, RunInfo, SamplePlan,
+    Segmentation, Setting,
 };
 use lamina_raycast::{Backend, Field, most_points};
 use lamina_rpc::Bytes;
@@ -136,6 +136,7 @@ pub(crate) struct Step {
     /// Simulation time.
     pub time: f64,
     lost_ranks: Vec<u32>,
+    diagnostics: Diagnostics,
     derivation: Duration,
     segmentation: Segmentation,
     source: FieldSource,
@@ -150,14 +151,25 @@ impl Step {
         segmentation: Segmentation,
         source: FieldSource,
     ) -> Self {
-        let (lost_ranks, derivation) = (Vec::new(), Duration::ZERO);
-        Self { run, step, time, lost_ranks, derivation, segmentation, source, reference: OnceLock::new() }
+        let (lost_ranks, diagnostics, derivation) = (Vec::new(), Diagnostics::default(), Duration::ZERO);
+        Self { run, step, time, lost_ranks, diagnostics, derivation, segmentation, source, reference: OnceLock::new() }
     }
 
     /// The same, without the bricks of these ranks.
     #[must_use]
     pub(crate) fn without(self, lost_ranks: Vec<u32>) -> Self {
         Self { lost_ranks, ..self }
+    }
+
+    /// The same, with what the simulation told of it.
+    #[must_use]
+    pub(crate) fn with_diagnostics(self, diagnostics: Diagnostics) -> Self {
+        Self { diagnostics, ..self }
+    }
+
+    /// What the simulation told of it.
+    pub(crate) fn diagnostics(&self) -> &Diagnostics {
+        &self.diagnostics
     }
 
     /// The same, whose field was computed from the run's in that time.
@@ -243,11 +255,13 @@ impl Step {
         Ok(Delivery::reference(&self.run, samples))
     }
 
-    /// A picture of the step, ray-cast from its scene's camera, `side` pixels a side.
-    pub(crate) fn picture(&self, side: u32) -> Result<Image, Invalid> {
+    /// A picture of the step, ray-cast from its scene's camera turned about the y axis by `angle_deg`, `side` pixels a side.
+    pub(crate) fn picture(&self, angle_deg: f64, side: u32) -> Result<Image, Invalid> {
         match &self.source {
-            FieldSource::Own(backend, field) => backend.raycast(field, &field.scene().camera, side, side),
-            FieldSource::Group(of_members) => of_members.picture(side),
+            FieldSource::Own(backend, field) => {
+                backend.raycast(field, &field.scene().camera.rotated_about_y(angle_deg)?, side, side)
+            }
+            FieldSource::Group(of_members) => of_members.picture(angle_deg, side),
         }
     }
 
@@ -282,6 +296,7 @@ impl Step {
             bytes: bytes.len() as u64,
             empty_voxels: self.source.empty_voxels(),
             lost_ranks: self.lost_ranks.clone(),
+            diagnostics: self.diagnostics.clone(),
             derivation: self.derivation,
             ..purpose
         };

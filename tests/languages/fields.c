@@ -25,6 +25,7 @@ int main(int argc, char **argv) {
     if (lamina_connect(&run, &client) < 0) return 1;
     for (int step = 0; step < STEPS; step++) {
         if (lamina_wants(client, (uint64_t)step) != 1) return 1;
+        if (lamina_diagnostic(client, "residual", 0.5 * step) != 0) return 1;
         void *first = density, *fields[] = {velocity[0], velocity[1], velocity[2]};
         if (step > 0 && lamina_buffer(client, run.dims, &first, NULL, fields) < 0) return 1;
         float *rho = first;

@@ -28,6 +28,8 @@ program fields
     do step = 0, steps - 1
         call lamina_wants(connection, step, wanted, code)
         if (.not. wanted .or. code /= 1) error stop
+        call lamina_diagnostic(connection, "residual", 0.5_real64 * step, code)
+        if (code /= 0) error stop
         do k = 1, n(3)
             do j = 1, n(2)
                 do i = 1, n(1)

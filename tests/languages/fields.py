@@ -13,6 +13,7 @@ run = lamina.Client(
 i, j, k = np.ogrid[: n[0], : n[1], : n[2]]
 for step in range(steps):
     assert run.wants(step)
+    run.diagnostic("residual", 0.5 * step)
     if step == 0:
         arrays = [np.empty(n, np.float32), *(np.empty(n) for _ in names)]
     else:

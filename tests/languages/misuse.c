@@ -80,6 +80,8 @@ int main(int argc, char **argv) {
     expect("nobody there to want it", lamina_wants(client, 1), LAMINA_UNREACHABLE, "refused");
     expect("no client to ask", lamina_wants(NULL, 1), LAMINA_INVALID, "client");
     expect("a step before the first", lamina_wants(client, (uint64_t)-1), LAMINA_INVALID, "step");
+    expect("no diagnostic's name", lamina_diagnostic(client, "kinetic energy", 1), LAMINA_INVALID, "letters, digits");
+    expect("a name that is none", lamina_diagnostic(client, NULL, 1), LAMINA_INVALID, "NULL");
     expect("no brick", lamina_push(client, 1, 0, NULL), LAMINA_INVALID, "brick");
     expect("no client", lamina_push(NULL, 1, 0, &whole), LAMINA_INVALID, "client");
     brick = whole;

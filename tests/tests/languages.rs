@@ -43,14 +43,15 @@ impl Recorder {
         folder.into_iter().flatten().flatten().map(|e| e.path()).collect()
     }
 
-    /// The recorded steps of the run that `push` pushes: simulation times and bytes.
+    /// The recorded steps of the run that `push` pushes: simulation times with what was told beside the field, and bytes.
     fn record(&self, push: impl FnOnce(&str)) -> Vec<(String, Vec<u8>)> {
         let before = self.runs();
         push(&self.generator.url());
         let rows = || {
             let new = self.runs().into_iter().find(|run| !before.contains(run))?;
             let table = std::fs::read_to_string(new.join("steps.csv")).ok()?;
-            let times: Vec<String> = table.lines().skip(1).filter_map(|l| Some(l.split(',').nth(1)?.into())).collect();
+            let told = |line: &str| Some(format!("{} {}", line.split(',').nth(1)?, line.rsplit(',').next()?));
+            let times: Vec<String> = table.lines().skip(1).filter_map(told).collect();
             (times.len() as u64 == STEPS).then_some((new, times))
         };
         assert!(wait_for(Duration::from_secs(60), || rows().is_some()), "steps are missing");
@@ -95,6 +96,7 @@ fn push_fields(url: &str) {
             (x * x + y * y + z * z).sqrt() as f32
         };
         let voxels: Vec<f32> = (0..24 * 20 * 16).map(speed).collect();
+        client.diagnostic("residual", 0.5 * step as f64).unwrap();
         client.push(step, 0.1 * step as f64, &Brick::new([0; 3], dims, &voxels)).unwrap();
     }
     assert_eq!(client.close().pushed, STEPS);
@@ -179,6 +181,8 @@ fn two_ranks_in_each_language_show_what_one_in_rust_does() {
 
     // Several fields, of which an expression is shown.
     let expected = recorder.record(push_fields);
+    let told: Vec<&str> = expected.iter().map(|(told, _)| told.as_str()).collect();
+    assert_eq!(told, ["0.0 residual=0", "0.1 residual=0.5", "0.2 residual=1"]);
     let c = compile(&["cc", "-std=c11"], &["tests/languages/fields.c"], folder.path());
     let fortran = ["proto/client/fortran/lamina.f90", "tests/languages/fields.f90"];
     let fortran = compile(&["gfortran"], &fortran, folder.path());

@@ -15,13 +15,20 @@ use lamina_tests::http::{curl, metric};
 use lamina_tests::processes::{Daemon, free_port, is_refused, wait_for};
 use lamina_viz_node::store::StepRow;
 use lamina_volume_io::{Options, Series};
+use serde_json::json;
 use std::fs::File;
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::{Ipv4Addr, TcpListener};
+use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 const SIDE: usize = 12;
 
 /// What a step's largest value is.
 const PEAKS: [f32; 7] = [1.0, 1.5, 1.4, 9.0, 9.5, 1.0, 1.1];
+
+/// What it tells from the fifth step on.
+const RESIDUALS: [f64; 3] = [1e-3, 1e-3, 2.5e-2];
 
 /// Whether the simulation takes requests: it is asked to go on.
 fn listens(url: &str, run_id: &str) -> bool {
@@ -39,9 +46,12 @@ fn a_step_that_meets_a_condition_pauses_the_simulation_and_is_kept() {
     let folder = tempfile::tempdir().unwrap();
     let (store, raw) = (folder.path().join("runs"), folder.path().join("raw"));
     let config = folder.path().join("generator-node.toml");
-    let triggers = "[[trigger]]\nname = \"burst\"\nwhen = \"max > 3 * prev(max) && quantile(0.5) < max / 2\"\ndo = [\"pause\", \"raw\", \"picture\", \"copy\"]\ncopy_kb = 3\n\
-                    [[trigger]]\nname = \"calm\"\nwhen = \"max < 2\"\ndo = []\n";
-    std::fs::write(&config, format!("trigger_folder = \"{}\"\n{triggers}", raw.display())).unwrap();
+    let triggers = "[[trigger]]\nname = \"burst\"\nwhen = \"max > 3 * prev(max) && quantile(0.5) < max / 2\"\ndo = [\"pause\", \"raw\", \"picture\", \"copy\", \"webhook\"]\ncopy_kb = 3\nangles = [90, 0]\n\
+                    [[trigger]]\nname = \"calm\"\nwhen = \"max < 2\"\ndo = []\n\
+                    [[trigger]]\nname = \"diverged\"\nwhen = \"diagnostic(residual) > 10 * prev(diagnostic(residual))\"\ndo = []\n";
+    let (webhook, posted) = receive_posts();
+    let keys = format!("trigger_folder = \"{}\"\nwebhook = \"{webhook}\"\n", raw.display());
+    std::fs::write(&config, format!("{keys}{triggers}")).unwrap();
     let node =
         Daemon::start("generator-node", free_port(), &["--backend", "cpu", "--config", config.to_str().unwrap()]);
     let viewer = folder.path().join("viz-node.toml");
@@ -63,6 +73,9 @@ fn a_step_that_meets_a_condition_pauses_the_simulation_and_is_kept() {
             // What is asked before the simulation listens does not reach it.
             assert!(wait_for(Duration::from_secs(20), || listens(&node.url(), client.run_id().unwrap())));
         }
+        if step > 3 {
+            client.diagnostic("residual", RESIDUALS[step - 4]).unwrap();
+        }
         client.push(step as u64, step as f64, &Brick::new([0; 3], [SIDE; 3], &voxels(peak)[..])).unwrap();
     }
     wait_for(Duration::from_secs(20), || {
@@ -82,14 +95,20 @@ fn a_step_that_meets_a_condition_pauses_the_simulation_and_is_kept() {
     let fired: Vec<_> = rows().into_iter().map(|row| row.triggers).collect();
     let none = Vec::<String>::new();
     let calm = || vec!["calm".to_owned()];
-    assert_eq!(fired, [calm(), none.clone(), none.clone(), vec!["burst".to_owned()], none.clone(), calm(), none]);
+    let [burst, diverged] = ["burst", "diverged"].map(|name| vec![name.to_owned()]);
+    assert_eq!(fired, [calm(), none.clone(), none.clone(), burst, none, calm(), diverged]);
+    let told: Vec<_> = rows().iter().map(|row| row.diagnostics.get("residual")).collect();
+    assert_eq!((&told[..4], &told[4..]), (&[None; 4][..], &RESIDUALS.map(Some)[..]));
+    let residual = metric(&node.url()["http://".len()..], "lamina_generator_diagnostic{name=\"residual\"}");
+    assert_eq!(residual, Some(RESIDUALS[2]));
 
     let files = || std::fs::read_dir(&raw).into_iter().flatten().flatten().map(|f| f.path()).collect::<Vec<_>>();
     assert!(wait_for(Duration::from_secs(10), || files().iter().any(|f| f.extension().is_some_and(|e| e == "raw"))));
     let ending = |e: &str| files().into_iter().find(|f| f.extension().is_some_and(|of| of == e));
-    assert!(wait_for(Duration::from_secs(10), || ending("png").is_some()));
+    let pictures = || files().into_iter().filter(|f| f.extension().is_some_and(|e| e == "png")).collect::<Vec<_>>();
+    assert!(wait_for(Duration::from_secs(10), || pictures().len() == 2));
     assert!(wait_for(Duration::from_secs(10), || ending("vdi").is_some()));
-    assert_eq!(files().len(), 3, "{:?}", files());
+    assert_eq!(files().len(), 4, "{:?}", files());
     // The copy has all points, each value within the bound, of all that fits the size; the recorded step is as it was.
     let copy = std::fs::read(ending("vdi").unwrap()).unwrap();
     assert!(copy.len() <= 3000, "{} bytes", copy.len());
@@ -105,16 +124,49 @@ fn a_step_that_meets_a_condition_pauses_the_simulation_and_is_kept() {
     let file = &ending("raw").unwrap();
     let read = Series::open(file, &Options::default()).unwrap().read(0).unwrap();
     assert_eq!(read.voxels(), &Voxels::F32(voxels(PEAKS[3])), "{}", file.display());
-    let picture = png::Decoder::new(std::io::BufReader::new(File::open(ending("png").unwrap()).unwrap()));
-    let mut picture = picture.read_info().unwrap();
-    let mut pixels = vec![0; picture.output_buffer_size().unwrap()];
-    let shape = picture.next_frame(&mut pixels).unwrap();
-    let cast = Backend::cpu().raycast(&Field::new(volume(PEAKS[3]), &scene), &scene.camera, shape.width, shape.height);
-    assert_eq!((shape.width, &pixels), (768, &cast.unwrap().to_rgb8()));
+    for file in pictures() {
+        let is_turned = file.file_stem().unwrap().to_string_lossy().ends_with("_90deg");
+        let camera = scene.camera.rotated_about_y(if is_turned { 90.0 } else { 0.0 }).unwrap();
+        let picture = png::Decoder::new(BufReader::new(File::open(file).unwrap()));
+        let mut picture = picture.read_info().unwrap();
+        let mut pixels = vec![0; picture.output_buffer_size().unwrap()];
+        let shape = picture.next_frame(&mut pixels).unwrap();
+        let cast = Backend::cpu().raycast(&Field::new(volume(PEAKS[3]), &scene), &camera, shape.width, shape.height);
+        assert_eq!((shape.width, &pixels), (768, &cast.unwrap().to_rgb8()), "turned: {is_turned}");
+    }
+    // It was told again after it had not listened, of the one trigger that asks for it.
+    let told: Vec<serde_json::Value> = posted.iter().take(2).collect();
+    assert_eq!(told[0], told[1]);
+    assert_eq!([&told[0]["trigger"], &told[0]["step"], &told[0]["time"]], [&json!("burst"), &json!(3), &json!(3.0)]);
+    assert!(told[0]["text"].as_str().unwrap().contains("burst fired at step 3"), "{}", told[0]);
+    assert!(posted.recv_timeout(Duration::from_secs(3)).is_err(), "told more often");
     let fired = |name: &str| {
         metric(&node.url()["http://".len()..], &format!("lamina_generator_triggers_fired_total{{trigger=\"{name}\"}}"))
     };
     assert_eq!([fired("burst"), fired("calm"), fired("other")], [Some(1.0), Some(2.0), None]);
+}
+
+/// An address for posts, and their bodies; the first is answered 503, the others 200.
+fn receive_posts() -> (String, Receiver<serde_json::Value>) {
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+    let address = format!("http://{}/hook?token=secret", listener.local_addr().unwrap());
+    let (bodies, received) = channel();
+    std::thread::spawn(move || {
+        for (n, connection) in listener.incoming().enumerate() {
+            let mut reader = BufReader::new(connection.unwrap());
+            let mut lines = reader.by_ref().lines().map(Result::unwrap);
+            assert_eq!(lines.next().unwrap(), "POST /hook?token=secret HTTP/1.1");
+            let headers: Vec<String> = lines.take_while(|line| !line.is_empty()).collect();
+            let length = headers.iter().find_map(|h| h.to_lowercase().strip_prefix("content-length: ")?.parse().ok());
+            let mut body = vec![0; length.unwrap()];
+            reader.read_exact(&mut body).unwrap();
+            let status = if n == 0 { "503 Service Unavailable" } else { "200 OK" };
+            let answer = format!("HTTP/1.1 {status}\r\ncontent-length: 0\r\nconnection: close\r\n\r\n");
+            reader.get_mut().write_all(answer.as_bytes()).unwrap();
+            bodies.send(serde_json::from_slice(&body).unwrap()).unwrap();
+        }
+    });
+    (address, received)
 }
 
 #[test]
@@ -158,6 +210,8 @@ fn triggers_are_set_and_removed_from_the_page_and_the_record_says_by_whom() {
         (r#"{"set":{"name":"x","when":"psnr > 3","do":[]}}"#, "none of step, time"),
         (r#"{"set":{"name":"../x","when":"max > 3","do":[]}}"#, "letters, digits"),
         (r#"{"set":{"name":"x","when":"max > 3","do":["explode"]}}"#, "explode"),
+        (r#"{"set":{"name":"x","when":"max > 3","do":["webhook"]}}"#, "nobody can be told"),
+        (r#"{"set":{"name":"x","when":"max > 3","do":["picture"],"angles":[400]}}"#, "400"),
         (r#"{"remove":"x"}"#, "there are: burst"),
     ] {
         let (status, answer) = ask(change);
@@ -184,5 +238,9 @@ fn conditions_that_cannot_be_are_refused_before_the_node_listens() {
     for (when, word) in [("psnr > 3", "none of step, time"), ("max >", "max >"), ("quantile(7) > 1", "0 to 1")] {
         std::fs::write(&config, format!("[[trigger]]\nname = \"x\"\nwhen = \"{when}\"\ndo = [\"pause\"]\n")).unwrap();
         is_refused("generator-node", &["--config", config.to_str().unwrap()], &["trigger", word]);
+    }
+    for address in ["", "hook", "file:///etc/passwd", "https://", "http:///path"] {
+        std::fs::write(&config, format!("webhook = \"{address}\"\n")).unwrap();
+        is_refused("generator-node", &["--config", config.to_str().unwrap()], &["webhook", "https://HOST/PATH"]);
     }
 }

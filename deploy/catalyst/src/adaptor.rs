@@ -17,6 +17,27 @@ pub(crate) type Found = Result<(Vec<Domain>, Option<String>), String>;
 /// Reads the domains of a channel, the first if none is stated, with a field.
 pub(crate) type DomainReader<'a> = dyn Fn(Option<&str>, Option<&str>) -> Found + 'a;
 
+/// What the simulation says of a step.
+#[derive(Debug)]
+pub(crate) struct StepState {
+    /// Its number, where it has one.
+    pub(crate) step: Option<f64>,
+    /// Simulation time.
+    pub(crate) time: Option<f64>,
+    /// Numbers beside the fields, by name.
+    pub(crate) diagnostics: Vec<(String, f64)>,
+}
+
+impl StepState {
+    /// That of a node `state`; `number` reads one of its children.
+    pub(crate) fn read(state: Option<Node>, step: [&str; 2], number: impl Fn(Node) -> Option<f64>) -> Self {
+        let of = |name: &str| state?.at(name).and_then(&number);
+        let told = state.and_then(|state| state.at("diagnostics")).map(|node| node.children()).unwrap_or_default();
+        let diagnostics = told.into_iter().filter_map(|(name, value)| Some((name, number(value)?))).collect();
+        Self { step: step.into_iter().find_map(of), time: of("time"), diagnostics }
+    }
+}
+
 /// The simulation as its calls show it.
 pub(crate) struct Adaptor {
     options: CatalystOptions,
@@ -96,16 +117,11 @@ impl Adaptor {
     }
 
     /// Hands a step over, whose domains of a channel (if one is stated) with a field are read by `domains`.
-    pub(crate) fn push(
-        &mut self,
-        step: Option<f64>,
-        time: Option<f64>,
-        domains: &DomainReader<'_>,
-    ) -> Result<(), String> {
+    pub(crate) fn push(&mut self, state: &StepState, domains: &DomainReader<'_>) -> Result<(), String> {
         let call = self.calls;
         self.calls += 1;
-        let step = step.filter(|step| *step >= 0.0).map_or(call, |step| step as u64);
-        let time = time.unwrap_or(step as f64);
+        let step = state.step.filter(|step| *step >= 0.0).map_or(call, |step| step as u64);
+        let time = state.time.unwrap_or(step as f64);
         if !self.agreed {
             self.agreed = true;
             self.ranks.duplicate()?;
@@ -118,7 +134,7 @@ impl Adaptor {
         }
         if let Some(run) = &mut self.run {
             let outcome = match run.wants(&self.ranks, step) {
-                Ok((true, wanted)) => self.compute((step, time), domains, wanted),
+                Ok((true, wanted)) => self.compute((step, time, &state.diagnostics), domains, wanted),
                 Ok((false, wanted)) => wanted.map(|_| ()),
                 Err(error) => Err(error),
             };
@@ -132,7 +148,7 @@ impl Adaptor {
     /// Reads the fields of a step, and hands them over where this rank's part of it is `wanted`. Collective where the mesh is resampled.
     fn compute(
         &mut self,
-        (step, time): (u64, f64),
+        (step, time, diagnostics): (u64, f64, &[(String, f64)]),
         domains: &DomainReader<'_>,
         wanted: Result<bool, String>,
     ) -> Result<(), String> {
@@ -147,7 +163,8 @@ impl Adaptor {
         let (client, field) = (&mut run.client, &run.field);
         let hand_over = |bricks: &[Brick<'_>]| {
             let Some(client) = client.as_mut().filter(|_| wanted == Ok(true)) else { return wanted.map(|_| ()) };
-            match client.push_bricks(step, time, bricks) {
+            let told = diagnostics.iter().try_for_each(|(name, value)| client.diagnostic(name, *value));
+            match told.and_then(|()| client.push_bricks(step, time, bricks)) {
                 Ok(Receipt::Admitted(_) | Receipt::Dropped) => Ok(()),
                 Err(error) => Err(in_words(&error, field)),
             }

@@ -2,7 +2,7 @@
 //!
 //! Beside them `lamina_publish`, for a code that has a Conduit node and nothing else.
 
-use crate::adaptor::{Adaptor, Found};
+use crate::adaptor::{Adaptor, Found, StepState};
 use crate::conduit::{ConduitNode, Node};
 use crate::guard::guarded;
 use crate::mesh::domains_of;
@@ -17,13 +17,13 @@ fn publish(adaptor: &mut Adaptor, node: Node) -> Result<(), String> {
     let meshes = [("mesh".to_owned(), node)];
     let first =
         if node.at("coordsets").is_some() { Some(node) } else { node.children().first().map(|(_, node)| *node) };
-    let state = |name: &str| {
-        let node = first?.at(&format!("state/{name}"))?;
+    let number = |node: Node| {
         // A number; PyFR has text at `data`.
         let text = || node.text().or_else(|| node.text_at("data"))?.trim().parse().ok();
         node.array().and_then(|array| array.get(0)).or_else(text)
     };
-    adaptor.push(state("cycle"), state("time"), &|_, field| -> Found { domains_of(&meshes, field) })
+    let state = StepState::read(first.and_then(|node| node.at("state")), ["cycle", "timestep"], number);
+    adaptor.push(&state, &|_, field| -> Found { domains_of(&meshes, field) })
 }
 
 /// A new run.

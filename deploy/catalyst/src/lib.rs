@@ -22,7 +22,7 @@ mod strided_grid;
 mod symbols;
 mod target;
 
-use adaptor::Adaptor;
+use adaptor::{Adaptor, StepState};
 use conduit::{ConduitNode, Node};
 use guard::guarded;
 use std::ffi::c_int;
@@ -72,7 +72,6 @@ unsafe extern "C" fn initialize(params: *const ConduitNode) -> c_int {
 unsafe extern "C" fn execute(params: *const ConduitNode) -> c_int {
     on_run(params, |run, params| {
         let adaptor = run.as_mut().ok_or("catalyst_initialize was not called, or failed; no step is shown")?;
-        let number = |name: &str| params.number(&format!("catalyst/state/{name}"));
         let channels = params.at("catalyst/channels").map(|node| node.children()).unwrap_or_default();
         let domains = |wanted: Option<&str>, field: Option<&str>| match channels
             .iter()
@@ -84,7 +83,9 @@ unsafe extern "C" fn execute(params: *const ConduitNode) -> c_int {
                 Err(format!("no channel {}; there are: {names}", wanted.unwrap_or("at all")))
             }
         };
-        adaptor.push(number("timestep").or_else(|| number("cycle")), number("time"), &domains)
+        let number = |node: conduit::Node| node.array()?.get(0);
+        let state = StepState::read(params.at("catalyst/state"), ["timestep", "cycle"], number);
+        adaptor.push(&state, &domains)
     })
 }
 

@@ -182,6 +182,7 @@ int main(int argc, char **argv) {
         conduit_node *run = conduit_node_create(), *data = conduit_node_fetch(run, "catalyst/channels/grid/data");
         conduit_node_set_path_int64(run, "catalyst/state/timestep", step);
         set(run, "catalyst/state/time", 0.5 * step);
+        set(run, "catalyst/state/diagnostics/residual", 0.25 * step);
         conduit_node_set_path_char8_str(run, "catalyst/channels/grid/type", adaptive ? "amrmesh" : several ? layout : "mesh");
         if (of_cells(layout)) {
             struct box box = {{NX, NY, beyond - first}, first, {X0, Y0, Z0 + H * first}, H};
@@ -210,6 +211,7 @@ int main(int argc, char **argv) {
         conduit_node *mesh = several ? conduit_node_fetch(data, "lower") : data;
         conduit_node_set_path_int64(mesh, "state/cycle", step);
         set(mesh, "state/time", 0.5 * step);
+        set(mesh, "state/diagnostics/residual", 0.25 * step);
         ascent_publish(ascent, data);
         ascent_execute(ascent, run);
 #else

@@ -213,6 +213,7 @@ def _library():
         ctypes.c_size_t,
         ctypes.POINTER(ctypes.c_void_p),
     ]
+    library.lamina_diagnostic.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_double]
     library.lamina_wants.argtypes = [ctypes.c_void_p, ctypes.c_uint64]
     library.lamina_push.argtypes = [ctypes.c_void_p, ctypes.c_uint64, ctypes.c_double, ctypes.POINTER(_Brick)]
     library.lamina_push_bricks.argtypes = [
@@ -315,6 +316,12 @@ class Client:
         wait for each other first, then ask, then agree."""
         with self._lock:
             return self._check(self._library.lamina_wants(self._client, step)) == 1
+
+    def diagnostic(self, name, value):
+        """Tells a number of the step that is pushed next, such as a residual or an energy: it is shown and recorded beside the field,
+        and triggers and alerts can depend on it. `name`: 1 to 60 letters, digits and _, a letter first; a step has at most 64."""
+        with self._lock:
+            self._check(self._library.lamina_diagnostic(self._client, str(name).encode(), value))
 
     def push(self, step, time, voxels, start=(0, 0, 0), colors=None, more=None):
         """Hands in this rank's part of a step, which begins at index `start` of the run's grid; `more` has the arrays of the run's

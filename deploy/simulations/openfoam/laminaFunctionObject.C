@@ -13,6 +13,7 @@
  *
  * A cell-centered grid lies over the box. Each rank interpolates (cellPoint) at the grid's points inside its own cells and sends the
  * values to the rank that has their slab of the grid along z, which pushes it as one brick. Points in no cell are missing values (NaN).
+ * With each step go residual_FIELD, the initial residuals of the scalar fields solved for last, and deltaT: for the page, triggers and alerts.
  * The node's address is that of LAMINA_GENERATOR. A node that is away costs a warning, never the run. */
 #include "addToRunTimeSelectionTable.H"
 #include "boundBox.H"
@@ -20,6 +21,7 @@
 #include "indexedOctree.H"
 #include "interpolationCellPoint.H"
 #include "lamina.h"
+#include "solverPerformance.H"
 #include "treeDataCell.H"
 #include "volFields.H"
 
@@ -266,6 +268,23 @@ public:
         return true;
     }
 
+    //- Tells the numbers that go with a step
+    void diagnose() const
+    {
+        lamina_diagnostic(client_, "deltaT", time_.deltaTValue());
+        const dictionary& solved = mesh_.solverPerformanceDict();
+        for (const word& field : solved.toc())
+        {
+            if (mesh_.foundObject<volScalarField>(field))
+            {
+                std::string name = "residual_" + field;
+                std::replace(name.begin(), name.end(), '.', '_');
+                const List<solverPerformance> performance(solved.lookup(field));
+                lamina_diagnostic(client_, name.c_str(), performance.first().initialResidual());
+            }
+        }
+    }
+
     //- Samples the fields; hands them over where this rank's part of the step is wanted
     void push(const bool wanted)
     {
@@ -291,6 +310,10 @@ public:
         brick.dims[2] = first(rank + 1) - first(rank);
         brick.voxels = slabs[0].data();
         brick.more = more.empty() ? nullptr : more.data();
+        if (wanted && Pstream::master())
+        {
+            diagnose();
+        }
         if (wanted && lamina_push_bricks(client_, step_, time_.value(), &brick, brick.dims[2] ? 1 : 0) < 0)
         {
             notShown();

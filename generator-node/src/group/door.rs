@@ -2,8 +2,8 @@
 
 use super::convert::boxes;
 use super::{HeldSteps, Kind, MemberEvent, send};
-use crate::ingest::{AssignMember, GridBox, Ingest, LOST_AFTER, RunSpec};
-use lamina_model::FullPolicy;
+use crate::ingest::{AssignMember, GridBox, Ingest, LOST_AFTER, Remarks, RunSpec};
+use lamina_model::{Diagnostics, FullPolicy};
 use lamina_mpi::Outbox;
 use lamina_rpc::v1;
 use parking_lot::Mutex;
@@ -27,6 +27,8 @@ pub(crate) struct GroupArrived {
     pub dropped_steps: u64,
     /// Ranks whose bricks it lacks, because they fell silent.
     pub lost_ranks: Vec<u32>,
+    /// What ranks told of it beside the field.
+    pub diagnostics: Diagnostics,
     /// Each member's boxes.
     pub members: Vec<Vec<GridBox>>,
 }
@@ -43,6 +45,7 @@ struct PartialStep {
     time: f64,
     members: BTreeMap<u32, Vec<GridBox>>,
     lost_ranks: Vec<u32>,
+    diagnostics: Diagnostics,
     /// When one last said so.
     changed: Instant,
 }
@@ -165,7 +168,13 @@ impl Door {
                 }
                 MemberEvent::Arrival(member, arrival) => {
                     ingest.heard(&arrival.run_id);
-                    self.arrive(member, &arrival);
+                    let times = [arrival.interval_ns, arrival.push_ns];
+                    let remarks = Remarks::new(arrival.diagnostics.clone(), times).unwrap_or_default();
+                    // The root's own ranks have told it their times already.
+                    if let Some([interval, push]) = remarks.pace.filter(|_| member > 0) {
+                        ingest.time_step(interval, push);
+                    }
+                    self.arrive(member, &arrival, &remarks.diagnostics);
                     if std::mem::replace(&mut cadence, ingest.cadence()) != cadence {
                         self.tell_cadence(cadence);
                     }
@@ -184,7 +193,7 @@ impl Door {
     }
 
     /// A member has all its bricks of a step.
-    fn arrive(&self, member: u32, arrival: &v1::GroupArrival) {
+    fn arrive(&self, member: u32, arrival: &v1::GroupArrival, diagnostics: &Diagnostics) {
         let mut run = self.run.lock();
         let Some(run) = run.as_mut().filter(|run| run.id == arrival.run_id) else { return };
         let boxes = match boxes(&arrival.boxes, &run.spec.grid) {
@@ -201,11 +210,20 @@ impl Door {
         if run.newest.is_some_and(|newest| step <= newest) {
             return self.tell_dropped(&run.id, step, [member]);
         }
-        let first = || PartialStep { time, members: BTreeMap::new(), lost_ranks: Vec::new(), changed: now };
+        let first = || PartialStep {
+            time,
+            members: BTreeMap::new(),
+            lost_ranks: Vec::new(),
+            diagnostics: Diagnostics::default(),
+            changed: now,
+        };
         let partial = run.steps.entry(step).or_insert_with(first);
         partial.changed = now;
         partial.lost_ranks.extend(&arrival.lost_ranks);
         partial.members.insert(member, boxes);
+        if let Err(error) = partial.diagnostics.merge(diagnostics) {
+            tracing::warn!(member, step, %error, "diagnostics not taken");
+        }
         match run.coverage(step) {
             Coverage::Refused(reason) => self.refuse(run, step, reason),
             Coverage::Whole => self.queue(run, step),
@@ -244,8 +262,9 @@ impl Door {
         run.newest = Some(step);
         let members = (0..self.outbox.size()).map(|m| whole.members.remove(&m).unwrap_or_default()).collect();
         let (run_id, spec, time) = (run.id.clone(), run.spec.clone(), whole.time);
-        let lost_ranks = whole.lost_ranks;
-        run.queue.push_back(GroupArrived { run_id, spec, step, time, dropped_steps: 0, lost_ranks, members });
+        let PartialStep { lost_ranks, diagnostics, .. } = whole;
+        let arrived = GroupArrived { run_id, spec, step, time, dropped_steps: 0, lost_ranks, diagnostics, members };
+        run.queue.push_back(arrived);
         // Who watches sees the present, unless the simulation is to wait.
         while run.spec.full_policy != FullPolicy::Block && run.queue.len() > 1 {
             let Some(old) = run.queue.pop_front() else { break };

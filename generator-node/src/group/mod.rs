@@ -21,7 +21,7 @@ pub(crate) use member::{HeldStep, HeldSteps, Member};
 pub(crate) use root::{GroupField, GroupVdi, Root};
 
 use crate::Config;
-use crate::ingest::Ingest;
+use crate::ingest::{Ingest, Remarks};
 use lamina_mpi::{Inbox, MpiError, Outbox};
 use lamina_rpc::daemon::Access;
 use lamina_rpc::v1;
@@ -42,7 +42,9 @@ pub(crate) async fn announce(ingest: Arc<Ingest>, held: HeldSteps, outbox: Outbo
         let Some(complete) = ingest.take() else { continue };
         let boxes = complete.boxes().map(convert::box_message).collect();
         let (run_id, step, time) = (complete.run_id.clone(), complete.step, complete.time);
-        let lost_ranks = complete.lost_ranks.clone();
+        let (lost_ranks, Remarks { diagnostics, pace }) = (complete.lost_ranks.clone(), complete.remarks.clone());
+        let [interval_ns, push_ns] = pace.unwrap_or_default().map(|time| time.as_nanos() as u64);
+        let diagnostics = diagnostics.into();
         let (spec, bricks) = complete.into_bricks();
         {
             let mut held = held.lock();
@@ -53,7 +55,8 @@ pub(crate) async fn announce(ingest: Arc<Ingest>, held: HeldSteps, outbox: Outbo
                 held.pop_first();
             }
         }
-        send(&outbox, 0, 0, Kind::Arrival(v1::GroupArrival { run_id, step, time, boxes, lost_ranks }));
+        let arrival = v1::GroupArrival { run_id, step, time, boxes, lost_ranks, diagnostics, interval_ns, push_ns };
+        send(&outbox, 0, 0, Kind::Arrival(arrival));
     }
 }
 

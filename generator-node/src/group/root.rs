@@ -170,9 +170,9 @@ impl GroupField {
         self.statistics.take()
     }
 
-    /// A picture from the scene's camera, `side` pixels a side.
-    pub(crate) fn picture(&self, side: u32) -> Result<Image, Invalid> {
-        let plan = SamplePlan { image_size: side, tile: 1, batches: 1, angles_deg: vec![0.0] };
+    /// A picture from the scene's camera, turned about the y axis by `angle_deg`, `side` pixels a side.
+    pub(crate) fn picture(&self, angle_deg: f64, side: u32) -> Result<Image, Invalid> {
+        let plan = SamplePlan { image_size: side, tile: 1, batches: 1, angles_deg: vec![angle_deg] };
         Image::new(side, side, self.reference_slice(&plan, 0..1)?.colors.swap_remove(0))
     }
 

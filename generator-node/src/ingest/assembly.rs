@@ -1,7 +1,7 @@
 //! One time step while its ranks' bricks arrive.
 
-use super::IngestError;
 use super::brick::{BrickBytes, BrickOffer, GridBox};
+use super::{IngestError, Remarks};
 use std::collections::{BTreeMap, BTreeSet};
 
 #[derive(Debug)]
@@ -20,12 +20,14 @@ pub(super) struct Assembly {
     parts: Vec<BrickSlot>,
     /// How many bricks each rank has that has come.
     bricks: BTreeMap<u32, u32>,
+    /// What ranks told beside their bricks.
+    pub remarks: Remarks,
 }
 
 impl Assembly {
     /// An empty step.
     pub(super) fn new(time: f64) -> Self {
-        Self { time, parts: Vec::new(), bricks: BTreeMap::new() }
+        Self { time, parts: Vec::new(), bricks: BTreeMap::new(), remarks: Remarks::default() }
     }
 
     /// Reserves the offered `brick`, if the rank has any, where it agrees with what is there; `voxels` is the whole grid's number.

@@ -2,7 +2,7 @@
 
 use super::brick::BrickBytes;
 use super::run::RunSpec;
-use super::{GridBox, brick};
+use super::{GridBox, Remarks, brick};
 use lamina_field_expression::ShownFields;
 use lamina_model::{Invalid, Volume};
 use std::time::{Duration, Instant};
@@ -22,6 +22,8 @@ pub struct CompleteStep {
     pub dropped_steps: u64,
     /// Ranks whose bricks it lacks, because they fell silent.
     pub lost_ranks: Vec<u32>,
+    /// What ranks told beside their bricks.
+    pub remarks: Remarks,
     /// When its last brick came in.
     pub completed: Instant,
     pub(super) bricks: Vec<(GridBox, BrickBytes)>,

@@ -4,7 +4,7 @@
 
 use super::brick::{BrickBytes, BrickOffer};
 use super::run::{IngestRun, RunSpec};
-use super::{CompleteStep, IngestError, assembly::Assembly};
+use super::{CompleteStep, IngestError, Remarks, assembly::Assembly};
 use lamina_field_expression::ShownFields;
 use lamina_model::FullPolicy;
 use std::collections::VecDeque;
@@ -246,6 +246,15 @@ impl Core {
         }
     }
 
+    /// What a rank tells with a brick that was admitted.
+    ///
+    /// # Errors
+    /// If the ranks tell too many diagnostics.
+    pub fn remark(&mut self, run_id: &str, step: u64, remarks: &Remarks) -> Result<(), IngestError> {
+        let Some(assembly) = self.run(run_id)?.steps.get_mut(&step) else { return Ok(()) };
+        Ok(assembly.remarks.merge(remarks)?)
+    }
+
     /// Takes back a reservation whose bytes never came.
     pub fn abort(&mut self, run_id: &str, step: u64, (rank, index): (u32, u32)) {
         let Ok(run) = self.run(run_id) else { return };
@@ -295,7 +304,7 @@ impl Core {
         let Ok(run) = self.run(run_id) else { return };
         if let Some(assembly) = run.steps.remove(&step) {
             let lost_ranks: Vec<u32> = run.lost.difference(&assembly.ranks_in()).copied().collect();
-            let (time, boxes) = (assembly.time, assembly.boxes());
+            let (time, boxes, remarks) = (assembly.time, assembly.boxes(), assembly.remarks.clone());
             let mut bricks = assembly.into_bricks();
             run.newest_whole = Some(step);
             if run.spec.members > 1 {
@@ -309,6 +318,7 @@ impl Core {
                 time,
                 dropped_steps: run.dropped_steps,
                 lost_ranks,
+                remarks,
                 completed: now,
                 bricks,
             };

@@ -114,6 +114,11 @@ impl Ingest {
         self.room.notify_waiters();
     }
 
+    /// The simulation's steps took `interval` each since its last push, which took `push`.
+    pub(crate) fn time_step(&self, interval: Duration, push: Duration) {
+        self.overhead.step(interval, push);
+    }
+
     /// Steps whose number is a multiple of this are pushed.
     pub(crate) fn cadence(&self) -> u32 {
         self.overhead.coupling().cadence

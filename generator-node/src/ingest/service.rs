@@ -1,7 +1,7 @@
 //! The ingest service: the state machine behind a lock, and waiting where the run's policy is to block.
 
 use super::brick::BrickBytes;
-use super::{Admit, BrickOffer, CompleteStep, Core, IngestError, IngestFigures, RunSpec};
+use super::{Admit, BrickOffer, CompleteStep, Core, IngestError, IngestFigures, Remarks, RunSpec};
 use crate::overhead::Overhead;
 use crate::steering::SteeringRelay;
 use futures::{Stream, StreamExt};
@@ -141,9 +141,6 @@ impl Ingest {
 
     /// Decides on a brick; waits where the run blocks.
     async fn admit(&self, h: &v1::BrickHeader) -> Result<Option<usize>, IngestError> {
-        if h.rank == 0 && h.brick == 0 && h.interval_ns > 0 {
-            self.overhead.step(Duration::from_nanos(h.interval_ns), Duration::from_nanos(h.push_ns));
-        }
         let (start, dims) = ([h.x0, h.y0, h.z0], [h.nx, h.ny, h.nz]);
         let (index, bricks) = (h.brick, h.bricks.unwrap_or(1));
         let offer = BrickOffer { step: h.step, time: h.time, rank: h.rank, index, bricks, start, dims };
@@ -210,6 +207,12 @@ async fn take_brick(
     if ingest.stopping.load(Ordering::Relaxed) {
         return Err(Status::unavailable("this generator-node is stopping"));
     }
+    let leads = header.rank == 0 && header.brick == 0;
+    let times = if leads { [header.interval_ns, header.push_ns] } else { [0; 2] };
+    let remarks = Remarks::new(header.diagnostics.clone(), times).map_err(IngestError::from)?;
+    if let Some([interval, push]) = remarks.pace {
+        ingest.overhead.step(interval, push);
+    }
     let admitted = tokio::select! {
         admitted = ingest.admit(&header) => admitted?,
         () = answers.closed() => return Ok(()),
@@ -220,6 +223,7 @@ async fn take_brick(
         return Ok(());
     };
     let mut reservation = Reservation { ingest, header: &header, filled: false };
+    ingest.core().remark(&header.run_id, header.step, &remarks)?;
     let _ = answers.send(Ok(answer(v1::Admission::Admitted, false, cadence))).await;
     let bytes = take_bytes(ingest, &mut parts, expected).await?;
     reservation.filled = true;

@@ -1,10 +1,11 @@
 //! Conditions: expressions of a step's statistics and of those of steps before, compared.
 
 use exmex::{BinOp, Express, FlatEx, FloatOpsFactory, MakeOperators, Operator};
+use lamina_model::Diagnostics;
 use std::collections::VecDeque;
 
 /// What is known of a step.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) enum Quantity {
     Step,
     Time,
@@ -23,6 +24,8 @@ pub(super) enum Quantity {
     Generation,
     /// The value below which such a share of the voxels lies.
     Quantile(f64),
+    /// What the simulation tells under this name; NaN where it does not.
+    Diagnostic(String),
 }
 
 /// What a condition calls them, and what it says of each.
@@ -221,12 +224,21 @@ impl<'a> Reader<'a> {
     /// The number of quantity `word`, whose argument follows if it has one.
     fn quantity(&mut self, word: &str) -> Result<usize, String> {
         let quantity = match NAMES.iter().find(|(name, _)| *name == word) {
-            Some((_, quantity)) => *quantity,
+            Some((_, quantity)) => quantity.clone(),
             None if word == "quantile" => {
                 self.expect('(', word)?;
                 let share = self.numeral().parse().ok().filter(|p| (0.0..=1.0).contains(p));
                 self.expect(')', word)?;
                 Quantity::Quantile(share.ok_or("quantile(p): p is a number from 0 to 1")?)
+            }
+            None if word == "diagnostic" => {
+                self.expect('(', word)?;
+                let name = self.take(|c| c.is_ascii_alphanumeric() || c == '_');
+                self.expect(')', word)?;
+                if !Diagnostics::is_name(name) {
+                    return Err(format!("diagnostic({name}): a name has letters, digits and _, a letter first"));
+                }
+                Quantity::Diagnostic(name.to_owned())
             }
             None => return Err(format!("{word}: no quantity of a step")),
         };
@@ -273,11 +285,11 @@ impl<'a> Reader<'a> {
 
 fn unknown(word: &str) -> String {
     let names: Vec<&str> = NAMES.iter().map(|(name, _)| *name).collect();
-    format!("\"{word}\" is none of {}, quantile(p)", names.join(", "))
+    format!("\"{word}\" is none of {}, quantile(p), diagnostic(name)", names.join(", "))
 }
 
 fn is_quantity(word: &str) -> bool {
-    word == "quantile" || NAMES.iter().any(|(name, _)| *name == word)
+    ["quantile", "diagnostic"].contains(&word) || NAMES.iter().any(|(name, _)| *name == word)
 }
 
 #[cfg(test)]
@@ -292,6 +304,8 @@ mod tests {
                 Quantity::Step => step as f64,
                 Quantity::Max => *max,
                 Quantity::Quantile(p) => p * max,
+                Quantity::Diagnostic(name) if name == "half" => max / 2.0,
+                Quantity::Diagnostic(_) => f64::NAN,
                 _ => 0.0,
             })
         };
@@ -315,6 +329,9 @@ mod tests {
         assert_eq!(holds("min_over( max , 2 ) < 2 && max > 2", &[1.0, 3.0, 3.0]), [false, true, false]);
         assert_eq!(holds("mean_over(max, 2) == 2", &[1.0, 3.0, 1.0]), [false, true, true]);
         assert_eq!(holds("prev(quantile(0.5)) == 1", &[2.0, 8.0, 0.0]), [false, true, false]);
+        assert_eq!(holds("diagnostic(half) > prev(diagnostic( half ))", &[2.0, 8.0, 0.0]), [false, true, false]);
+        assert_eq!(holds("max_over(diagnostic(half), 2) == 4", &[8.0, 2.0, 2.0]), [true, true, false]);
+        assert_eq!(holds("diagnostic(other) < 9 || diagnostic(other) >= 9", &[1.0, 1.0]), [false, false]);
         // Nothing before the first step: neither true nor an error.
         assert_eq!(holds("prev(max) < 9 || prev(max) >= 9", &[1.0, 1.0]), [false, true]);
     }
@@ -333,6 +350,10 @@ mod tests {
             ("max_over(max, 99999)", "1 to 1000"),
             ("quantile(2) > 1", "0 to 1"),
             ("quantile > 1", "'('"),
+            ("diagnostic > 1", "'('"),
+            ("diagnostic(1) > 1", "letter first"),
+            ("diagnostic(a b) > 1", "')'"),
+            ("half > 1", "diagnostic(name)"),
             ("prev(prev(max)) > 1", "prev"),
             ("v0 > max", "\"v0\""),
             ("max > 1; max", "max"),

@@ -11,9 +11,10 @@ pub(crate) fn write_raw(folder: PathBuf, run: &RunInfo, step: u64, voxels: Voxel
     keep(folder, run, step, &ending, move || Ok(voxels.to_le_bytes(0..voxels.len())));
 }
 
-/// Writes a picture of a step of `run` into `folder`.
-pub(crate) fn write_picture(folder: PathBuf, run: &RunInfo, step: u64, image: Image) {
-    keep(folder, run, step, ".png", move || png(&image).map_err(std::io::Error::other));
+/// Writes a picture of a step of `run` from `angle_deg` into `folder`.
+pub(crate) fn write_picture(folder: PathBuf, run: &RunInfo, step: u64, angle_deg: f64, image: Image) {
+    let ending = if angle_deg == 0.0 { ".png".to_owned() } else { format!("_{angle_deg}deg.png") };
+    keep(folder, run, step, &ending, move || png(&image).map_err(std::io::Error::other));
 }
 
 /// Writes the bytes of a step of `run` into `folder`.

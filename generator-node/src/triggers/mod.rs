@@ -3,13 +3,14 @@
 mod condition;
 mod files;
 mod statistics;
+mod webhook;
 
 pub(crate) use files::{write_copy, write_picture, write_raw};
 pub(crate) use statistics::{Moments, Statistics, sample_stride};
+pub(crate) use webhook::{Webhook, Word};
 
 use condition::Condition;
-use lamina_model::{Cost, Invalid, TriggerAction, TriggerChange, TriggerSpec};
-use std::collections::BTreeSet;
+use lamina_model::{Cost, Diagnostics, Invalid, TriggerAction, TriggerChange, TriggerSpec};
 
 /// The longest condition, bytes.
 const LONGEST: usize = 1000;
@@ -31,42 +32,39 @@ impl Trigger {
         if when.len() > LONGEST {
             return Err(Invalid::new("trigger.when", format!("\"{name}\": longer than {LONGEST} bytes")));
         }
-        spec.check_copy()?;
+        spec.check()?;
         let condition = Condition::parse(when);
         let condition = condition.map_err(|e| Invalid::new("trigger.when", format!("\"{name}\": {e}")))?;
         Ok(Self { spec: spec.clone(), condition, was_true: false })
     }
 }
 
-/// A trigger that fired.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Fired {
-    /// Its name.
-    pub name: String,
-    /// What is to be done.
-    pub actions: BTreeSet<TriggerAction>,
-    /// The most kilobytes of a copy.
-    pub copy_kb: Option<u32>,
+/// What a node can do for its triggers.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Means {
+    /// It is of a group: no step is in one place, to be kept there.
+    pub of_group: bool,
+    /// Its configuration states an address to be told.
+    pub webhook: bool,
 }
 
 /// All triggers of a node, and what they remember of a run.
 #[derive(Default)]
 pub(crate) struct Triggers {
     triggers: Vec<Trigger>,
-    /// No step is in one place, to be kept there.
-    of_group: bool,
+    means: Means,
     run_id: String,
     /// Sampled values of the step before, for `change`.
     samples: Vec<f64>,
 }
 
 impl Triggers {
-    /// Reads all conditions, of one node or of a group.
+    /// Reads all conditions, of a node with these `means`.
     ///
     /// # Errors
     /// Names the trigger, and what is wrong with it.
-    pub(crate) fn new(specs: &[TriggerSpec], of_group: bool) -> Result<Self, Invalid> {
-        let mut triggers = Self { of_group, ..Self::default() };
+    pub(crate) fn new(specs: &[TriggerSpec], means: Means) -> Result<Self, Invalid> {
+        let mut triggers = Self { means, ..Self::default() };
         for spec in specs {
             if triggers.names().any(|name| name == spec.name) {
                 return Err(Invalid::new("trigger.name", format!("\"{}\" stands twice", spec.name)));
@@ -96,11 +94,20 @@ impl Triggers {
     /// Adds a trigger, or puts it in place of that of its name.
     fn set(&mut self, spec: &TriggerSpec) -> Result<(), Invalid> {
         let trigger = Trigger::new(spec)?;
-        if self.of_group && spec.actions.contains(&TriggerAction::Raw) {
-            let name = &spec.name;
-            let reason =
-                format!("\"{name}\": a group has no step in one place to keep; leave \"raw\" out, or use one node");
-            return Err(Invalid::new("trigger.do", reason));
+        let lacking = |action, reason: &str| {
+            let asked = spec.actions.contains(&action);
+            asked.then(|| Invalid::new("trigger.do", format!("\"{}\": {reason}", spec.name)))
+        };
+        let voxels = "a group has no step in one place to keep; leave \"raw\" out, or use one node";
+        let address = "nobody can be told; state webhook = \"https://HOST/PATH\" in the generator-node's configuration";
+        let lacking = self
+            .means
+            .of_group
+            .then(|| lacking(TriggerAction::Raw, voxels))
+            .flatten()
+            .or_else(|| if self.means.webhook { None } else { lacking(TriggerAction::Webhook, address) });
+        if let Some(reason) = lacking {
+            return Err(reason);
         }
         match self.triggers.iter().position(|known| known.spec.name == spec.name) {
             Some(at) => self.triggers[at] = trigger,
@@ -132,14 +139,15 @@ impl Triggers {
         self.triggers.iter().any(|trigger| trigger.spec.actions.contains(&TriggerAction::Raw))
     }
 
-    /// Those that fire at a step of `run_id` with these `statistics`, which cost so much to encode.
+    /// Those that fire at a step of `run_id` with these `statistics` and `diagnostics`, which cost so much to encode.
     pub(crate) fn evaluate(
         &mut self,
         run_id: &str,
         (step, time): (u64, f64),
         statistics: &Statistics,
         cost: &Cost,
-    ) -> Vec<Fired> {
+        diagnostics: &Diagnostics,
+    ) -> Vec<TriggerSpec> {
         if self.run_id != run_id {
             run_id.clone_into(&mut self.run_id);
             self.samples.clear();
@@ -152,7 +160,7 @@ impl Triggers {
         self.samples.clone_from(&statistics.samples);
         let mut fired = Vec::new();
         for trigger in &mut self.triggers {
-            let is_true = trigger.condition.evaluate(&|quantity| match *quantity {
+            let is_true = trigger.condition.evaluate(&|quantity| match quantity {
                 condition::Quantity::Step => step as f64,
                 condition::Quantity::Time => time,
                 condition::Quantity::Min => statistics.min,
@@ -163,11 +171,11 @@ impl Triggers {
                 condition::Quantity::Change => change,
                 condition::Quantity::Size => cost.size_bytes as f64 / 1e3,
                 condition::Quantity::Generation => 1e3 * cost.generation.as_secs_f64(),
-                condition::Quantity::Quantile(p) => statistics.quantile(p),
+                condition::Quantity::Quantile(p) => statistics.quantile(*p),
+                condition::Quantity::Diagnostic(name) => diagnostics.get(name).unwrap_or(f64::NAN),
             });
             if is_true && !trigger.was_true {
-                let TriggerSpec { name, actions, copy_kb, .. } = trigger.spec.clone();
-                fired.push(Fired { name, actions, copy_kb });
+                fired.push(trigger.spec.clone());
             }
             trigger.was_true = is_true;
         }
@@ -179,19 +187,20 @@ impl Triggers {
 mod tests {
     use super::*;
     use lamina_model::Voxels;
+    use std::collections::BTreeSet;
 
     fn spec(name: &str, when: &str) -> TriggerSpec {
         let actions = BTreeSet::from([TriggerAction::Pause]);
-        TriggerSpec { name: name.into(), when: when.into(), actions, copy_kb: None }
+        TriggerSpec { name: name.into(), when: when.into(), actions, copy_kb: None, angles: Vec::new() }
     }
 
     #[test]
     fn a_trigger_fires_at_the_step_where_its_condition_becomes_true() {
         let mut triggers =
-            Triggers::new(&[spec("high", "max > 2"), spec("jump", "max > 2 * prev(max)")], false).unwrap();
+            Triggers::new(&[spec("high", "max > 2"), spec("jump", "max > 2 * prev(max)")], Means::default()).unwrap();
         let mut names = |run: &str, step: u64, value: f64| -> Vec<String> {
             let statistics = Statistics::of(&Voxels::F64(vec![0.0, value]));
-            let fired = triggers.evaluate(run, (step, 0.5), &statistics, &Cost::default());
+            let fired = triggers.evaluate(run, (step, 0.5), &statistics, &Cost::default(), &Diagnostics::default());
             fired.into_iter().map(|fired| fired.name).collect()
         };
         // The first step has none before it.
@@ -208,10 +217,10 @@ mod tests {
     #[test]
     fn a_change_of_one_trigger_leaves_the_others_what_they_remember() {
         let mut triggers =
-            Triggers::new(&[spec("high", "max > 2"), spec("jump", "max > 2 * prev(max)")], false).unwrap();
+            Triggers::new(&[spec("high", "max > 2"), spec("jump", "max > 2 * prev(max)")], Means::default()).unwrap();
         let fire = |triggers: &mut Triggers, value: f64| -> Vec<String> {
             let statistics = Statistics::of(&Voxels::F64(vec![0.0, value]));
-            let fired = triggers.evaluate("a", (0, 0.0), &statistics, &Cost::default());
+            let fired = triggers.evaluate("a", (0, 0.0), &statistics, &Cost::default(), &Diagnostics::default());
             fired.into_iter().map(|fired| fired.name).collect()
         };
         assert_eq!(fire(&mut triggers, 3.0), ["high"]);
@@ -232,10 +241,10 @@ mod tests {
 
     #[test]
     fn change_is_that_of_the_step_before_in_ranges() {
-        let mut triggers = Triggers::new(&[spec("moved", "change >= 0.25")], false).unwrap();
+        let mut triggers = Triggers::new(&[spec("moved", "change >= 0.25")], Means::default()).unwrap();
         let mut fires = |values: Vec<f64>| {
             let statistics = Statistics::of(&Voxels::F64(values));
-            !triggers.evaluate("a", (0, 0.0), &statistics, &Cost::default()).is_empty()
+            !triggers.evaluate("a", (0, 0.0), &statistics, &Cost::default(), &Diagnostics::default()).is_empty()
         };
         assert!(!fires(vec![0.0, 2.0, 4.0]));
         assert!(!fires(vec![0.5, 2.5, 4.0]), "root mean square 0.41 of 3.5");
@@ -245,7 +254,7 @@ mod tests {
     #[test]
     fn what_is_no_trigger_is_refused_by_name() {
         let refused = |specs: &[TriggerSpec], word: &str| {
-            let error = Triggers::new(specs, false).err().unwrap();
+            let error = Triggers::new(specs, Means::default()).err().unwrap();
             assert!(error.to_string().contains(word), "{error} does not say {word}");
         };
         refused(&[spec("a b", "max > 1")], "a b");
@@ -254,6 +263,13 @@ mod tests {
         refused(&[spec("a", &format!("max > {}1{}", "(".repeat(500), ")".repeat(500)))], "longer than");
         refused(&[spec("a", "max >")], "\"a\"");
         refused(&[TriggerSpec { copy_kb: Some(100), ..spec("a", "max > 1") }], "no copy");
+        refused(&[TriggerSpec { angles: vec![0.0], ..spec("a", "max > 1") }], "no picture");
+        let picture = TriggerSpec { actions: BTreeSet::from([TriggerAction::Picture]), ..spec("a", "max > 1") };
+        refused(&[TriggerSpec { angles: vec![0.0, 361.0], ..picture.clone() }], "361");
+        refused(&[TriggerSpec { angles: vec![f64::NAN], ..picture.clone() }], "NaN");
+        refused(&[TriggerSpec { angles: vec![0.0; 37], ..picture }], "at most 36");
+        let webhook = BTreeSet::from([TriggerAction::Webhook]);
+        refused(&[TriggerSpec { actions: webhook, ..spec("a", "max > 1") }], "webhook = ");
         let actions = BTreeSet::from([TriggerAction::Copy]);
         for copy_kb in [None, Some(0)] {
             refused(&[TriggerSpec { actions: actions.clone(), copy_kb, ..spec("a", "max > 1") }], "copy_kb = 5000");

@@ -138,6 +138,11 @@ static inline int32_t lamina_connect(const lamina_options *run, lamina_client **
  * each other first (a wait would count), then ask, then agree (MPI_Allreduce with MPI_MAX); those that did not get 1 do not push. */
 int32_t lamina_wants(lamina_client *client, uint64_t step);
 
+/* Tells a number of the step that is pushed next, such as a residual or an energy: it is shown and recorded beside the field, and
+ * triggers (diagnostic(NAME) > 1e-3) and alerts can depend on it. `name`: 1 to 60 letters, digits and _, a letter first; a step has at
+ * most 64. 0, or an error. Any rank may tell any; of ranks that tell the same one, either counts. */
+int32_t lamina_diagnostic(lamina_client *client, const char *name, double value);
+
 /* Hands in this rank's brick of `step`, steps ascending from 0 or more, at simulation time `time`. LAMINA_ADMITTED,
  * LAMINA_DROPPED or, if the step is lost, an error; without a client (NULL) always one. */
 int32_t lamina_push(lamina_client *client, uint64_t step, double time, const lamina_brick *brick);

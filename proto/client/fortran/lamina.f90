@@ -10,7 +10,7 @@ module lamina
     private
     public :: lamina_number, lamina_steering, lamina_field
     public :: lamina_run, lamina_connection, lamina_summary, lamina_open, lamina_put, lamina_buffer, &
-        lamina_wants, lamina_box, lamina_brick, lamina_put_bricks, lamina_end, lamina_message
+        lamina_wants, lamina_diagnostic, lamina_box, lamina_brick, lamina_put_bricks, lamina_end, lamina_message
 
     integer(c_int32_t), parameter, public :: lamina_f32 = 5, lamina_f64 = 6
     integer(c_int32_t), parameter, public :: lamina_drop_oldest = 0, lamina_drop_newest = 1, lamina_block = 2
@@ -124,6 +124,13 @@ module lamina
             import :: c_ptr, c_int32_t, c_int64_t
             type(c_ptr), value :: client
             integer(c_int64_t), value :: step
+            integer(c_int32_t) :: code
+        end function
+        function c_diagnostic(client, name, value) bind(c, name="lamina_diagnostic") result(code)
+            import :: c_ptr, c_int32_t, c_char, c_double
+            type(c_ptr), value :: client
+            character(kind=c_char), intent(in) :: name(*)
+            real(c_double), value :: value
             integer(c_int32_t) :: code
         end function
         function c_push(client, step, time, given) bind(c, name="lamina_push") result(code)
@@ -483,6 +490,16 @@ contains
         integer(c_int32_t), intent(out) :: code
         code = c_wants(connection%client, int(step, c_int64_t))
         wanted = code > 0
+    end subroutine
+
+    ! Tells a number of the step that is put next, such as a residual or an energy: it is shown and recorded beside the field, and
+    ! triggers and alerts can depend on it. The name has 1 to 60 letters, digits and _, a letter first; a step has at most 64.
+    subroutine lamina_diagnostic(connection, name, value, code)
+        type(lamina_connection), intent(in) :: connection
+        character(*), intent(in) :: name
+        real(c_double), intent(in) :: value
+        integer(c_int32_t), intent(out) :: code
+        code = c_diagnostic(connection%client, trim(name) // c_null_char, value)
     end subroutine
 
     ! Ends this rank's part of the run.

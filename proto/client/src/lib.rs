@@ -38,7 +38,7 @@ pub use lamina_rpc::launcher::launched_rank;
 pub use options::{Receipt, RunOptions};
 
 use driver::Driver;
-use lamina_model::Invalid;
+use lamina_model::{Diagnostics, Invalid};
 use lamina_rpc::connect::{NodeAddress, endpoint};
 use lamina_rpc::credentials::{Credentials, CredentialsError, Role};
 use lamina_shared_memory::Lease;
@@ -82,6 +82,8 @@ pub struct Client {
     pace: Pace,
     patience: Patience,
     steering: SteeringInbox,
+    /// Of the step that is pushed next.
+    diagnostics: Diagnostics,
 }
 
 const FIRST_BACKOFF: Duration = Duration::from_millis(200);
@@ -120,6 +122,7 @@ impl Client {
             pace: Pace::default(),
             patience: Patience::default(),
             steering: SteeringInbox::new(),
+            diagnostics: Diagnostics::default(),
         };
         match client.open_session(Instant::now()) {
             Err(error @ (ClientError::Unreachable { .. } | ClientError::Deadline(_))) => tracing::warn!("{error}"),
@@ -155,6 +158,15 @@ impl Client {
         self.ensure_session(now).inspect_err(|_| self.summary.lost += 1)?;
         self.pace.expect(step, now);
         Ok(true)
+    }
+
+    /// Tells a number of the step that is pushed next, such as a residual or an energy: it is shown and recorded beside the field, and
+    /// triggers and alerts can depend on it. Any rank may tell any; of ranks that tell the same one, either counts.
+    ///
+    /// # Errors
+    /// If the name is not 1 to 60 letters, digits and `_`, a letter first, or the step has 64 already.
+    pub fn diagnostic(&mut self, name: &str, value: f64) -> Result<(), ClientError> {
+        Ok(self.diagnostics.set(name, value)?)
     }
 
     /// Memory for this rank's brick of `dims` sample points from `start` on, to compute into: on the node's own host it is read
@@ -217,6 +229,7 @@ impl Client {
             }
         };
         self.pace.pushed(Instant::now());
+        self.diagnostics = Diagnostics::default();
         let left = parts.len() as u64 + 1;
         match &receipt {
             Ok(Receipt::Admitted(_)) => {}
@@ -267,7 +280,7 @@ impl Client {
         let (timing, remaining) = (self.pace.begin(started), self.remaining(started));
         let (begun, remaining) = (Instant::now(), remaining.min(self.longest_push()));
         let Some(session) = &mut self.session else { return Err(Status::unavailable("not connected")) };
-        let push = session.push(&self.run_id, self.options.rank, part, timing, brick, lease);
+        let push = session.push(&self.run_id, self.options.rank, part, (timing, &self.diagnostics), brick, lease);
         let (receipt, cadence) = self.driver.within(remaining, push)?;
         self.pace.set_cadence(cadence);
         self.patience.answered(begun.elapsed());

@@ -2,7 +2,7 @@
 
 use crate::pace::Timing;
 use crate::{Brick, Receipt, RunOptions};
-use lamina_model::Invalid;
+use lamina_model::{Diagnostics, Invalid};
 use lamina_rpc::connect::{channel, endpoint, innermost};
 use lamina_rpc::credentials::{Credentials, Role};
 use lamina_rpc::v1::{self, ingest_client::IngestClient, push_part::Part};
@@ -117,7 +117,7 @@ impl Session {
         run_id: &str,
         rank: u32,
         part_of: StepPart,
-        timing: Timing,
+        (timing, diagnostics): (Timing, &Diagnostics),
         brick: &Brick<'_>,
         lease: Option<&Lease>,
     ) -> Result<(Receipt, u32), Status> {
@@ -141,6 +141,7 @@ impl Session {
             push_ns,
             brick: index,
             bricks: Some(bricks),
+            diagnostics: diagnostics.clone().into(),
         };
         let (parts, stream) = mpsc::channel(2);
         let hung_up = || Status::unavailable("the connection ended");

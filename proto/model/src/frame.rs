@@ -1,6 +1,6 @@
 //! What accompanies an encoded step on its way to the viewers.
 
-use crate::{Cost, GenerationParams, Limits, TuningState};
+use crate::{Cost, Diagnostics, GenerationParams, Limits, TuningState};
 use std::time::Duration;
 
 /// One encoded step, without its bytes.
@@ -31,6 +31,8 @@ pub struct Frame {
     pub lost_ranks: Vec<u32>,
     /// Triggers that fired at this step.
     pub triggers: Vec<String>,
+    /// What the simulation told of the step beside its field.
+    pub diagnostics: Diagnostics,
     /// What computing the shown field from the run's took; zero where one is shown as it is.
     pub derivation: Duration,
     /// The limits in force.

@@ -19,17 +19,33 @@ pub struct TriggerSpec {
     /// The most kilobytes of a copy; stated where one is to be kept.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub copy_kb: Option<u32>,
+    /// Pictures are from the scene's camera turned about the y axis through its target by so many degrees each; from it itself, if none
+    /// is stated.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub angles: Vec<f64>,
 }
 
 impl TriggerSpec {
     /// The most of a node.
     pub const MOST: usize = 64;
+    /// The most pictures of a step.
+    pub const MOST_ANGLES: usize = 36;
 
-    /// Checked: a size stands where a copy is to be kept, and nowhere else.
+    /// Checked: a size stands where a copy is to be kept, angles only where pictures are.
     ///
     /// # Errors
     /// Names the trigger.
-    pub fn check_copy(&self) -> Result<(), Invalid> {
+    pub fn check(&self) -> Result<(), Invalid> {
+        let refused = |reason: String| Err(Invalid::new("trigger.angles", format!("\"{}\": {reason}", self.name)));
+        if !self.angles.is_empty() && !self.actions.contains(&TriggerAction::Picture) {
+            return refused("are stated, and no picture is to be kept; add \"picture\" to what is done".to_owned());
+        }
+        if self.angles.len() > Self::MOST_ANGLES {
+            return refused(format!("{} pictures of a step; at most {}", self.angles.len(), Self::MOST_ANGLES));
+        }
+        if let Some(angle) = self.angles.iter().find(|angle| !(-360.0..=360.0).contains(*angle)) {
+            return refused(format!("{angle} is not from -360 to 360 degrees"));
+        }
         let reason = match (self.actions.contains(&TriggerAction::Copy), self.copy_kb) {
             (true, None | Some(0)) => "a copy is to be kept; state its most kilobytes, such as copy_kb = 5000",
             (false, Some(_)) => "copy_kb is stated, and no copy is to be kept; add \"copy\" to what is done",
@@ -57,10 +73,12 @@ pub enum TriggerAction {
     Stop,
     /// Writes the step's voxels to a raw file.
     Raw,
-    /// Writes a picture of the step, ray-cast from the scene's camera.
+    /// Writes pictures of the step, ray-cast from the scene's camera and from beside it.
     Picture,
     /// Writes the step once more, as fine as fits `copy_kb`.
     Copy,
+    /// Tells the address that the node's configuration states as `webhook`.
+    Webhook,
 }
 
 impl TriggerAction {
@@ -71,6 +89,7 @@ impl TriggerAction {
             Self::Raw => "raw",
             Self::Picture => "picture",
             Self::Copy => "copy",
+            Self::Webhook => "webhook",
         }
     }
 }

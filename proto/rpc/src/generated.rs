@@ -107,6 +107,12 @@ pub struct Frame {
     /// frame.
     #[prost(uint64, optional, tag = "17")]
     pub after_step: ::core::option::Option<u64>,
+    /// What the simulation told of the step beside its field, by name.
+    #[prost(btree_map = "string, double", tag = "18")]
+    pub diagnostics: ::prost::alloc::collections::BTreeMap<
+        ::prost::alloc::string::String,
+        f64,
+    >,
 }
 /// What a step is to keep.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
@@ -586,7 +592,7 @@ pub struct ShowRequest {
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct ShowReply {}
 /// A condition over each step, and what is done at the step where it becomes true.
-#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+#[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Trigger {
     /// 1 to 60 letters, digits, - and \_.
     #[prost(string, tag = "1")]
@@ -599,13 +605,16 @@ pub struct Trigger {
     /// The most kilobytes of a copy, where one is written.
     #[prost(uint32, optional, tag = "4")]
     pub copy_kb: ::core::option::Option<u32>,
+    /// Pictures are from the scene's camera turned about the y axis by so many degrees each; from it itself, if none is stated. At most 36.
+    #[prost(double, repeated, tag = "5")]
+    pub angles: ::prost::alloc::vec::Vec<f64>,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct TriggerList {
     #[prost(message, repeated, tag = "1")]
     pub triggers: ::prost::alloc::vec::Vec<Trigger>,
 }
-#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+#[derive(Clone, PartialEq, ::prost::Message)]
 pub struct ChangeTriggersRequest {
     /// For people to read.
     #[prost(string, tag = "3")]
@@ -615,7 +624,7 @@ pub struct ChangeTriggersRequest {
 }
 /// Nested message and enum types in `ChangeTriggersRequest`.
 pub mod change_triggers_request {
-    #[derive(Clone, PartialEq, Eq, Hash, ::prost::Oneof)]
+    #[derive(Clone, PartialEq, ::prost::Oneof)]
     pub enum Change {
         /// In place of the one of its name, if there is one.
         #[prost(message, tag = "1")]
@@ -704,6 +713,8 @@ pub enum TriggerAction {
     Picture = 4,
     /// Write the step once more, as fine as fits copy_kb.
     Copy = 5,
+    /// Tell the address that the node's configuration states.
+    Webhook = 6,
 }
 impl TriggerAction {
     /// String value of the enum field names used in the ProtoBuf definition.
@@ -718,6 +729,7 @@ impl TriggerAction {
             Self::Raw => "TRIGGER_ACTION_RAW",
             Self::Picture => "TRIGGER_ACTION_PICTURE",
             Self::Copy => "TRIGGER_ACTION_COPY",
+            Self::Webhook => "TRIGGER_ACTION_WEBHOOK",
         }
     }
     /// Creates an enum from field names used in the ProtoBuf definition.
@@ -729,6 +741,7 @@ impl TriggerAction {
             "TRIGGER_ACTION_RAW" => Some(Self::Raw),
             "TRIGGER_ACTION_PICTURE" => Some(Self::Picture),
             "TRIGGER_ACTION_COPY" => Some(Self::Copy),
+            "TRIGGER_ACTION_WEBHOOK" => Some(Self::Webhook),
             _ => None,
         }
     }
@@ -838,6 +851,13 @@ pub struct BrickHeader {
     pub brick: u32,
     #[prost(uint32, optional, tag = "14")]
     pub bricks: ::core::option::Option<u32>,
+    /// What the simulation tells of the step beside its field, by name: 1 to 60 letters, digits and \_, a letter first; at most 64 a step. Of
+    /// ranks that tell the same, the one whose brick is admitted last counts.
+    #[prost(btree_map = "string, double", tag = "15")]
+    pub diagnostics: ::prost::alloc::collections::BTreeMap<
+        ::prost::alloc::string::String,
+        f64,
+    >,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct PushPart {
@@ -3874,6 +3894,17 @@ pub struct GroupArrival {
     /// Ranks that fell silent: their boxes hold NaN, or 0 where voxels are integers.
     #[prost(uint32, repeated, tag = "5")]
     pub lost_ranks: ::prost::alloc::vec::Vec<u32>,
+    /// What its ranks told of the step beside the field.
+    #[prost(btree_map = "string, double", tag = "6")]
+    pub diagnostics: ::prost::alloc::collections::BTreeMap<
+        ::prost::alloc::string::String,
+        f64,
+    >,
+    /// As rank 0 said with its brick, where it is the member's: see BrickHeader.
+    #[prost(uint64, tag = "7")]
+    pub interval_ns: u64,
+    #[prost(uint64, tag = "8")]
+    pub push_ns: u64,
 }
 /// The root to a member: all others are past this step. Ranks that are silent, and whose bricks alone it lacks, are lost.
 #[derive(Clone, PartialEq, ::prost::Message)]

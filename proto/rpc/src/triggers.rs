@@ -12,33 +12,36 @@ impl From<TriggerAction> for v1::TriggerAction {
             TriggerAction::Raw => Self::Raw,
             TriggerAction::Picture => Self::Picture,
             TriggerAction::Copy => Self::Copy,
+            TriggerAction::Webhook => Self::Webhook,
         }
     }
 }
 
 impl From<TriggerSpec> for v1::Trigger {
-    fn from(TriggerSpec { name, when, actions, copy_kb }: TriggerSpec) -> Self {
+    fn from(TriggerSpec { name, when, actions, copy_kb, angles }: TriggerSpec) -> Self {
         let actions = actions.into_iter().map(|action| v1::TriggerAction::from(action).into()).collect();
-        Self { name, when, actions, copy_kb }
+        Self { name, when, actions, copy_kb, angles }
     }
 }
 
 impl TryFrom<v1::Trigger> for TriggerSpec {
     type Error = Invalid;
 
-    fn try_from(v1::Trigger { name, when, actions, copy_kb }: v1::Trigger) -> Result<Self, Invalid> {
+    fn try_from(v1::Trigger { name, when, actions, copy_kb, angles }: v1::Trigger) -> Result<Self, Invalid> {
         let action = |number| match v1::TriggerAction::try_from(number) {
             Ok(v1::TriggerAction::Pause) => Ok(TriggerAction::Pause),
             Ok(v1::TriggerAction::Stop) => Ok(TriggerAction::Stop),
             Ok(v1::TriggerAction::Raw) => Ok(TriggerAction::Raw),
             Ok(v1::TriggerAction::Picture) => Ok(TriggerAction::Picture),
             Ok(v1::TriggerAction::Copy) => Ok(TriggerAction::Copy),
+            Ok(v1::TriggerAction::Webhook) => Ok(TriggerAction::Webhook),
             Ok(v1::TriggerAction::Unspecified) | Err(_) => {
-                Err(Invalid::new("trigger.do", format!("{number} is none of pause, stop, raw, picture and copy")))
+                let known = "pause, stop, raw, picture, copy and webhook";
+                Err(Invalid::new("trigger.do", format!("{number} is none of {known}")))
             }
         };
         let actions = actions.into_iter().map(action).collect::<Result<_, _>>()?;
-        Ok(Self { name, when, actions, copy_kb })
+        Ok(Self { name, when, actions, copy_kb, angles })
     }
 }
 

@@ -62,6 +62,7 @@ fn services_are_those_of_their_contracts() {
     SCENE_MESSAGES
         .iter()
         .fold(tonic_prost_build::configure(), external)
+        .btree_map(".")
         .bytes(".lamina.v1.PushPart.chunk")
         .bytes(".lamina.v1.Delivery.chunk")
         .out_dir(folder.path())

@@ -10,6 +10,7 @@ use lamina_rpc::v1::push_part::Part;
 use lamina_rpc::v1::quality_client::QualityClient;
 use lamina_rpc::v1::tuning_client::TuningClient;
 use lamina_rpc::v1::{self, steering};
+use std::collections::BTreeMap;
 use std::time::Duration;
 use tonic::transport::{Channel, Endpoint};
 use tonic::{Response, Status, Streaming};
@@ -193,6 +194,7 @@ impl Caller {
                     push_ns: values.number(),
                     brick: values.small(),
                     bricks: (!values.rarely(2)).then(|| values.small()),
+                    diagnostics: diagnostics(values),
                 })
             }
             2 => Part::Shared(v1::SharedBrick { ring: values.number(), slot: values.small() }),
@@ -282,4 +284,10 @@ fn trial(values: &mut Values) -> v1::TrialRequest {
         time_alone: values.rarely(4),
         first_study: values.rarely(4),
     }
+}
+
+/// Names and values as nobody should tell them, now and then.
+fn diagnostics(values: &mut Values) -> BTreeMap<String, f64> {
+    let name = |values: &mut Values| values.of(&["residual", "", "a b", "=", "\u{0}", "n,1\n2"]).to_owned();
+    if values.rarely(4) { [(name(values), values.real())].into() } else { BTreeMap::new() }
 }

@@ -1,6 +1,6 @@
 //! The numbers of one step, as the page, `steps.csv` and the report show them.
 
-use lamina_model::{Frame, Quality, Representation, TuningState, ViewError};
+use lamina_model::{Diagnostics, Frame, Quality, Representation, TuningState, ViewError};
 use lamina_vdi_render::QualityEstimate;
 use serde::{Deserialize, Serialize};
 
@@ -119,6 +119,8 @@ pub struct StepRow {
     pub overhead: Option<f64>,
     /// Share of its processor time that the generator-node allowed itself, at most 1.
     pub throttle: f64,
+    /// What the simulation told of the step beside its field.
+    pub diagnostics: Diagnostics,
 }
 
 impl StepRow {
@@ -181,6 +183,7 @@ impl StepRow {
             tuning: frame.tuning,
             overhead: frame.overhead,
             throttle: frame.throttle,
+            diagnostics: frame.diagnostics.clone(),
         }
     }
 }
@@ -213,6 +216,7 @@ mod tests {
             throttle: 0.5,
             lost_ranks: vec![3, 17],
             triggers: vec!["hot".into(), "fast".into()],
+            diagnostics: "dt=0.05;residual=0.00000000125".parse().unwrap(),
             derivation: std::time::Duration::from_micros(1250),
             ..frame.clone()
         };
@@ -225,9 +229,11 @@ mod tests {
             assert_eq!(line.split(',').count(), StepRow::csv_header().split(',').count());
             assert_eq!(StepRow::from_csv(&line[..9]), None);
             // Lines of before there were shares, and of before there were volumes.
-            for columns in [24, 23, 21, 16, 15] {
+            for columns in [26, 24, 23, 21, 16, 15] {
                 let old = StepRow::from_csv(&line.split(',').take(columns).collect::<Vec<_>>().join(",")).unwrap();
-                assert_eq!((old.step, old.psnr_db, old.ssim), (row.step, row.psnr_db, None));
+                assert_eq!((old.step, old.psnr_db), (row.step, row.psnr_db));
+                assert!(columns > 24 || old.ssim.is_none());
+                assert!(columns > 26 || old.diagnostics.is_empty());
                 assert!(columns > 23 || old.derivation_ms == 0.0);
                 assert!(columns > 21 || old.lost_ranks.is_empty());
                 let since = [old.half_width_db, old.overhead];
@@ -256,7 +262,7 @@ mod tests {
             "step,time,resolution,gamma,size_bytes,generation_ms,psnr_db,encode_ms,supersegments,dropped_steps,\
              empty_voxels,size_limit_bytes,time_limit_ms,limit_kept,psnr_db_by_angle,representation,\
              psnr_half_width_db,measured,tuning,overhead,throttle,lost_ranks,triggers,derivation_ms,ssim,\
-             after_step\n"
+             after_step,diagnostics\n"
         );
     }
 }

@@ -49,6 +49,9 @@ struct Line {
     ssim: Option<f64>,
     #[serde(default)]
     after_step: Option<u64>,
+    /// `name=value`, joined by semicolons.
+    #[serde(default)]
+    diagnostics: String,
 }
 
 static HEADER: LazyLock<String> = LazyLock::new(|| {
@@ -58,8 +61,9 @@ static HEADER: LazyLock<String> = LazyLock::new(|| {
 });
 
 /// Columns of lines from before there were volumes, before measuring had a share of the processor, before steps had holes, before
-/// fields were computed, before structural similarity was measured, and before steps were coded after others.
-const EARLIER: [usize; 6] = [15, 16, 21, 23, 24, 25];
+/// fields were computed, before structural similarity was measured, before steps were coded after others, and before simulations told
+/// diagnostics.
+const EARLIER: [usize; 7] = [15, 16, 21, 23, 24, 25, 26];
 
 /// The line with its end, after the names of the columns if they are wanted.
 fn written(line: &Line, with_names: bool) -> String {
@@ -111,6 +115,7 @@ impl StepRow {
             derivation_ms: rounded(self.derivation_ms, 3),
             ssim: self.ssim.map(|s| rounded(s, 5)),
             after_step: self.after_step,
+            diagnostics: self.diagnostics.to_string(),
         };
         written(&line, false)
     }
@@ -160,6 +165,7 @@ impl StepRow {
             tuning: line.tuning,
             overhead: line.overhead,
             throttle: line.throttle,
+            diagnostics: line.diagnostics.parse().ok()?,
         })
     }
 }

@@ -41,6 +41,8 @@ export interface StepRow {
   tuning: "none" | "provisional" | "done";
   overhead: number | null;
   throttle: number;
+  /** What the simulation told of the step beside its field, by name; null is NaN or infinite. */
+  diagnostics: Record<string, number | null>;
 }
 
 export interface Run {
@@ -83,7 +85,7 @@ export interface SteerableNumber {
 }
 
 /** What is done where a trigger fires, beside that it is recorded. */
-export type TriggerAction = "pause" | "stop" | "raw" | "picture" | "copy";
+export type TriggerAction = "pause" | "stop" | "raw" | "picture" | "copy" | "webhook";
 
 /** A condition over each step, and what is done at the step where it becomes true. */
 export interface Trigger {
@@ -92,6 +94,8 @@ export interface Trigger {
   do: TriggerAction[];
   /** The most kilobytes of a copy. */
   copy_kb?: number;
+  /** Degrees that pictures are turned by about the y axis. */
+  angles?: number[];
 }
 
 /** What the simulation can be asked for. */

@@ -36,6 +36,7 @@ function readoutFields(row: StepRow): [string, string, boolean?][] {
     ...(isVolume ? [] : [["Encode", `${fixed(row.encode_ms, 1)} ms`] as [string, string]]),
     ["Parameters", TUNING_TEXT[row.tuning] ?? "–"],
     ...exceptions(row),
+    ...Object.entries(row.diagnostics).map(([name, value]): [string, string] => [name, value === null ? "not finite" : significant(value, 5)]),
   ];
 }
 

@@ -19,12 +19,18 @@ async function ask(change: { set: Trigger } | { remove: string }, words: string)
 }
 
 /** The trigger in the form, to be changed. */
-function edit({ name, when, do: actions, copy_kb }: Trigger): void {
+function edit({ name, when, do: actions, copy_kb, angles }: Trigger): void {
   byId<HTMLInputElement>("trigger-name").value = name;
   byId<HTMLInputElement>("trigger-when").value = when;
   actionBoxes().forEach((box) => (box.checked = actions.includes(box.value as TriggerAction)));
   if (copy_kb !== undefined) byId<HTMLInputElement>("trigger-copy").value = String(copy_kb);
+  byId<HTMLInputElement>("trigger-angles").value = (angles ?? [0]).join(", ");
   byId("trigger-when").focus();
+}
+
+/** The numbers of a list with commas between them. */
+function numbers(list: string): number[] {
+  return list.split(",").filter((part) => part.trim() !== "").map(Number);
 }
 
 /** The newest step at which a trigger fired, and at how many it did. */
@@ -43,7 +49,7 @@ function button(text: string, label: string, act: () => void): HTMLButtonElement
 }
 
 function entry(trigger: Trigger): HTMLElement {
-  const { name, when, do: actions, copy_kb } = trigger;
+  const { name, when, do: actions, copy_kb, angles } = trigger;
   const [item, title, condition, tools] = [
     document.createElement("li"),
     document.createElement("b"),
@@ -61,7 +67,8 @@ function entry(trigger: Trigger): HTMLElement {
   const change = button("Change", `Change trigger ${name}`, () => edit(trigger));
   const remove = button("Remove", `Remove trigger ${name}`, () => void ask({ remove: name }, `removed ${name}`));
   tools.append(fired, change, remove);
-  const done = actions.map((action) => (action === "copy" ? `copy of at most ${copy_kb} kB` : action));
+  const details: Partial<Record<TriggerAction, string>> = { copy: ` of at most ${copy_kb} kB`, picture: angles ? ` from ${angles.join(", ")}°` : "" };
+  const done = actions.map((action) => `${action}${details[action] ?? ""}`);
   item.append(title, ` ${done.join(", ") || "record"} when `, condition, tools);
   return item;
 }
@@ -98,6 +105,7 @@ export function listenToTriggers(): void {
     const actions = actionBoxes().filter((box) => box.checked);
     const trigger: Trigger = { name: name!, when: when!, do: actions.map((box) => box.value as TriggerAction) };
     if (trigger.do.includes("copy")) trigger.copy_kb = Math.round(byId<HTMLInputElement>("trigger-copy").valueAsNumber);
+    if (trigger.do.includes("picture")) trigger.angles = numbers(byId<HTMLInputElement>("trigger-angles").value);
     void ask({ set: trigger }, `${name} looks at the steps from the next one on`).then((done) => {
       if (done) byId<HTMLFormElement>("trigger-form").reset();
     });

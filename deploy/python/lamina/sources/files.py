@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy
 
 from ..reader import Volume, is_plotfile, read
-from . import NotReady, Options, Step, by_axes, choose, xdmf
+from . import NotReady, Options, Step, by_axes, choose, placed_slab, slab, xdmf
 
 
 def native(path: Path, options: Options) -> Step:
@@ -20,7 +20,11 @@ def native(path: Path, options: Options) -> Step:
 
 
 def npy(path: Path, options: Options) -> Step:
-    return Step(by_axes(numpy.load(path, mmap_mode="r", allow_pickle=False), options.axes))
+    array = numpy.load(path, mmap_mode="r", allow_pickle=False)
+    if array.ndim != 3:
+        return Step(by_axes(array, options.axes))
+    own = slab(array.shape, options)
+    return Step(**placed_slab(array[own], array.shape, options.axes, own))
 
 
 def xarray(path: Path, options: Options) -> Step:

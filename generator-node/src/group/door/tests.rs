@@ -25,7 +25,11 @@ fn bring(door: &Door, member: u32, step: u64, (first, last): (u64, u64)) {
     let grid = Grid::new([4, 4, 6], DVec3::ONE, DVec3::ZERO).unwrap();
     let half = GridBox::new([0, 0, first], [4, 4, last - first], &grid).unwrap();
     let boxes = vec![crate::group::convert::box_message(&half)];
-    door.arrive(member, &v1::GroupArrival { run_id: "a".into(), step, boxes, ..Default::default() });
+    door.arrive(
+        member,
+        &v1::GroupArrival { run_id: "a".into(), step, boxes, ..Default::default() },
+        &Diagnostics::default(),
+    );
 }
 
 /// The steps that a member is told to let go of.

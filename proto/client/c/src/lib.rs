@@ -1,6 +1,7 @@
 //! The simulation's client behind a C interface; `lamina.h` says what each function does.
 
 mod buffer;
+mod diagnostic;
 mod options;
 mod steering;
 

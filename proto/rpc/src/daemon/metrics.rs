@@ -44,9 +44,18 @@ impl Exposition {
 
     /// What only rises, for each value of `label`; `name` ends in `_total`.
     pub fn counters(&mut self, name: &str, help: &str, label: &str, values: &[(&str, f64)]) {
-        self.family(name, "counter", help);
-        for (value, count) in values {
-            self.sample(&format!("{name}{{{label}=\"{value}\"}}"), *count);
+        self.labeled((name, "counter", help), label, values);
+    }
+
+    /// What rises and falls, for each value of `label`.
+    pub fn gauges(&mut self, name: &str, help: &str, label: &str, values: &[(&str, f64)]) {
+        self.labeled((name, "gauge", help), label, values);
+    }
+
+    fn labeled(&mut self, (name, kind, help): (&str, &str, &str), label: &str, values: &[(&str, f64)]) {
+        self.family(name, kind, help);
+        for (value, number) in values {
+            self.sample(&format!("{name}{{{label}=\"{value}\"}}"), *number);
         }
     }
 
