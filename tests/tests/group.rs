@@ -79,6 +79,7 @@ fn simulate_by(url: &str, of_rank: impl Fn(u32) -> (std::ops::Range<u64>, bool))
                 let boxes = boxes(rank);
                 let data: Vec<Vec<f32>> = boxes.iter().map(voxels).collect();
                 let bricks: Vec<Brick> = boxes.iter().zip(&data).map(|((s, d), v)| Brick::new(*s, *d, v)).collect();
+                client.diagnostic(&format!("of_rank_{rank}"), step as f64).unwrap();
                 client.push_bricks(step, step as f64, &bricks).unwrap();
             }
             if ends {
@@ -216,7 +217,7 @@ fn a_trigger_of_a_group_looks_at_the_whole_step() {
     let folder = tempfile::tempdir().unwrap();
     let config = config(folder.path(), 0.02);
     // The whole has 64,000 points, and no member's part of them all: its greatest value is in the middle, its least in a corner.
-    let trigger = "[[trigger]]\nname = \"late\"\nwhen = \"step > 0 && missing == 0 && max > 0.9 && min < 0.01\"\ndo = [\"picture\"]\n";
+    let trigger = "[[trigger]]\nname = \"late\"\nwhen = \"step > 0 && missing == 0 && max > 0.9 && min < 0.01 && diagnostic(of_rank_3) == 1\"\ndo = [\"picture\"]\n";
     let kept = std::fs::read_to_string(&config).unwrap();
     std::fs::write(&config, format!("trigger_folder = \"{}\"\n{kept}{trigger}", folder.path().display())).unwrap();
     let port = free_port();
@@ -225,6 +226,10 @@ fn a_trigger_of_a_group_looks_at_the_whole_step() {
     let rows = rows(&folder.path().join("runs"));
     let fired: Vec<u64> = rows.iter().filter(|row| row.triggers == ["late"]).map(|row| row.step).collect();
     assert_eq!(fired, [1]);
+    // What each rank tells comes together, whichever member its bricks go to.
+    let told =
+        |row: &StepRow| (0..RANKS).all(|rank| row.diagnostics.get(&format!("of_rank_{rank}")) == Some(row.step as f64));
+    assert!(rows.iter().all(told), "{rows:?}");
     let pictures = || -> usize {
         let files = std::fs::read_dir(folder.path()).unwrap().flatten();
         files.filter(|file| file.path().extension().is_some_and(|e| e == "png")).count()

@@ -13,10 +13,14 @@ from . import NotReady, Options, Step, by_axes, choose, placed_slab, slab, xdmf
 
 def native(path: Path, options: Options) -> Step:
     """What Lamina reads itself; of a series its first step."""
-    volume = read(path, field=options.field, dims=options.dims, dtype=options.dtype, axes=options.axes, level=options.level)
+    part = options.part if options.part[1] > 1 else None
+    volume = read(path, field=options.field, dims=options.dims, dtype=options.dtype, axes=options.axes, level=options.level, part=part)
     if not isinstance(volume, Volume):
         raise NotReady(f"{path}: no volume")
-    return Step(volume.array, volume.field, volume.time, spacing=tuple(volume.spacing), origin=tuple(volume.origin))
+    step = Step(volume.array, volume.field, volume.time, spacing=tuple(volume.spacing), origin=tuple(volume.origin))
+    if whole := volume.whole:
+        step.start, step.dims, step.origin = (0, 0, whole["first_plane"]), tuple(whole["dims"]), tuple(whole["origin"])
+    return step
 
 
 def npy(path: Path, options: Options) -> Step:
