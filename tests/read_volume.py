@@ -45,9 +45,9 @@ class Mixer:
 
 
 class Band:
-    # `past`: the values of the moved volume before, if the band is coded after it.
-    def __init__(self, data, size, bound, past=None):
-        self.past = past
+    # `past`: the values of the moved volume before, if the band is coded after it. `integers`: all values are.
+    def __init__(self, data, size, bound, past=None, integers=False):
+        self.past, self.integers = past, integers
         self.low, self.high, first = struct.unpack_from("<3f", data)
         if not -float("inf") < self.low <= first <= self.high < float("inf"):
             sys.exit("damaged: a band's range is none")
@@ -98,6 +98,7 @@ class Band:
         if self.past:
             missed = f32(self.past[i] - self.expect(self.past, i, at, h, odd, weights)[0])
             expected = self.within(f32(expected + f32(share * missed)))
+        expected = f32(round(expected)) if self.integers else expected
         self.values[i] = expected
         if not active:
             return
@@ -408,7 +409,7 @@ def volume(paths):
     if len(data) < 14 or zlib.crc32(data[:-4]) != int.from_bytes(data[-4:], "little"):
         sys.exit("damaged: the checksum differs")
     version, length = struct.unpack_from("<HI", data, 4)
-    if version not in (1, 2, 3, 4) or length > min(262144, len(data) - 14):
+    if version not in (1, 2, 3, 4, 5) or length > min(262144, len(data) - 14):
         sys.exit(f"version {version} with a header of {length} bytes is not known to this reader")
     header = fields(data[10:10 + length])
     grid, params = fields(header.get(1, b"")), fields(header.get(3, b""))
@@ -431,6 +432,9 @@ def volume(paths):
             sys.exit(f"it is coded after the volume with the checksum {checksum:08x}, not after {found:08x}")
         past = moved(data[at + 12:at + 12 + part], [v or 0.0 for v in values], old, size)
         at += 12 + part
+    if version == 5:
+        first, width = struct.unpack_from("<2f", data, at)
+        at += 8
     lengths_at, at = at, at + 8 * count
     if at > len(data) - 4:
         sys.exit("damaged: the lengths of the bands are missing")
@@ -441,12 +445,14 @@ def volume(paths):
     for k in range(count):
         low, high = (i * nz // count for i in (k, k + 1))
         sides, coded = (nx, ny, high - low), data[at:at + lengths[k]]
-        kind, coded = (coded[0], coded[1:]) if version >= 3 else (0, coded)
+        kind, coded = (coded[0], coded[1:]) if version in (3, 4) else (0, coded)
         if kind > (2 if past else 1) or len(coded) < 12:
             sys.exit("damaged: a band's coding is not known")
         here = past[nx * ny * low:nx * ny * high] if kind == 2 else None
-        band = WaveletBand(coded, sides) if kind == 1 else Band(coded, sides, bound, here)
-        values += band.values
+        if version == 5:
+            values += [f32(first + f32(n * width)) for n in Band(coded, sides, 0.5, integers=True).values]
+        else:
+            values += (WaveletBand(coded, sides) if kind == 1 else Band(coded, sides, bound, here)).values
         at += lengths[k]
     for i in missing:
         values[i] = None

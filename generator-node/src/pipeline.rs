@@ -274,6 +274,14 @@ impl Pipeline {
         // From each direction once, however many ask for it.
         pulled.angles.sort_by(f64::total_cmp);
         pulled.angles.dedup();
+        if pulled.angles.len() > TriggerSpec::MOST_ANGLES {
+            tracing::warn!(
+                step = step.step,
+                "pictures from {} directions are left out",
+                pulled.angles.len() - TriggerSpec::MOST_ANGLES
+            );
+            pulled.angles.truncate(TriggerSpec::MOST_ANGLES);
+        }
         pulled
     }
 
@@ -377,7 +385,8 @@ fn whole_view(scene: Scene, grid: &Grid) -> Result<Scene, Invalid> {
 fn word(step: &Step, name: &str, when: &str) -> Word {
     let (run, number, time) = (&step.run, step.step, step.time);
     Word {
-        text: format!("{}: trigger {name} fired at step {number}, time {time}: {when}", run.name),
+        // What chat services take for markup is left out.
+        text: format!("{}: trigger {name} fired at step {number}, time {time}", run.name.replace(['<', '>', '&'], " ")),
         trigger: name.to_owned(),
         when: when.to_owned(),
         run: run.id.clone(),

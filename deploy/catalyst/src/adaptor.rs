@@ -54,6 +54,8 @@ pub(crate) struct Adaptor {
     paused: bool,
     stop: bool,
     numbers: Vec<(String, f64)>,
+    /// That a diagnostic was refused is said once.
+    refused_diagnostic: bool,
 }
 
 /// An open run.
@@ -113,6 +115,7 @@ impl Adaptor {
             paused: false,
             stop: false,
             numbers,
+            refused_diagnostic: false,
         })
     }
 
@@ -153,6 +156,13 @@ impl Adaptor {
         wanted: Result<bool, String>,
     ) -> Result<(), String> {
         let Some(run) = &mut self.run else { return Ok(()) };
+        if let Some(client) = run.client.as_mut().filter(|_| wanted == Ok(true)) {
+            // One that is refused is no reason to lose the step.
+            let refused = diagnostics.iter().filter_map(|(name, value)| client.diagnostic(name, *value).err()).next();
+            if let Some(error) = refused.filter(|_| !std::mem::replace(&mut self.refused_diagnostic, true)) {
+                eprintln!("lamina: rank {}: {error}; it is left out at every step", self.ranks.rank);
+            }
+        }
         let channel = self.options.channel.as_deref();
         let read = |field: Option<&str>| caught(|| domains(channel, field));
         let of_more = |(_, field): &(String, String)| Ok(read(Some(field))?.0);
@@ -163,8 +173,7 @@ impl Adaptor {
         let (client, field) = (&mut run.client, &run.field);
         let hand_over = |bricks: &[Brick<'_>]| {
             let Some(client) = client.as_mut().filter(|_| wanted == Ok(true)) else { return wanted.map(|_| ()) };
-            let told = diagnostics.iter().try_for_each(|(name, value)| client.diagnostic(name, *value));
-            match told.and_then(|()| client.push_bricks(step, time, bricks)) {
+            match client.push_bricks(step, time, bricks) {
                 Ok(Receipt::Admitted(_) | Receipt::Dropped) => Ok(()),
                 Err(error) => Err(in_words(&error, field)),
             }

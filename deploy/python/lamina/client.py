@@ -107,6 +107,9 @@ class Summary(ctypes.Structure):
         ("run_dropped_steps", ctypes.c_int64),
     ]
 
+    def __repr__(self):
+        return f"Summary({', '.join(f'{name}={getattr(self, name)}' for name, _ in self._fields_)})"
+
 
 class _Buffer(ctypes.Structure):
     """Py_buffer of the buffer protocol."""
@@ -207,7 +210,7 @@ def _known(table, name):
 
 
 def _library():
-    library = load("lamina_c", "LAMINA_LIBRARY")
+    library = load("lamina_c", "LAMINA_LIBRARY", "lamina_diagnostic")
     library.lamina_connect_sized.argtypes = [
         ctypes.POINTER(_Options),
         ctypes.c_size_t,

@@ -6,7 +6,6 @@
     lamina watch "diag/openpmd_%T.bp"           # an openPMD series
     lamina watch sim.bp                         # an ADIOS2 file while it is written; sim.sst is a stream
     lamina watch openpmd:sim.sst                # a stream of openPMD
-    lamina watch sim.zarr --readers 4           # so many processes read and unpack a slab of each step
     lamina watch run.h5 --field rho --more-fields v.x=u,v.y=v,v.z=w --shown "magnitude(curl(v))"
 """
 
@@ -14,17 +13,15 @@ from __future__ import annotations
 
 import argparse
 import ctypes
-import dataclasses
 import itertools
 import os
-import pickle
 import re
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy
@@ -69,37 +66,21 @@ class Feed:
         self.run: tuple | None = None
         self.pushed, self.last = 0, -1
 
-    def own(self, step: Step) -> Step:
-        """This reader's part of a step that was read whole."""
-        part, parts = self.options.part
-        if step.dims is not None or parts == 1:
-            return step
-        planes = step.values.shape[2]
-        if parts > planes:
-            raise Unfit(f"{parts} readers of {planes} planes; at most one a plane")
-        own = slice(planes * part // parts, planes * (part + 1) // parts)
-        cut = {name: of[:, :, own] for name, of in step.more.items()}
-        colors = None if step.colors is None else step.colors[:, :, own]
-        start, dims = (0, 0, own.start), step.values.shape
-        return dataclasses.replace(step, values=step.values[:, :, own], more=cut, colors=colors, start=start, dims=dims)
-
     def push(self, step: Step) -> None:
         missing = step.missing if self.options.missing is None else self.options.missing
-        step = self.own(step)
         values = mark_missing(fit(step.values), missing)
-        dims = values.shape if step.dims is None else step.dims
         colors = None if step.colors is None else mark_missing(fit(step.colors), missing)
         more = {name: mark_missing(fit(of), missing) for name, of in step.more.items()}
         spacing, origin = self.options.spacing or step.spacing, self.options.origin or step.origin
         types = {name: of.dtype.name for name, of in more.items()}
         color_type = None if colors is None else colors.dtype.name
-        run = step.field, dims, values.dtype.name, tuple(spacing), tuple(origin), color_type, tuple(types.items())
+        run = step.field, values.shape, values.dtype.name, tuple(spacing), tuple(origin), color_type, tuple(types.items())
         if run != self.run:
             self.close()
             self.client = Client(
                 self.name,
                 step.field,
-                dims,
+                values.shape,
                 values.dtype.name,
                 self.generator,
                 spacing,
@@ -108,8 +89,6 @@ class Feed:
                 color_type,
                 more_fields=types,
                 shown=self.options.shown,
-                rank=self.options.part[0],
-                ranks=self.options.part[1],
                 # The files are there: whoever reads them waits, and the simulation does not.
                 full_policy="block",
                 deadline_secs=600.0,
@@ -123,7 +102,7 @@ class Feed:
             arrays = [numpy.ascontiguousarray(array) for array in arrays]
         time = float(number) if step.time is None else step.time
         beside = dict(zip(more, arrays[1:]))
-        self.client.push(number, time, arrays[0], step.start, None if colors is None else arrays[-1], beside)
+        self.client.push(number, time, arrays[0], colors=None if colors is None else arrays[-1], more=beside)
         self.pushed, self.last = self.pushed + 1, number
 
     def close(self) -> Summary | None:
@@ -179,60 +158,6 @@ class Nodes:
         self.process.wait()
 
 
-class Readers:
-    """The other readers of a source: processes that each read and push their part of every step."""
-
-    def __init__(self, count: int, source: str, generator: str, name: str, steps: int | None, options: Options) -> None:
-        code = "from lamina.follow import read_part; read_part()"
-        of_package = os.pathsep.join([str(Path(__file__).parent.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
-        self.processes = []
-        for part in range(1, count):
-            # What stops this process stops them by a signal.
-            own = dataclasses.replace(options, part=(part, count), stopped=Options.stopped)
-            process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, env={**os.environ, "PYTHONPATH": of_package})
-            assert process.stdin is not None
-            process.stdin.write(pickle.dumps((source, generator, name, steps, own)))
-            process.stdin.close()
-            self.processes.append(process)
-
-    def wait(self) -> None:
-        """Until they have read all. RuntimeError if one failed."""
-        failed = [part for part, process in enumerate(self.processes, 1) if process.wait()]
-        if failed:
-            raise RuntimeError(f"readers {failed} of {len(self.processes) + 1} failed; see above")
-
-    def stop(self) -> None:
-        for process in self.processes:
-            process.terminate()
-
-
-def read_part() -> None:
-    """One of `Readers`, by what stands on standard input."""
-    source, generator, name, steps, options = pickle.load(sys.stdin.buffer)
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
-    options = dataclasses.replace(options, stopped=stop.is_set)
-    feed = Feed(generator, name, options, lambda _: None)
-    try:
-        push_all(feed, open_source(source, options), steps)
-    except (OSError, ValueError, KeyError, RuntimeError, ImportError) as error:
-        sys.exit(f"error: {source}: reader {options.part[0]}: {error}")
-    finally:
-        feed.close()
-
-
-def push_all(feed: Feed, steps: Iterable[Step], most: int | None) -> None:
-    """Pushes `steps`, `most` of them, until they end or the options say so."""
-    for step in steps:
-        try:
-            feed.push(step)
-        except Unfit as error:
-            pass_over(f"step {step.number}", error)
-        if feed.options.stopped() or (most is not None and feed.pushed >= most):
-            break
-
-
 def watch(
     source: str | os.PathLike[str],
     generator: str | None = None,
@@ -244,12 +169,11 @@ def watch(
     steps: int | None = None,
     linger: bool = False,
     options: Options | None = None,
-    readers: int = 1,
 ) -> int:
     """Follows `source` until it ends, `steps` steps were pushed or `options.stopped`; how many were. The nodes run here, with `contract`,
     `scene` and the folder `out` for what is recorded, unless a generator-node runs at `generator`. `linger`: the page stays when the
-    source has ended. `readers`: so many processes each read a slab of every step."""
-    options = dataclasses.replace(options or Options(), part=(0, readers))
+    source has ended."""
+    options = options or Options()
     # A source that is not there is refused before anything is started.
     found = open_source(os.fspath(source), options)
     print(f"waiting for the first step of {os.fspath(source)}", flush=True)
@@ -259,25 +183,24 @@ def watch(
     nodes = None
     if generator is None:
         # Room for two steps that wait beside one that is worked on, as `lamina replay` has.
-        # A reader that reads a part has no more of the step.
-        parts = 1 if first.dims is None else readers
-        nbytes = parts * (first.values.nbytes + sum(of.nbytes for of in [*first.more.values(), first.colors] if of is not None))
+        nbytes = first.values.nbytes + sum(of.nbytes for of in [*first.more.values(), first.colors] if of is not None)
         # What is computed, and what derivatives of it are taken of.
         derived = 16 if first.more or options.shown else 0
-        memory = str(max(2048, (4 * nbytes + (32 + derived) * parts * first.values.size >> 20) + 64))
+        memory = str(max(2048, (4 * nbytes + (32 + derived) * first.values.size >> 20) + 64))
         given = {"--contract": contract, "--out": out, "--viewer": viewer, "--scene": scene, "--memory": memory}
         nodes = Nodes([part for key, of in given.items() if of is not None for part in (key, os.fspath(of))])
         generator = nodes.generator
     stem = re.sub(r"[^\w.-]+", "", Path(source).name.split(".")[0]) or "watched"
     feed = Feed(generator, name or stem, options, lambda last: nodes.wait_for(last, options.stopped) if nodes else None)
-    others = Readers(readers, os.fspath(source), generator, name or stem, steps, options)
     try:
-        all_steps = itertools.chain([first], found)
-        first = None
-        push_all(feed, all_steps, steps)
-        if options.stopped():
-            others.stop()
-        others.wait()
+        for step in itertools.chain([first], found):
+            first = None
+            try:
+                feed.push(step)
+            except Unfit as error:
+                pass_over(f"step {step.number}", error)
+            if options.stopped() or (steps is not None and feed.pushed >= steps):
+                break
         summary = feed.close()
         if nodes and linger and not options.stopped():
             print(f"{os.fspath(source)} has ended after {feed.pushed} steps; the page stays until Ctrl-C", flush=True)
@@ -287,7 +210,6 @@ def watch(
             print(f"{summary.lost} steps were lost", file=sys.stderr)
         return feed.pushed
     finally:
-        others.stop()
         feed.close()
         if nodes:
             nodes.stop()
@@ -312,12 +234,6 @@ def _names(text: str) -> dict[str, str]:
     return {name: array or name for name, _, array in pairs}
 
 
-def _count(text: str) -> int:
-    if not (1 <= int(text) <= 256):
-        raise argparse.ArgumentTypeError(f"{text}: 1 to 256 are needed")
-    return int(text)
-
-
 def _axes(text: str) -> str:
     if sorted(text) != ["x", "y", "z"]:
         raise argparse.ArgumentTypeError(f"{text}: an order of x, y and z is needed, such as zyx")
@@ -340,7 +256,6 @@ def command(arguments: Sequence[str]) -> int:
     add("--generator", metavar="URL", help="push to this running generator-node instead of starting the nodes here")
     add("--name", help="name of the run; default: the source's")
     add("--steps", type=int, metavar="N", help="stop after N steps")
-    add("--readers", type=_count, default=1, metavar="N", help="so many processes each read a slab of every step")
     add("--quiet", type=float, default=float("inf"), metavar="SECS", help="so long without a new step ends the run; default: never")
     add("--axes", type=_axes, default="zyx", help="axes of arrays that do not say, slowest first; default: zyx")
     add("--spacing", type=_three, metavar="X,Y,Z", help="distance of neighbors, instead of the source's")
@@ -367,9 +282,9 @@ def command(arguments: Sequence[str]) -> int:
         of.dtype,
         of.level,
         of.missing,
-        stopped=stop.is_set,
+        stop.is_set,
     )
-    given = {key: getattr(of, key) for key in ("generator", "contract", "out", "viewer", "scene", "name", "steps", "readers")}
+    given = {key: getattr(of, key) for key in ("generator", "contract", "out", "viewer", "scene", "name", "steps")}
     try:
         pushed = watch(of.source, linger=not of.exit, options=options, **given)
     except (OSError, ValueError, KeyError, RuntimeError, ImportError) as error:

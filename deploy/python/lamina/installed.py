@@ -9,14 +9,18 @@ from pathlib import Path
 INSTALLED = Path(__file__).parent / "native"
 
 
-def load(name, variable):
-    """The library `name`: at the path in the environment variable `variable`, or as installed, or where the system looks for it."""
+def load(name, variable, newest):
+    """The library `name`: at the path in the environment variable `variable`, or as installed, or where the system looks for it. `newest` is
+    the function that came to it last: a library without it is older than this package."""
     file = {"darwin": f"lib{name}.dylib", "win32": f"{name}.dll"}.get(sys.platform, f"lib{name}.so")
     installed = INSTALLED / file
     try:
-        return ctypes.CDLL(os.environ.get(variable) or (str(installed) if installed.exists() else file))
+        library = ctypes.CDLL(os.environ.get(variable) or (str(installed) if installed.exists() else file))
     except OSError as error:
         raise OSError(f"{error}; name the library in {variable}, such as target/release/{file}") from None
+    if not hasattr(library, newest):
+        raise OSError(f"{library._name} is older than this package: it has no {newest}; build it anew, or name another in {variable}")
+    return library
 
 
 def program(name):

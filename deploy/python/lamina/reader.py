@@ -24,7 +24,7 @@ Camera = dict[str, Any]
 
 
 def _native() -> ctypes.CDLL:
-    library = load("lamina_python", "LAMINA_READER")
+    library = load("lamina_python", "LAMINA_READER", "lamina_read_depths")
     text, handle = ctypes.c_char_p, ctypes.c_void_p
     library.lamina_read_open.argtypes = [text, ctypes.POINTER(handle)]
     library.lamina_read_description.argtypes = [handle]
@@ -140,11 +140,6 @@ class Volume(_Opened):
     def origin(self) -> list[float]:
         """World position of the first voxel."""
         return self.description["origin"]
-
-    @property
-    def whole(self) -> dict[str, Any] | None:
-        """Of a slab: `dims` and `origin` of the whole, and the slab's `first_plane`."""
-        return self.description["whole"]
 
     @property
     def field(self) -> str:
@@ -301,17 +296,15 @@ def read(
     dtype: str | None = None,
     axes: str | None = None,
     level: int | None = None,
-    part: tuple[int, int] | None = None,
 ) -> Vdi | Reduced | Volume | Run:
     """A recorded step; step number `step` (from 0) of a .pvd, .vti, .nhdr, .nrrd, .raw, .raw.gz, .h5, .vtkhdf, .nc, .zarr, .tif or an AMReX
     plotfile, array `field` of it; or the run recorded in a folder. `dims` and `dtype` are those of a raw file, `axes` the order of those
-    of an array that does not name them, such as "xyz", the slowest first, `level` is that of an adaptive mesh. `part`: which of how
-    many slabs along z is read, of files that can be read from the middle (HDF5, Zarr, TIFF, raw and others that are not packed); of others all
-    is, and `whole` is None. ValueError names what is wrong with a file."""
+    of an array that does not name them, such as "xyz", the slowest first, `level` is that of an adaptive mesh. ValueError names what is
+    wrong with a file."""
     path = Path(path)
     if path.is_dir() and path.suffix != ".zarr" and not is_plotfile(path):
         return Run(path)
-    request = {"step": step, "field": field, "dims": dims, "dtype": dtype, "axes": axes, "level": level, "part": part}
+    request = {"step": step, "field": field, "dims": dims, "dtype": dtype, "axes": axes, "level": level}
     opened = _Opened(path, **{name: of for name, of in request.items() if of is not None})
     opened.__class__ = {"vdi": Vdi, "volume": Reduced, "file": Volume}[opened.description["kind"]]
     return opened  # type: ignore[return-value]

@@ -339,11 +339,6 @@ class AdiosStream(Adios):
     source, engine, parameters = "adios_sst/sim.sst", "SST", {"DataTransport": "WAN", "OpenTimeoutSecs": "60"}
 
 
-def read_by(readers, door, source):
-    """A door of which several processes read a slab each."""
-    return type("Several", (door,), {"source": source, "options": [*getattr(door, "options", []), "--readers", str(readers)]})
-
-
 DOORS = {
     "vti": Vti,
     "hdf5": Hdf5,
@@ -360,11 +355,6 @@ DOORS = {
     "openpmd-sst": OpenPmdStream,
     "adios-bp": Adios,
     "adios-sst": AdiosStream,
-    "hdf5-by-2": read_by(2, Hdf5, "hdf5_by_2"),
-    "zarr-by-3": read_by(3, Zarr, "zarr_by_3/sim.zarr"),
-    "npy-by-2": read_by(2, Npy, "npy_by_2"),
-    "openpmd-by-2": read_by(2, OpenPmdBp, "openpmd_by_2/data_%T.bp"),
-    "adios-by-2": read_by(2, Adios, "adios_by_2/sim.bp"),
 }
 
 
@@ -440,7 +430,7 @@ def check_doors():
         same = psnr(picture, reference)
         print(f"{name:12} {len(run):5} {first:14.1f} {max(sizes) / 1e3:11.1f} {off:9.5f} {same:13.1f}", flush=True)
         assert same >= 60, (name, same)
-        if name not in ("tiff", "npy", "npy-by-2", "vti", "vtkhdf"):
+        if name not in ("tiff", "npy", "vti", "vtkhdf"):
             times = [float(row["time"]) for row in rows]
             assert numpy.allclose(times, [0.5 * n for n in range(STEPS)]), (name, times)
 

@@ -170,8 +170,9 @@ impl Door {
                     ingest.heard(&arrival.run_id);
                     let times = [arrival.interval_ns, arrival.push_ns];
                     let remarks = Remarks::new(arrival.diagnostics.clone(), times).unwrap_or_default();
-                    // The root's own ranks have told it their times already.
-                    if let Some([interval, push]) = remarks.pace.filter(|_| member > 0) {
+                    // The root's own ranks have told it their times already; those of a run before tell nothing of this one.
+                    let counts = member > 0 && self.is_of_run(&arrival.run_id);
+                    if let Some([interval, push]) = remarks.pace.filter(|_| counts) {
                         ingest.time_step(interval, push);
                     }
                     self.arrive(member, &arrival, &remarks.diagnostics);
@@ -190,6 +191,10 @@ impl Door {
                 MemberEvent::Overdue(v1::GroupOverdue { run_id, step, time }) => ingest.overdue(&run_id, step, time),
             }
         }
+    }
+
+    fn is_of_run(&self, run_id: &str) -> bool {
+        self.run.lock().as_ref().is_some_and(|run| run.id == run_id)
     }
 
     /// A member has all its bricks of a step.
@@ -221,8 +226,8 @@ impl Door {
         partial.changed = now;
         partial.lost_ranks.extend(&arrival.lost_ranks);
         partial.members.insert(member, boxes);
-        if let Err(error) = partial.diagnostics.merge(diagnostics) {
-            tracing::warn!(member, step, %error, "diagnostics not taken");
+        if !partial.diagnostics.merge(diagnostics) {
+            tracing::warn!(step, "more than {} diagnostics; some are left out", Diagnostics::MOST);
         }
         match run.coverage(step) {
             Coverage::Refused(reason) => self.refuse(run, step, reason),

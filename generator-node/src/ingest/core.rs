@@ -246,13 +246,10 @@ impl Core {
         }
     }
 
-    /// What a rank tells with a brick that was admitted.
-    ///
-    /// # Errors
-    /// If the ranks tell too many diagnostics.
-    pub fn remark(&mut self, run_id: &str, step: u64, remarks: &Remarks) -> Result<(), IngestError> {
-        let Some(assembly) = self.run(run_id)?.steps.get_mut(&step) else { return Ok(()) };
-        Ok(assembly.remarks.merge(remarks)?)
+    /// What a rank tells with a brick that was admitted; false if the ranks tell too many diagnostics, and some are left out.
+    pub fn remark(&mut self, run_id: &str, step: u64, remarks: &Remarks) -> bool {
+        let assembly = self.run(run_id).ok().and_then(|run| run.steps.get_mut(&step));
+        assembly.is_none_or(|assembly| assembly.remarks.merge(remarks))
     }
 
     /// Takes back a reservation whose bytes never came.

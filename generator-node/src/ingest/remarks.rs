@@ -23,11 +23,8 @@ impl Remarks {
         Ok(Self { diagnostics: diagnostics.try_into()?, pace })
     }
 
-    /// Takes in those of another brick.
-    ///
-    /// # Errors
-    /// If there are too many diagnostics.
-    pub(crate) fn merge(&mut self, other: &Self) -> Result<(), Invalid> {
+    /// Takes in those of another brick; false if there are too many diagnostics, and some are left out.
+    pub(crate) fn merge(&mut self, other: &Self) -> bool {
         self.pace = other.pace.or(self.pace);
         self.diagnostics.merge(&other.diagnostics)
     }

@@ -6,7 +6,7 @@ use crate::overhead::Overhead;
 use crate::steering::SteeringRelay;
 use futures::{Stream, StreamExt};
 use lamina_field_expression::ShownFields;
-use lamina_model::{Invalid, Scene};
+use lamina_model::{Diagnostics, Invalid, Scene};
 use lamina_rpc::v1::{self, ingest_server, push_part::Part};
 use lamina_rpc::{chunks::CHUNK_BYTES, invalid, required};
 use lamina_shared_memory::{KEPT_SLOTS, Rings, SharedBytes};
@@ -223,7 +223,9 @@ async fn take_brick(
         return Ok(());
     };
     let mut reservation = Reservation { ingest, header: &header, filled: false };
-    ingest.core().remark(&header.run_id, header.step, &remarks)?;
+    if !ingest.core().remark(&header.run_id, header.step, &remarks) {
+        tracing::warn!(step = header.step, "more than {} diagnostics; some are left out", Diagnostics::MOST);
+    }
     let _ = answers.send(Ok(answer(v1::Admission::Admitted, false, cadence))).await;
     let bytes = take_bytes(ingest, &mut parts, expected).await?;
     reservation.filled = true;

@@ -13,7 +13,8 @@ pub(crate) fn write_raw(folder: PathBuf, run: &RunInfo, step: u64, voxels: Voxel
 
 /// Writes a picture of a step of `run` from `angle_deg` into `folder`.
 pub(crate) fn write_picture(folder: PathBuf, run: &RunInfo, step: u64, angle_deg: f64, image: Image) {
-    let ending = if angle_deg == 0.0 { ".png".to_owned() } else { format!("_{angle_deg}deg.png") };
+    let ending =
+        if angle_deg == 0.0 { ".png".to_owned() } else { format!("_{}deg.png", (1000.0 * angle_deg).round() / 1000.0) };
     keep(folder, run, step, &ending, move || png(&image).map_err(std::io::Error::other));
 }
 

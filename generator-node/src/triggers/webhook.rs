@@ -3,7 +3,7 @@
 use lamina_model::{Diagnostics, Invalid};
 use serde::Serialize;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
 use ureq::Agent;
 use ureq::http::Uri;
@@ -40,12 +40,17 @@ const LONGEST: Duration = Duration::from_secs(10);
 const TRIES: u32 = 3;
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
 
-/// Posts words one after another, on a thread of its own.
+/// Posts words one after another, on a thread of its own. Dropped, it waits for those that are left.
 #[derive(Debug)]
-pub(crate) struct Webhook(SyncSender<Word>);
+pub(crate) struct Webhook {
+    /// None at the end.
+    words: Option<SyncSender<Word>>,
+    /// Hangs up when all are posted.
+    posted: Receiver<()>,
+}
 
 impl Webhook {
-    /// Passes an address that words can be posted to. It is nowhere repeated: it may hold a secret.
+    /// Passes an address that words can be posted to. It may hold a secret, and is not repeated.
     ///
     /// # Errors
     /// If it is none of http or https.
@@ -60,14 +65,18 @@ impl Webhook {
 
     /// For `url`, until it is dropped.
     pub(crate) fn start(url: String) -> Self {
-        let (words, queue) = sync_channel(MOST_WAITING);
-        std::thread::spawn(move || post_all(&url, &queue));
-        Self(words)
+        let ((words, queue), (running, posted)) = (sync_channel(MOST_WAITING), sync_channel(0));
+        std::thread::spawn(move || {
+            post_all(&url, &queue);
+            drop(running);
+        });
+        Self { words: Some(words), posted }
     }
 
     /// Posts a word soon.
     pub(crate) fn send(&self, word: Word) {
-        if let Err(TrySendError::Full(word) | TrySendError::Disconnected(word)) = self.0.try_send(word) {
+        let Some(words) = &self.words else { return };
+        if let Err(TrySendError::Full(word) | TrySendError::Disconnected(word)) = words.try_send(word) {
             tracing::warn!(
                 trigger = word.trigger,
                 step = word.step,
@@ -77,10 +86,24 @@ impl Webhook {
     }
 }
 
+impl Drop for Webhook {
+    fn drop(&mut self) {
+        self.words = None;
+        if self.posted.recv_timeout(LONGEST) == Err(RecvTimeoutError::Timeout) {
+            tracing::error!("the webhook was not told of all triggers that fired");
+        }
+    }
+}
+
 fn post_all(url: &str, queue: &Receiver<Word>) {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     // The authorities that the machine trusts.
     let trusted = rustls_native_certs::load_native_certs().certs;
+    if trusted.is_empty() && url.starts_with("https") {
+        tracing::warn!(
+            "no certificate authorities are known here, and the webhook cannot be reached: install them (ca-certificates)"
+        );
+    }
     let trusted = trusted.iter().map(|certificate| Certificate::from_der(certificate).to_owned());
     let roots = RootCerts::Specific(Arc::new(trusted.collect()));
     let tls = TlsConfig::builder().root_certs(roots).unversioned_rustls_crypto_provider(provider);

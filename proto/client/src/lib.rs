@@ -137,7 +137,7 @@ impl Client {
     /// If the brick does not fit the run, or the node refuses it or is not reachable. The step then counts as lost; the
     /// simulation may go on.
     pub fn push(&mut self, step: u64, time: f64, brick: &Brick) -> Result<Receipt, ClientError> {
-        self.push_all(step, time, std::slice::from_ref(brick), None)
+        self.push_step(step, time, std::slice::from_ref(brick), None)
     }
 
     /// Whether to compute and push `step`: to be asked where its values cost something to have, once a step; what the simulation does
@@ -151,6 +151,7 @@ impl Client {
     /// on.
     pub fn wants(&mut self, step: u64) -> Result<bool, ClientError> {
         if self.pace.passes_over(step) {
+            self.diagnostics = Diagnostics::default();
             self.summary.dropped += 1;
             return Ok(false);
         }
@@ -188,7 +189,7 @@ impl Client {
         let (fields, colored) = (buffer.fields(), usize::from(self.options.color_field.is_some()));
         let brick = Brick::new(buffer.start(), buffer.dims(), fields[0]).with_more_fields(&fields[1 + colored..]);
         let brick = if colored > 0 { brick.with_colors(fields[1]) } else { brick };
-        self.push_all(step, time, &[brick], buffer.lease())
+        self.push_step(step, time, &[brick], buffer.lease())
     }
 
     /// The same of several bricks of this rank, or of none: all are one step's, and the others' bricks are waited for as always.
@@ -196,7 +197,20 @@ impl Client {
     /// # Errors
     /// The same, for all of them: no step is shown in part.
     pub fn push_bricks(&mut self, step: u64, time: f64, bricks: &[Brick]) -> Result<Receipt, ClientError> {
-        self.push_all(step, time, bricks, None)
+        self.push_step(step, time, bricks, None)
+    }
+
+    fn push_step(
+        &mut self,
+        step: u64,
+        time: f64,
+        bricks: &[Brick],
+        lease: Option<&Lease>,
+    ) -> Result<Receipt, ClientError> {
+        let receipt = self.push_all(step, time, bricks, lease);
+        // What was told of a step that nobody took is not another one's.
+        self.diagnostics = Diagnostics::default();
+        receipt
     }
 
     fn push_all(
@@ -229,7 +243,6 @@ impl Client {
             }
         };
         self.pace.pushed(Instant::now());
-        self.diagnostics = Diagnostics::default();
         let left = parts.len() as u64 + 1;
         match &receipt {
             Ok(Receipt::Admitted(_)) => {}

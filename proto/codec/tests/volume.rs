@@ -153,7 +153,7 @@ fn damage_newer_versions_and_large_claims_are_told_apart() {
     assert!(matches!(volume::decode(&damaged, &limits), Err(CodecError::Damaged(_))));
     let mut newer = bytes.clone();
     newer[4] = 9;
-    assert!(matches!(volume::decode(&newer, &limits), Err(CodecError::NewerVersion { found: 9, newest: 4 })));
+    assert!(matches!(volume::decode(&newer, &limits), Err(CodecError::NewerVersion { found: 9, newest: 5 })));
     let small = DecodeLimits { max_decoded_bytes: 1000 };
     let TooLarge { needed, limit } = too_large(volume::decode(&bytes, &small));
     assert_eq!((needed, limit), (4 * DIMS.iter().product::<usize>() as u64, 1000));
@@ -200,6 +200,31 @@ fn missing_points_come_back_as_missing_and_cost_next_to_nothing() {
     );
 }
 
+/// The same in steps of a twentieth, which are wider than the bound.
+fn in_steps(volume: &ReducedVolume) -> ReducedVolume {
+    let units = volume.units().iter().map(|u| (20.0 * u).round() / 20.0).collect();
+    ReducedVolume::new(*volume.grid(), volume.scene().clone(), *volume.params(), units).unwrap()
+}
+
+#[test]
+fn values_in_steps_wider_than_the_bound_come_back_as_they_were() {
+    for volume in [in_steps(&ball(Effects::default())), in_steps(&masked())] {
+        let bytes = volume::encode(&volume, ErrorMeasure::MeanSquare);
+        assert_eq!(bytes[4..6], [5, 0]);
+        let back = volume::decode(&bytes, &DecodeLimits::default()).unwrap();
+        let is_seen = seen(&volume, 1);
+        for (n, (was, is)) in volume.units().iter().zip(back.units()).enumerate() {
+            assert_eq!(was.is_nan(), is.is_nan(), "point {n}");
+            assert!(was.is_nan() || !is_seen[n] || (was - is).abs() < 1e-6, "point {n}: {was} became {is}");
+        }
+        // Hidden ones, too, where all are to.
+        let bytes = volume::encode(&volume, ErrorMeasure::Everywhere);
+        let back = volume::decode(&bytes, &DecodeLimits::default()).unwrap();
+        let off = |(was, is): (&f32, &f32)| if was.is_nan() { 0.0 } else { (was - is).abs() };
+        assert!(volume.units().iter().zip(back.units()).map(off).fold(0.0, f32::max) < 1e-6);
+    }
+}
+
 #[test]
 fn a_volume_of_missing_points_alone_and_infinite_values() {
     let whole = ball(Effects::default());
@@ -217,8 +242,11 @@ proptest! {
 
     /// With the checksum made right again, so that what is behind it is met.
     #[test]
-    fn changed_bytes_are_a_volume_or_an_error(at in 0_usize..4000, to: u8, cut in 0_usize..4000, is_masked: bool) {
+    fn changed_bytes_are_a_volume_or_an_error(
+        at in 0_usize..4000, to: u8, cut in 0_usize..4000, is_masked: bool, has_steps: bool
+    ) {
         let volume = if is_masked { masked() } else { ball(Effects::default()) };
+        let volume = if has_steps { in_steps(&volume) } else { volume };
         let mut bytes = volume::encode(&volume, ErrorMeasure::Maximum);
         let body = bytes.len() - 4;
         bytes[10 + at % (body - 10)] = to;

@@ -54,12 +54,9 @@ impl Diagnostics {
         self.0.iter().map(|(name, value)| (name.as_str(), *value))
     }
 
-    /// Takes in those of another rank.
-    ///
-    /// # Errors
-    /// As [`Diagnostics::set`].
-    pub fn merge(&mut self, other: &Self) -> Result<(), Invalid> {
-        other.iter().try_for_each(|(name, value)| self.set(name, value))
+    /// Takes in those of another rank, as many as there may be; false if some are left out.
+    pub fn merge(&mut self, other: &Self) -> bool {
+        other.iter().fold(true, |all, (name, value)| self.set(name, value).is_ok() && all)
     }
 }
 
@@ -143,6 +140,9 @@ mod tests {
         }
         told.set("n0", 1.0).unwrap();
         let other = Diagnostics::try_from(BTreeMap::from([("one_more".to_owned(), 1.0)])).unwrap();
-        assert!(told.merge(&other).unwrap_err().to_string().contains("at most 64"));
+        assert!(told.set("one_more", 1.0).unwrap_err().to_string().contains("at most 64"));
+        assert!(!told.merge(&other) && told.get("one_more").is_none());
+        let known = Diagnostics::try_from(BTreeMap::from([("n1".to_owned(), 7.0)])).unwrap();
+        assert!(told.merge(&known) && told.get("n1") == Some(7.0));
     }
 }

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from ..reader import Unfit
 
 @dataclass
 class Step:
-    """A step as it was read, or this reader's part of it. `values`: axes x, y, z, of any strides."""
+    """A step as it was read. `values`: axes x, y, z, of any strides."""
 
     values: numpy.ndarray
     field: str = "scalar"
@@ -34,14 +34,6 @@ class Step:
     """Of the second field, for colors."""
     more: dict[str, numpy.ndarray] = dataclasses.field(default_factory=dict)
     """Further fields by the names that expressions call them."""
-    start: tuple[int, int, int] = (0, 0, 0)
-    """Where a part begins."""
-    dims: tuple[int, int, int] | None = None
-    """Points a side of the whole, of a part."""
-
-
-def never() -> bool:
-    return False
 
 
 @dataclass
@@ -69,9 +61,7 @@ class Options:
     """Of an adaptive mesh: the level whose cells are shown; the finest, if none is named."""
     missing: float | None = None
     """The value that stands where there is none, instead of the source's."""
-    part: tuple[int, int] = (0, 1)
-    """Which of how many readers this one is: each reads a slab of every step."""
-    stopped: Callable[[], bool] = dataclasses.field(default=never)
+    stopped: Callable[[], bool] = dataclasses.field(default=lambda: False)
     """Asked while nothing is new."""
 
 
@@ -105,20 +95,6 @@ def by_axes(array: numpy.ndarray, axes: str) -> numpy.ndarray:
     return array.transpose([axes.index(axis) for axis in "xyz"])
 
 
-def slab(shape: Sequence[int], options: Options) -> slice:
-    """What this reader reads of an array: along its first axis, which is stored slowest."""
-    part, parts = options.part
-    if parts > shape[0]:
-        raise Unfit(f"{parts} readers of an array of {shape[0]} planes; at most one a plane")
-    return slice(shape[0] * part // parts, shape[0] * (part + 1) // parts)
-
-
-def placed_slab(values: numpy.ndarray, shape: Sequence[int], axes: str, own: slice) -> dict[str, Any]:
-    """What of a `Step` the slab `own` of an array of `shape`, with these axes, makes up."""
-    start = tuple(own.start if axis == axes[0] else 0 for axis in "xyz")
-    return {"values": by_axes(values, axes), "start": start, "dims": tuple(int(shape[axes.index(axis)]) for axis in "xyz")}
-
-
 def choose(names: list[str], wanted: str | None, where: str) -> str:
     """The name wanted, whole or its last part; the first, where none is."""
     if not names:
@@ -145,8 +121,6 @@ def uniform(points: numpy.ndarray, axis: str) -> tuple[float, float]:
 def open_source(source: str, options: Options) -> Iterator[Step]:
     """The steps of `source`: a folder, a file or series that is being written, or a stream. Each with all fields that are asked for."""
     names = list(options.more_fields.values()) + ([options.color_field] if options.color_field else [])
-    if source.endswith(".sst") and options.part[1] > 1:
-        raise Unfit(f"{source}: a stream has one reader here; leave out --readers")
     if not names:
         return open_field(source, options)
     if source.endswith(".sst"):
@@ -158,7 +132,7 @@ def _together(source: str, options: Options, names: list[str]) -> Iterator[Step]
     beside = [open_field(source, dataclasses.replace(options, field=name)) for name in names]
     for step, *others in zip(open_field(source, options), *beside):
         for name, other in zip(names, others):
-            if (other.number, other.values.shape, other.start) != (step.number, step.values.shape, step.start):
+            if (other.number, other.values.shape) != (step.number, step.values.shape):
                 raise Unfit(f"{source}: field \"{name}\" of step {other.number} is on {other.values.shape} points, beside {step.values.shape}")
         values = [other.values for other in others]
         step.more = dict(zip(options.more_fields, values))

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy
 
-from . import Options, Step, check_size, choose, library, placed_slab, slab
+from . import Options, Step, by_axes, check_size, choose, library
 
 # A writer may take so long to a step until we ask whether anybody still wants it.
 WAIT_SECS = 1.0
@@ -42,10 +42,9 @@ def _step(stream, source: str, options: Options) -> Step:
     found = stream.available_variables()
     shapes = {name: [int(n) for n in of["Shape"].split(",") if n.strip()] for name, of in found.items()}
     name = choose(sorted(name for name, shape in shapes.items() if len(shape) == 3), options.field, source)
-    check_size(8 * math.prod(shapes[name]) // options.part[1], f"{source}: {name}")
-    own = slab(shapes[name], options)
-    values = stream.read(name, start=[own.start, 0, 0], count=[own.stop - own.start, *shapes[name][1:]])
-    step = Step(**placed_slab(numpy.asarray(values), shapes[name], options.axes, own), field=name)
+    check_size(8 * math.prod(shapes[name]), f"{source}: {name}")
+    values = stream.read(name, start=[0, 0, 0], count=shapes[name])
+    step = Step(by_axes(numpy.asarray(values), options.axes), name)
     step.number = int(stream.engine.current_step())
     step.time = next((float(numpy.ravel(stream.read(t))[0]) for t in ("time", "Time", "physical_time") if t in found), None)
     return step

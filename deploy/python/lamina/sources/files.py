@@ -8,27 +8,19 @@ from pathlib import Path
 import numpy
 
 from ..reader import Volume, is_plotfile, read
-from . import NotReady, Options, Step, by_axes, choose, placed_slab, slab, xdmf
+from . import NotReady, Options, Step, by_axes, choose, xdmf
 
 
 def native(path: Path, options: Options) -> Step:
     """What Lamina reads itself; of a series its first step."""
-    part = options.part if options.part[1] > 1 else None
-    volume = read(path, field=options.field, dims=options.dims, dtype=options.dtype, axes=options.axes, level=options.level, part=part)
+    volume = read(path, field=options.field, dims=options.dims, dtype=options.dtype, axes=options.axes, level=options.level)
     if not isinstance(volume, Volume):
         raise NotReady(f"{path}: no volume")
-    step = Step(volume.array, volume.field, volume.time, spacing=tuple(volume.spacing), origin=tuple(volume.origin))
-    if whole := volume.whole:
-        step.start, step.dims, step.origin = (0, 0, whole["first_plane"]), tuple(whole["dims"]), tuple(whole["origin"])
-    return step
+    return Step(volume.array, volume.field, volume.time, spacing=tuple(volume.spacing), origin=tuple(volume.origin))
 
 
 def npy(path: Path, options: Options) -> Step:
-    array = numpy.load(path, mmap_mode="r", allow_pickle=False)
-    if array.ndim != 3:
-        return Step(by_axes(array, options.axes))
-    own = slab(array.shape, options)
-    return Step(**placed_slab(array[own], array.shape, options.axes, own))
+    return Step(by_axes(numpy.load(path, mmap_mode="r", allow_pickle=False), options.axes))
 
 
 def xarray(path: Path, options: Options) -> Step:

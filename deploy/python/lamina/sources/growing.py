@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy
 
-from . import Options, Step, check_size, choose, library, placed_slab, slab, uniform
+from . import Options, Step, by_axes, check_size, choose, library, uniform
 
 TIMES = ("time", "t", "step")
 POLL_SECS, UNREADABLE_SECS = 0.2, 5.0
@@ -40,9 +40,8 @@ def placed(data: Any, name: str, options: Options) -> Step:
     short = {"lon": "x", "longitude": "x", "lat": "y", "latitude": "y", "lev": "z", "level": "z", "depth": "z", "height": "z"}
     dims = [short.get(str(dim).lower(), str(dim).lower()) for dim in data.dims]
     axes = "".join(dims) if sorted(dims) == ["x", "y", "z"] else options.axes
-    check_size(data.nbytes // options.part[1], name)
-    own = slab(data.shape, options)
-    step = Step(**placed_slab(data[own].to_numpy(), data.shape, axes, own), field=name)
+    check_size(data.nbytes, name)
+    step = Step(by_axes(data.to_numpy(), axes), name)
     of = {axis: data.dims[axes.index(axis)] for axis in "xyz"}
     if all(dim in data.coords for dim in of.values()):
         both = [uniform(data.coords[of[axis]].to_numpy(), axis) for axis in "xyz"]

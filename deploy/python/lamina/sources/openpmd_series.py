@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy
 
-from . import NotReady, Options, Step, check_size, choose, library, placed_slab, slab
+from . import NotReady, Options, Step, by_axes, check_size, choose, library
 
 POLL_SECS = 0.2
 
@@ -44,9 +44,8 @@ def _step(iteration: Any, number: int, series: Any, options: Options, where: str
     components = _components(iteration)
     name = choose(sorted(components), options.field, where)
     mesh, component = components[name]
-    check_size(8 * math.prod(component.shape) // options.part[1], f"{where}: {name}")
-    shape, own = list(component.shape), slab(component.shape, options)
-    data = component.load_chunk([own.start, 0, 0], [own.stop - own.start, *shape[1:]])
+    check_size(8 * math.prod(component.shape), f"{where}: {name}")
+    data = component.load_chunk()
     series.flush()
     # Labels name the axes of the array as it is stored, slowest first; a stream may not bring them.
     labels = [label.lower() for label in mesh.axis_labels]
@@ -58,11 +57,10 @@ def _step(iteration: Any, number: int, series: Any, options: Options, where: str
     axes = "".join(labels[::-1] if str(mesh.data_order) in ("F", "Data_Order.F") else labels)
     unit = mesh.grid_unit_SI if not isinstance(mesh.grid_unit_SI, list) else mesh.grid_unit_SI[0]
     placed = {label: (s * unit, (offset[label] + position.get(label, 0.0) * s) * unit) for label, s in spacing.items()}
-    values = numpy.asarray(data)
+    values = by_axes(numpy.asarray(data), axes)
     if component.unit_SI != 1.0:
         values = values * component.unit_SI
-    of_slab = placed_slab(values, shape, axes, own)
-    step = Step(**of_slab, field=name, time=float(iteration.time) * iteration.time_unit_SI, number=number)
+    step = Step(values, name, float(iteration.time) * iteration.time_unit_SI, number)
     step.spacing, step.origin = (tuple(float(placed[axis][n]) for axis in "xyz") for n in (0, 1))
     return step
 

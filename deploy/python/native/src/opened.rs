@@ -30,8 +30,6 @@ pub struct Request {
     axes: Option<String>,
     /// Of an adaptive mesh.
     level: Option<usize>,
-    /// Which of how many slabs along z, of a file that can be read from the middle; of another all is read.
-    part: Option<[usize; 2]>,
 }
 
 /// What is known of it.
@@ -58,16 +56,6 @@ struct Description<'a> {
     time: Option<f64>,
     /// Number of steps of its series.
     steps: Option<usize>,
-    /// What a slab is of.
-    whole: Option<Whole>,
-}
-
-/// The grid of a file of which a slab was read, and where the slab begins.
-#[derive(Serialize)]
-struct Whole {
-    dims: [usize; 3],
-    origin: DVec3,
-    first_plane: usize,
 }
 
 #[derive(Debug)]
@@ -143,35 +131,19 @@ impl OpenedFile {
         let axes = request.axes.as_deref().map(str::parse).transpose()?.unwrap_or_default();
         let options = Options { raw, field: request.field.clone(), axes, level: request.level, ..Options::default() };
         let series = Series::open(&request.path, &options)?;
-        let (volume, whole) = Self::slab_or_all(&series, request)?;
+        let volume = series.read(request.step)?;
         let scene = suggest::suggest(&[&volume])?;
         let description = Description {
             scene: Some(&scene),
             field: Some(series.field()),
             time: series.has_times().then(|| series.time(request.step)),
             steps: Some(series.len()),
-            whole,
             ..Description::of("file", scene.camera, volume.grid().bounds())
                 .on(volume.grid(), volume.voxels().voxel_type())
         };
         let description = CString::new(serde_json::to_vec(&description)?)?;
         let content = Content::File(Box::new(volume), Box::new(scene));
         Ok(Self { content, description, encoded: Vec::new(), drawable: None })
-    }
-
-    fn slab_or_all(series: &Series, request: &Request) -> Result<(Volume, Option<Whole>), Box<dyn Error>> {
-        if let Some([part, parts]) = request.part
-            && let Ok(grid) = series.grid_of_planes(request.step)
-        {
-            let [.., planes] = grid.dims();
-            if part >= parts || parts > planes {
-                return Err(format!("part {part} of {parts}: {planes} planes have at most as many parts").into());
-            }
-            let own = planes * part / parts..planes * (part + 1) / parts;
-            let whole = Whole { dims: grid.dims(), origin: grid.origin(), first_plane: own.start };
-            return Ok((series.read_planes(request.step, own)?, Some(whole)));
-        }
-        Ok((series.read(request.step)?, None))
     }
 
     /// JSON.
@@ -264,7 +236,6 @@ impl Description<'_> {
             field: None,
             time: None,
             steps: None,
-            whole: None,
         }
     }
 

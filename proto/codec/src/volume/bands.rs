@@ -3,7 +3,7 @@
 //! Models start untrained in each band, which at [`BAND_VOXELS`] costs about a percent of the bytes. The partition follows
 //! from the grid's dimensions alone.
 use super::encode::{PredictedBand, encode as encode_band};
-use super::{ErrorMeasure, decode::decode as decode_band, wavelet};
+use super::{ErrorMeasure, Tolerance, decode::decode as decode_band, wavelet};
 use crate::entropy::EntropyError;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -24,8 +24,7 @@ fn bands([nx, ny, nz]: [usize; 3]) -> Vec<Range<usize>> {
     (0..count).map(|k| k * nz / count..(k + 1) * nz / count).collect()
 }
 
-/// Encodes `values` of a volume of `dims` voxels (x fastest), all finite, so that each decodes within `bound` (above 0, in
-/// units of the values) or, where `free` gives an interval for a voxel's index, within that interval; or, by
+/// Encodes `values` of a volume of `dims` voxels (x fastest), all finite, so that each decodes within `tolerance` or, where `free` gives an interval for a voxel's index, within that interval; or, by
 /// [`ErrorMeasure::MeanSquare`], with a mean square error that is no greater. `before` holds the values of a volume that resembles
 /// this one, if there is one.
 ///
@@ -34,7 +33,7 @@ fn bands([nx, ny, nz]: [usize; 3]) -> Vec<Range<usize>> {
 pub(super) fn encode(
     values: &[f32],
     dims: [usize; 3],
-    bound: f32,
+    tolerance: Tolerance,
     free: impl Fn(usize) -> Option<(f32, f32)> + Sync,
     measure: ErrorMeasure,
     before: Option<&[f32]>,
@@ -46,7 +45,7 @@ pub(super) fn encode(
         let values = &values[first..z.end * plane];
         let free = |n: usize| free(first + n);
         let before = before.map(|before| &before[first..first + values.len()]);
-        let (kind, mut predicted) = predicted(before, |before| encode_band(values, dims, bound, free, before));
+        let (kind, mut predicted) = predicted(before, |before| encode_band(values, dims, tolerance, free, before));
         let bytes = std::mem::take(&mut predicted.bytes);
         let decoded = predicted.decoded();
         let other = match measure {
@@ -88,7 +87,7 @@ fn predicted(before: Option<&[f32]>, code: impl Fn(Option<&[f32]>) -> PredictedB
     if temporal.bytes.len() < alone.bytes.len() { (TEMPORAL, temporal) } else { (PREDICTED, alone) }
 }
 
-/// Decodes a volume of `dims` voxels coded with the same `bound`, and after `before` if there is one; `is_marked` as [`encode`]
+/// Decodes a volume of `dims` voxels coded with the same `tolerance`, and after `before` if there is one; `is_marked` as [`encode`]
 /// returned it.
 ///
 /// # Errors
@@ -96,7 +95,7 @@ fn predicted(before: Option<&[f32]>, code: impl Fn(Option<&[f32]>) -> PredictedB
 pub(super) fn decode(
     bytes: &[u8],
     dims: [usize; 3],
-    bound: f32,
+    tolerance: Tolerance,
     is_marked: bool,
     before: Option<&[f32]>,
 ) -> Result<Vec<f32>, EntropyError> {
@@ -118,10 +117,10 @@ pub(super) fn decode(
         let before = before.map(|before| &before[z.start * plane..z.end * plane]);
         let dims = [dims[0], dims[1], z.len()];
         match (is_marked, bytes.split_first(), before) {
-            (false, ..) => decode_band(bytes, dims, bound, None),
-            (true, Some((&PREDICTED, bytes)), _) => decode_band(bytes, dims, bound, None),
+            (false, ..) => decode_band(bytes, dims, tolerance, None),
+            (true, Some((&PREDICTED, bytes)), _) => decode_band(bytes, dims, tolerance, None),
             (true, Some((&WAVELET, bytes)), _) => wavelet::decode(bytes, dims),
-            (true, Some((&TEMPORAL, bytes)), Some(before)) => decode_band(bytes, dims, bound, Some(before)),
+            (true, Some((&TEMPORAL, bytes)), Some(before)) => decode_band(bytes, dims, tolerance, Some(before)),
             (true, ..) => Err(EntropyError::InvalidValue),
         }
     };
@@ -163,9 +162,10 @@ mod tests {
             .collect();
         assert_eq!(bands(dims).len(), 2);
         let free = |n: usize| (n >= 156_000 * 40).then_some((-9.0, 9.0));
-        let CodedBands { bytes, is_marked, .. } = encode(&values, dims, 0.02, free, ErrorMeasure::Maximum, None);
+        let CodedBands { bytes, is_marked, .. } =
+            encode(&values, dims, Tolerance::Bound(0.02), free, ErrorMeasure::Maximum, None);
         assert!(!is_marked);
-        let back = decode(&bytes, dims, 0.02, false, None).unwrap();
+        let back = decode(&bytes, dims, Tolerance::Bound(0.02), false, None).unwrap();
         assert_eq!(back.len(), values.len());
         // What is free in the second band is free by its own index.
         let worst = |z: Range<usize>| {
@@ -174,8 +174,8 @@ mod tests {
         };
         assert!(worst(0..40) <= 0.02 * 1.0001 && worst(40..64) > 0.02, "{} {}", worst(0..40), worst(40..64));
         for n in [0, 3, 15, 16, bytes.len() - 1] {
-            assert!(decode(&bytes[..n], dims, 0.02, false, None).is_err(), "{n} bytes");
+            assert!(decode(&bytes[..n], dims, Tolerance::Bound(0.02), false, None).is_err(), "{n} bytes");
         }
-        assert!(decode(&[&bytes[..], &[0]].concat(), dims, 0.02, false, None).is_err());
+        assert!(decode(&[&bytes[..], &[0]].concat(), dims, Tolerance::Bound(0.02), false, None).is_err());
     }
 }

@@ -5,8 +5,9 @@
 use super::bands;
 use super::free_intervals::FreeIntervals;
 use super::motion::{self, MotionField};
+use super::native_steps::NativeSteps;
 use super::reference::ReferenceVolume;
-use super::{ErrorMeasure, mask};
+use super::{ErrorMeasure, Tolerance, mask};
 use crate::DecodeLimits;
 use crate::envelope::{CRC_BYTES, checked_body, take_version, too_short};
 use crate::error::{CodecError, invalid};
@@ -25,9 +26,10 @@ const MASKED: u16 = 2;
 /// The version of a volume with bands of wavelet coefficients: there is a mask, which may be empty, and each band begins with a byte
 /// that says how it is coded.
 const MARKED: u16 = 3;
-/// The version of a volume that is coded after another one, and the newest read: which one it is, and the motion from it, follow
-/// the mask.
+/// The version of a volume that is coded after another one: which one it is, and the motion from it, follow the mask.
 const TEMPORAL: u16 = 4;
+/// The version of a volume in the steps of its data, and the newest read: the first step and the width of all follow the mask.
+const NATIVE: u16 = 5;
 /// The largest header read; a scene with the greatest number of control points takes three quarters of it.
 const MAX_HEADER_BYTES: usize = 1 << 18;
 
@@ -61,19 +63,31 @@ pub fn encode_after(
         missing = mask::encode(&units.iter().map(|u| u.is_nan()).collect::<Vec<bool>>(), dims);
         inpaint(filled.to_mut(), dims);
     }
-    let past = reference.map(|reference| {
+    let native = match is_masked {
+        true => NativeSteps::of(&units.iter().copied().filter(|u| !u.is_nan()).collect::<Vec<f32>>(), bound),
+        false => NativeSteps::of(units, bound),
+    };
+    let past = reference.filter(|_| native.is_none()).map(|reference| {
         let aligned = reference.aligned(dims);
         let [before, now] = [&aligned[..], &filled].map(|values| free_intervals.seen(values));
         let motion = motion::estimate(before, now, dims, bound);
         (reference.checksum(), motion.encode(), motion.moved(&aligned, dims))
     });
     let before = past.as_ref().map(|(.., moved)| &moved[..]);
-    let coded = bands::encode(&filled, dims, bound, free, measure, before);
-    let version = match (coded.is_temporal, coded.is_marked, is_masked) {
-        (true, ..) => TEMPORAL,
-        (false, true, _) => MARKED,
-        (false, false, true) => MASKED,
-        (false, false, false) => VERSION,
+    let coded = match native {
+        None => bands::encode(&filled, dims, Tolerance::Bound(bound), free, measure, before),
+        Some(steps) => {
+            filled.to_mut().par_iter_mut().for_each(|value| *value = steps.number(*value));
+            let free = |n| free(n).map(|(lo, hi)| ((lo - steps.first) / steps.width, (hi - steps.first) / steps.width));
+            bands::encode(&filled, dims, Tolerance::Integers, free, ErrorMeasure::Maximum, None)
+        }
+    };
+    let version = match (native.is_some(), coded.is_temporal, coded.is_marked, is_masked) {
+        (true, ..) => NATIVE,
+        (false, true, ..) => TEMPORAL,
+        (false, false, true, _) => MARKED,
+        (false, false, false, true) => MASKED,
+        (false, false, false, false) => VERSION,
     };
     let mut bytes = Vec::from(MAGIC);
     bytes.extend(version.to_le_bytes());
@@ -92,10 +106,16 @@ pub fn encode_after(
         bytes.extend((motion.len() as u64).to_le_bytes());
         bytes.extend(motion);
     }
+    if let Some(NativeSteps { first, width }) = native {
+        bytes.extend([first, width].iter().flat_map(|v| v.to_le_bytes()));
+    }
     bytes.extend(coded.bytes);
     let checksum = crc32fast::hash(&bytes);
     bytes.extend(checksum.to_le_bytes());
     let mut decoded = coded.decoded;
+    if let Some(steps) = native {
+        decoded.par_iter_mut().for_each(|value| *value = steps.value(*value));
+    }
     if is_masked {
         decoded.iter_mut().zip(units).filter(|(_, unit)| unit.is_nan()).for_each(|(value, _)| *value = f32::NAN);
     }
@@ -119,7 +139,7 @@ pub fn decode_after(
     limits: &DecodeLimits,
     reference: Option<&ReferenceVolume>,
 ) -> Result<ReducedVolume, CodecError> {
-    let Head { grid, scene, params, mask, past, values, is_marked } = read_head(bytes, limits)?;
+    let Head { grid, scene, params, mask, past, native, values, is_marked } = read_head(bytes, limits)?;
     let dims = grid.dims();
     let before = match past {
         None => None,
@@ -129,8 +149,15 @@ pub fn decode_after(
             Some(MotionField::decode(motion, dims).moved(&reference.aligned(dims), dims))
         }
     };
-    let decoded = bands::decode(values, dims, bound(&params), is_marked, before.as_deref());
+    let tolerance = native.map_or_else(|| Tolerance::Bound(bound(&params)), |_| Tolerance::Integers);
+    let decoded = bands::decode(values, dims, tolerance, is_marked, before.as_deref());
     let mut units = decoded.map_err(|e| invalid(e.to_string()))?;
+    if let Some(steps) = native {
+        units.par_iter_mut().for_each(|unit| *unit = steps.value(*unit));
+        if !units.par_iter().all(|unit| unit.is_finite()) {
+            return Err(invalid("a value beyond single precision"));
+        }
+    }
     if let Some(mask) = mask {
         let missing = mask::decode(mask, grid.dims());
         units.iter_mut().zip(missing).filter(|(_, missing)| *missing).for_each(|(unit, _)| *unit = f32::NAN);
@@ -152,6 +179,8 @@ pub(crate) struct Head<'a> {
     mask: Option<&'a [u8]>,
     /// The checksum of the volume that this one is coded after, and the motion from it.
     past: Option<(u32, &'a [u8])>,
+    /// The steps that the values count.
+    native: Option<NativeSteps>,
     values: &'a [u8],
     /// Each band begins with a byte that says how it is coded.
     is_marked: bool,
@@ -159,7 +188,7 @@ pub(crate) struct Head<'a> {
 
 /// Checks and reads everything but the values.
 pub(crate) fn read_head<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<Head<'a>, CodecError> {
-    let version = take_version(bytes, MAGIC, TEMPORAL)?;
+    let version = take_version(bytes, MAGIC, NATIVE)?;
     let body = checked_body(bytes, MAGIC.len() + 2 + 4 + CRC_BYTES)?;
     let rest = &body[MAGIC.len() + 2..];
     let (length, rest) = rest.split_at(4);
@@ -184,8 +213,19 @@ pub(crate) fn read_head<'a>(bytes: &'a [u8], limits: &DecodeLimits) -> Result<He
     } else {
         (None, values)
     };
+    let (native, values) = if version == NATIVE {
+        let (numbers, values) = values.split_first_chunk::<8>().ok_or_else(too_short)?;
+        let [first, width] = [0, 4].map(|at| f32::from_le_bytes(std::array::from_fn(|n| numbers[at + n])));
+        if !(first.is_finite() && width.is_finite() && width > 0.0) {
+            return Err(invalid("its values count steps of no width"));
+        }
+        (Some(NativeSteps { first, width }), values)
+    } else {
+        (None, values)
+    };
     let mask = (!mask.is_empty()).then_some(mask);
-    Ok(Head { grid, scene, params, mask, past, values, is_marked: version >= MARKED })
+    let is_marked = version == MARKED || version == TEMPORAL;
+    Ok(Head { grid, scene, params, mask, past, native, values, is_marked })
 }
 
 /// The bytes of a section that begins with its length, and those after it.

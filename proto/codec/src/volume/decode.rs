@@ -9,16 +9,16 @@ use super::symbols::{
     ClassContext, RAW_VALUE, ResidualContext, ResidualNeighborhood, VolumeModels, block_range, saturated,
 };
 use super::temporal::{Before, TemporalRow};
-use super::{BIAS_BITS, HEADER, STEP_BITS, step_and_bias};
+use super::{BIAS_BITS, HEADER, STEP_BITS, Tolerance, step_and_bias};
 use crate::entropy::EntropyError;
 use crate::entropy::range_coder::Decoder;
 
-/// Decodes the values of a volume of `dims` voxels (x fastest) coded with `bound`, and after `before` if there is one. Corrupt bytes give other finite values or
+/// Decodes the values of a volume of `dims` voxels (x fastest) coded with `tolerance`, and after `before` if there is one. Corrupt bytes give other finite values or
 /// an error, in the time and memory that a volume of `dims` takes.
 pub(super) fn decode(
     bytes: &[u8],
     dims: [usize; 3],
-    bound: f32,
+    tolerance: Tolerance,
     before: Option<&[f32]>,
 ) -> Result<Vec<f32>, EntropyError> {
     let count = dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d)).ok_or(EntropyError::SizeOverflow)?;
@@ -35,7 +35,7 @@ pub(super) fn decode(
         before: before.map(|values| Before { values, voxels: Lattice { dims } }),
         decoder: Decoder::new(decisions),
     };
-    reader.levels(Lattice { dims }, bound);
+    reader.levels(Lattice { dims }, tolerance);
     let [whole, ..] = reader.field.parts;
     Ok(whole.values)
 }
@@ -67,14 +67,15 @@ struct VolumeDecoder<'a> {
 }
 
 impl VolumeDecoder<'_> {
-    fn levels(&mut self, voxels: Lattice, bound: f32) {
+    fn levels(&mut self, voxels: Lattice, tolerance: Tolerance) {
+        let integers = tolerance == Tolerance::Integers;
         let mut above = None;
         for number in (0..voxels.levels() as usize).rev() {
             let step_parts = self.models.bits(&mut self.decoder, STEP_BITS, 0) + 1;
             let bias_parts = self.models.bits(&mut self.decoder, BIAS_BITS, 0);
-            let (step, bias) = step_and_bias(bound, step_parts, bias_parts);
-            let mut level =
-                LevelParams { number, step, scale: 1.0 / step, bias, weights: [[0.0; WEIGHTS]; 7], temporal: [0.0; 7] };
+            let (step, bias) = step_and_bias(tolerance.bound(), step_parts, bias_parts);
+            let (scale, weights) = (1.0 / step, [[0.0; WEIGHTS]; 7]);
+            let mut level = LevelParams { number, integers, step, scale, bias, weights, temporal: [0.0; 7] };
             let lattice = voxels.lattice(number);
             let mut flags = BlockFlags::none(lattice);
             flags.code(&mut self.models, &mut self.decoder, above.as_ref(), number);
@@ -112,6 +113,7 @@ impl VolumeDecoder<'_> {
                 past.compute(before, level, class, [y, z]);
                 past.correct(&mut row.expected, level.temporal[class.number], self.field.range);
             }
+            level.round(&mut row.expected);
             if is_active {
                 known.gather(&self.field, &part, class, [y, z]);
                 let residuals = &mut part.residuals[at..at + row.expected.len()];

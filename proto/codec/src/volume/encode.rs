@@ -11,7 +11,7 @@ use super::symbols::{
     ClassContext, RAW_VALUE, ResidualContext, ResidualNeighborhood, SATURATED, VolumeModels, block_range, saturated,
 };
 use super::temporal::{self, Before, TemporalRow};
-use super::{BIAS_BITS, HEADER, STEP_BITS, step_and_bias};
+use super::{BIAS_BITS, HEADER, STEP_BITS, Tolerance, step_and_bias};
 use crate::entropy::range_coder::Encoder;
 
 /// The finest levels, which have all but a hundredth of the points.
@@ -19,8 +19,7 @@ const FINE_LEVELS: usize = 2;
 /// The least weight, in 1 / [`SCALE`], at which the volume before is sure to save bytes.
 const LEAST_WEIGHT: i8 = 3;
 
-/// Encodes `values` of a volume of `dims` voxels (x fastest), all finite, so that each decodes within `bound` (above 0, in
-/// units of the values) or, where `free` gives an interval for a voxel's index, within that interval, which must hold the
+/// Encodes `values` of a volume of `dims` voxels (x fastest), all finite, so that each decodes within `tolerance` or, where `free` gives an interval for a voxel's index, within that interval, which must hold the
 /// value. `before` holds the values of a volume that resembles this one, all finite, if there is one; a decoder has to have it.
 ///
 /// # Panics
@@ -28,7 +27,7 @@ const LEAST_WEIGHT: i8 = 3;
 pub(super) fn encode(
     values: &[f32],
     dims: [usize; 3],
-    bound: f32,
+    tolerance: Tolerance,
     free: impl Fn(usize) -> Option<(f32, f32)>,
     before: Option<&[f32]>,
 ) -> PredictedBand {
@@ -38,11 +37,15 @@ pub(super) fn encode(
         return PredictedBand { bytes: Vec::new(), field: MultigridField::new(0.0, [0.0; 2]), is_corrected: false };
     };
     let range = range(values, first);
-    let wanted = QuantizationTarget { values, bound, free };
+    let settings = match tolerance {
+        Tolerance::Bound(_) => EncoderSettings::default(),
+        Tolerance::Integers => EncoderSettings::of_integers(),
+    };
+    let wanted = QuantizationTarget { values, bound: tolerance.bound(), free };
     let mut bytes: Vec<u8> = [range[0], range[1], first].iter().flat_map(|v| v.to_le_bytes()).collect();
     debug_assert_eq!(bytes.len(), HEADER);
     let mut work = VolumeEncoder {
-        quantizer: Quantizer { wanted: &wanted, range, settings: EncoderSettings::default() },
+        quantizer: Quantizer { wanted: &wanted, range, settings },
         voxels: Lattice { dims },
         field: MultigridField::new(first, range),
         models: if before.is_some() { VolumeModels::temporal() } else { VolumeModels::default() },
@@ -121,8 +124,8 @@ impl<F: Fn(usize) -> Option<(f32, f32)>> VolumeEncoder<'_, F> {
         let settings = &self.quantizer.settings;
         let (step_parts, bias_parts) = (settings.step_parts(number), settings.bias);
         let (step, bias) = step_and_bias(self.quantizer.wanted.bound, step_parts, bias_parts);
-        let mut level =
-            LevelParams { number, step, scale: 1.0 / step, bias, weights: [[0.0; WEIGHTS]; 7], temporal: [0.0; 7] };
+        let (integers, scale, weights) = (settings.integers, 1.0 / step, [[0.0; WEIGHTS]; 7]);
+        let mut level = LevelParams { number, integers, step, scale, bias, weights, temporal: [0.0; 7] };
         let lattice = self.voxels.lattice(number);
         self.field.begin(lattice);
         let before = self.before.as_ref().map(|before| before.level(number));
@@ -179,6 +182,7 @@ impl<F: Fn(usize) -> Option<(f32, f32)>> VolumeEncoder<'_, F> {
                 planned.missed.extend_from_slice(&past.octaves);
             }
             planned.surroundings.extend_from_slice(&row.surroundings);
+            level.round(&mut row.expected);
             let (start, step) = self.voxels(level.number, class, y, z);
             let from = part.grid.row(y, z);
             let n = part.grid.dims[0];

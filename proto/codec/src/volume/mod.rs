@@ -19,6 +19,7 @@ mod mask;
 mod mixer;
 mod motion;
 mod multigrid;
+mod native_steps;
 mod predict;
 mod quantize;
 mod reference;
@@ -44,6 +45,25 @@ pub enum ErrorMeasure {
     MeanSquare,
     /// The error of each value, also of those that the transfer function hides, which are otherwise free.
     Everywhere,
+}
+
+/// How exactly the values of a band come back.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Tolerance {
+    /// Each within this bound, above 0, in units of the values.
+    Bound(f32),
+    /// All are integers, and come back as they are.
+    Integers,
+}
+
+impl Tolerance {
+    /// The largest error that a quantizer may make.
+    fn bound(self) -> f32 {
+        match self {
+            Self::Bound(bound) => bound,
+            Self::Integers => 0.5,
+        }
+    }
 }
 
 /// Bytes of a band before the range coder: least and largest value, then the first one or the quantizer step of wavelets, each a

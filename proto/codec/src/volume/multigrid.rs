@@ -32,6 +32,8 @@ pub(super) struct LatticePart {
 pub(super) struct LevelParams {
     /// 0 for the finest level.
     pub number: usize,
+    /// All values are integers, and predictions are rounded to the nearest, halves to even.
+    pub integers: bool,
     /// Quantizer step: distance between reconstruction points.
     pub step: f32,
     /// 1 / step.
@@ -42,6 +44,16 @@ pub(super) struct LevelParams {
     pub weights: [[f32; WEIGHTS]; 7],
     /// By class, the share by which the volume before corrects predictions, if there is one.
     pub temporal: [f32; 7],
+}
+
+impl LevelParams {
+    /// Predictions as values are told apart.
+    #[inline]
+    pub(super) fn round(&self, expected: &mut [f32]) {
+        if self.integers {
+            expected.iter_mut().for_each(|value| *value = value.round_ties_even());
+        }
+    }
 }
 
 /// `value` clamped to a range; NaN gives the least value.

@@ -4,6 +4,8 @@
 /// Parameters of an encoder.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct EncoderSettings {
+    /// All values are integers, the bound is 1/2, and the step 1.
+    pub integers: bool,
     /// Quantizer step of the finest level in 1/64 of twice the bound, 1..=64; below 64 most values have two residuals to choose from.
     pub step: f32,
     /// Ratio of a level's step to the next coarser level's, which must be finer because more is predicted from it.
@@ -21,11 +23,16 @@ pub(super) struct EncoderSettings {
 
 impl Default for EncoderSettings {
     fn default() -> Self {
-        Self { step: 56.0, alpha: 1.75, beta: 8.0, bias: 0, dead_zone: 0.08, relaxed_levels: 2 }
+        Self { integers: false, step: 56.0, alpha: 1.75, beta: 8.0, bias: 0, dead_zone: 0.08, relaxed_levels: 2 }
     }
 }
 
 impl EncoderSettings {
+    /// Those for integers.
+    pub(super) fn of_integers() -> Self {
+        Self { integers: true, step: 64.0, alpha: 1.0, beta: 1.0, ..Self::default() }
+    }
+
     /// Quantizer step of a level in 1/64 of twice the bound, 1..=64; level 0 is the finest.
     pub(super) fn step_parts(&self, level: usize) -> u32 {
         let finer = (0..level).fold(1.0, |finer: f32, _| (finer * self.alpha).min(self.beta));

@@ -1,23 +1,29 @@
 //! Values come back within the bound, and hostile bytes are refused.
 
-use super::HEADER;
+use super::{HEADER, Tolerance};
 use crate::entropy::EntropyError;
 
 fn encode(values: &[f32], dims: [usize; 3], bound: f32, free: impl Fn(usize) -> Option<(f32, f32)>) -> Vec<u8> {
-    super::encode::encode(values, dims, bound, free, None).bytes
+    super::encode::encode(values, dims, Tolerance::Bound(bound), free, None).bytes
 }
 
 #[test]
 fn the_encoder_knows_what_is_decoded() {
     for dims in [[1, 1, 1], [17, 12, 9], [5, 1, 1]] {
-        let coded = super::encode::encode(&smooth(dims), dims, 0.01, |n| (n % 5 == 0).then_some((0.0, 1.0)), None);
+        let coded = super::encode::encode(
+            &smooth(dims),
+            dims,
+            Tolerance::Bound(0.01),
+            |n| (n % 5 == 0).then_some((0.0, 1.0)),
+            None,
+        );
         let back = decode(&coded.bytes, dims, 0.01).expect("what was encoded");
         assert_eq!(back, coded.decoded());
     }
 }
 
 fn decode(bytes: &[u8], dims: [usize; 3], bound: f32) -> Result<Vec<f32>, EntropyError> {
-    super::decode::decode(bytes, dims, bound, None)
+    super::decode::decode(bytes, dims, Tolerance::Bound(bound), None)
 }
 
 /// Numbers in 0..1, the same on every machine.
