@@ -64,6 +64,8 @@ fn seeds() -> Result<Vec<Seed>, Box<dyn std::error::Error>> {
     }
     let masked = Intermediate::Volume(Box::new(masked(volume([9, 8, 11], &mut random)?, &mut random)?));
     seeds.push(encode_any(&masked, &EncodeOptions::default())?);
+    let stepped = Intermediate::Volume(Box::new(in_steps(volume([9, 8, 11], &mut random)?)?));
+    seeds.push(encode_any(&stepped, &EncodeOptions::default())?);
     let mut seeds: Vec<Seed> = seeds.into_iter().map(|bytes| (bytes, 0)).collect();
     // The same once more, which is coded after itself: everything behind the first file's checksum is met.
     let volume = volume([9, 8, 11], &mut random)?;
@@ -103,6 +105,14 @@ fn masked(volume: ReducedVolume, random: &mut Rng) -> Result<ReducedVolume, lami
     let params = *volume.params();
     let (grid, scene, mut units) = volume.into_parts();
     units.iter_mut().filter(|_| random.u32(..3) == 0).for_each(|u| *u = f32::NAN);
+    ReducedVolume::new(grid, scene, params, units)
+}
+
+/// With values in steps that are wider than the bound.
+fn in_steps(volume: ReducedVolume) -> Result<ReducedVolume, lamina_model::Invalid> {
+    let params = *volume.params();
+    let (grid, scene, mut units) = volume.into_parts();
+    units.iter_mut().for_each(|u| *u = (20.0 * *u).round() / 20.0);
     ReducedVolume::new(grid, scene, params, units)
 }
 

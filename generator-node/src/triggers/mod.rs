@@ -94,20 +94,14 @@ impl Triggers {
     /// Adds a trigger, or puts it in place of that of its name.
     fn set(&mut self, spec: &TriggerSpec) -> Result<(), Invalid> {
         let trigger = Trigger::new(spec)?;
-        let lacking = |action, reason: &str| {
-            let asked = spec.actions.contains(&action);
-            asked.then(|| Invalid::new("trigger.do", format!("\"{}\": {reason}", spec.name)))
-        };
-        let voxels = "a group has no step in one place to keep; leave \"raw\" out, or use one node";
-        let address = "nobody can be told; state webhook = \"https://HOST/PATH\" in the generator-node's configuration";
-        let lacking = self
-            .means
-            .of_group
-            .then(|| lacking(TriggerAction::Raw, voxels))
-            .flatten()
-            .or_else(|| if self.means.webhook { None } else { lacking(TriggerAction::Webhook, address) });
-        if let Some(reason) = lacking {
-            return Err(reason);
+        let refused = |reason: &str| Err(Invalid::new("trigger.do", format!("\"{}\": {reason}", spec.name)));
+        if self.means.of_group && spec.actions.contains(&TriggerAction::Raw) {
+            return refused("a group has no step in one place to keep; leave \"raw\" out, or use one node");
+        }
+        if !self.means.webhook && spec.actions.contains(&TriggerAction::Webhook) {
+            return refused(
+                "nobody can be told; state webhook = \"https://HOST/PATH\" in the generator-node's configuration",
+            );
         }
         match self.triggers.iter().position(|known| known.spec.name == spec.name) {
             Some(at) => self.triggers[at] = trigger,

@@ -29,7 +29,7 @@ static FILTER: OnceLock<Handle<EnvFilter, Registry>> = OnceLock::new();
 pub fn log_to_stderr(default_level: &str) {
     let stated = EnvFilter::try_from_default_env().ok();
     let is_stated = stated.is_some();
-    let filter = stated.unwrap_or_else(|| default_level.into());
+    let filter = without_addresses(stated.unwrap_or_else(|| default_level.into()));
     let color = std::io::IsTerminal::is_terminal(&std::io::stderr());
     let (filter, handle) = tracing_subscriber::reload::Layer::new(filter);
     let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).with_target(false).with_ansi(color);
@@ -58,8 +58,14 @@ pub fn check_log(directives: &str) -> Result<(), Invalid> {
 /// Logs what `directives` say from now on, unless RUST_LOG says otherwise.
 pub(super) fn set_log(directives: &str) {
     if let (Some(change), Ok(filter)) = (FILTER.get(), EnvFilter::builder().parse(directives)) {
-        let _ = change.reload(filter);
+        let _ = change.reload(without_addresses(filter));
     }
+}
+
+/// The same without what the HTTP client says of the addresses it calls, which may hold secrets.
+fn without_addresses(filter: EnvFilter) -> EnvFilter {
+    let quiet = ["ureq=warn", "ureq_proto=warn"].into_iter().filter_map(|directive| directive.parse().ok());
+    quiet.fold(filter, EnvFilter::add_directive)
 }
 
 /// What a binary ends with: one line about the error, if there is one.
