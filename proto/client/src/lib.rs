@@ -137,7 +137,7 @@ impl Client {
     /// If the brick does not fit the run, or the node refuses it or is not reachable. The step then counts as lost; the
     /// simulation may go on.
     pub fn push(&mut self, step: u64, time: f64, brick: &Brick) -> Result<Receipt, ClientError> {
-        self.push_step(step, time, std::slice::from_ref(brick), None)
+        self.push_all(step, time, std::slice::from_ref(brick), None)
     }
 
     /// Whether to compute and push `step`: to be asked where its values cost something to have, once a step; what the simulation does
@@ -189,7 +189,7 @@ impl Client {
         let (fields, colored) = (buffer.fields(), usize::from(self.options.color_field.is_some()));
         let brick = Brick::new(buffer.start(), buffer.dims(), fields[0]).with_more_fields(&fields[1 + colored..]);
         let brick = if colored > 0 { brick.with_colors(fields[1]) } else { brick };
-        self.push_step(step, time, &[brick], buffer.lease())
+        self.push_all(step, time, &[brick], buffer.lease())
     }
 
     /// The same of several bricks of this rank, or of none: all are one step's, and the others' bricks are waited for as always.
@@ -197,20 +197,7 @@ impl Client {
     /// # Errors
     /// The same, for all of them: no step is shown in part.
     pub fn push_bricks(&mut self, step: u64, time: f64, bricks: &[Brick]) -> Result<Receipt, ClientError> {
-        self.push_step(step, time, bricks, None)
-    }
-
-    fn push_step(
-        &mut self,
-        step: u64,
-        time: f64,
-        bricks: &[Brick],
-        lease: Option<&Lease>,
-    ) -> Result<Receipt, ClientError> {
-        let receipt = self.push_all(step, time, bricks, lease);
-        // What was told of a step that nobody took is not another one's.
-        self.diagnostics = Diagnostics::default();
-        receipt
+        self.push_all(step, time, bricks, None)
     }
 
     fn push_all(
@@ -220,6 +207,8 @@ impl Client {
         bricks: &[Brick],
         lease: Option<&Lease>,
     ) -> Result<Receipt, ClientError> {
+        // What was told of a step that nobody takes is not another one's.
+        let diagnostics = std::mem::take(&mut self.diagnostics);
         let count = bricks.len().max(1) as u64;
         let checked = bricks.iter().try_for_each(|brick| brick.check(&self.options));
         checked.inspect_err(|_| self.summary.lost += count)?;
@@ -231,7 +220,8 @@ impl Client {
         let mut parts = if bricks.is_empty() { std::slice::from_ref(&none) } else { bricks }.iter().enumerate();
         let receipt = loop {
             let Some((index, brick)) = parts.next() else { break Ok(Receipt::Admitted(false)) };
-            let part = StepPart { step, time, index: index as u32, bricks: bricks.len() as u32 };
+            let (index, bricks) = (index as u32, bricks.len() as u32);
+            let part = StepPart { step, time, index, bricks, diagnostics: &diagnostics };
             match self.push_within_deadline(started, part, brick, lease) {
                 Ok(Receipt::Admitted(complete)) => {
                     self.summary.pushed += 1;
@@ -255,7 +245,7 @@ impl Client {
     fn push_within_deadline(
         &mut self,
         started: Instant,
-        part: StepPart,
+        part: StepPart<'_>,
         brick: &Brick,
         lease: Option<&Lease>,
     ) -> Result<Receipt, ClientError> {
@@ -286,14 +276,14 @@ impl Client {
     fn try_push(
         &mut self,
         started: Instant,
-        part: StepPart,
+        part: StepPart<'_>,
         brick: &Brick,
         lease: Option<&Lease>,
     ) -> Result<Receipt, Status> {
         let (timing, remaining) = (self.pace.begin(started), self.remaining(started));
         let (begun, remaining) = (Instant::now(), remaining.min(self.longest_push()));
         let Some(session) = &mut self.session else { return Err(Status::unavailable("not connected")) };
-        let push = session.push(&self.run_id, self.options.rank, part, (timing, &self.diagnostics), brick, lease);
+        let push = session.push(&self.run_id, self.options.rank, part, timing, brick, lease);
         let (receipt, cadence) = self.driver.within(remaining, push)?;
         self.pace.set_cadence(cadence);
         self.patience.answered(begun.elapsed());

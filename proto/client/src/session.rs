@@ -15,7 +15,7 @@ use tonic::{Status, Streaming};
 
 /// One of the bricks that a rank has of a step.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct StepPart {
+pub(crate) struct StepPart<'a> {
     /// The step.
     pub step: u64,
     /// Simulation time.
@@ -24,6 +24,8 @@ pub(crate) struct StepPart {
     pub index: u32,
     /// How many.
     pub bricks: u32,
+    /// What is told of the step.
+    pub diagnostics: &'a Diagnostics,
 }
 
 /// The longest that connecting may take, where the deadline of a call is longer.
@@ -116,12 +118,12 @@ impl Session {
         &mut self,
         run_id: &str,
         rank: u32,
-        part_of: StepPart,
-        (timing, diagnostics): (Timing, &Diagnostics),
+        part_of: StepPart<'_>,
+        timing: Timing,
         brick: &Brick<'_>,
         lease: Option<&Lease>,
     ) -> Result<(Receipt, u32), Status> {
-        let StepPart { step, time, index, bricks } = part_of;
+        let StepPart { step, time, index, bricks, diagnostics } = part_of;
         let [x0, y0, z0] = brick.start.map(|v| v as u64);
         let [nx, ny, nz] = brick.dims.map(|v| v as u64);
         let [interval_ns, push_ns] = [timing.interval, timing.push].map(|t| t.as_nanos() as u64);

@@ -63,10 +63,7 @@ pub fn encode_after(
         missing = mask::encode(&units.iter().map(|u| u.is_nan()).collect::<Vec<bool>>(), dims);
         inpaint(filled.to_mut(), dims);
     }
-    let native = match is_masked {
-        true => NativeSteps::of(&units.iter().copied().filter(|u| !u.is_nan()).collect::<Vec<f32>>(), bound),
-        false => NativeSteps::of(units, bound),
-    };
+    let native = NativeSteps::of(units, bound);
     let past = reference.filter(|_| native.is_none()).map(|reference| {
         let aligned = reference.aligned(dims);
         let [before, now] = [&aligned[..], &filled].map(|values| free_intervals.seen(values));

@@ -19,8 +19,8 @@ const FINE_LEVELS: usize = 2;
 /// The least weight, in 1 / [`SCALE`], at which the volume before is sure to save bytes.
 const LEAST_WEIGHT: i8 = 3;
 
-/// Encodes `values` of a volume of `dims` voxels (x fastest), all finite, so that each decodes within `tolerance` or, where `free` gives an interval for a voxel's index, within that interval, which must hold the
-/// value. `before` holds the values of a volume that resembles this one, all finite, if there is one; a decoder has to have it.
+/// Encodes `values` of a volume of `dims` voxels (x fastest), all finite, so that each decodes within `tolerance` or, where `free`
+/// gives an interval for a voxel's index, within that interval, which must hold the value. `before` holds the values of a volume that resembles this one, all finite, if there is one; a decoder has to have it.
 ///
 /// # Panics
 /// If `dims` do not multiply to the number of values.

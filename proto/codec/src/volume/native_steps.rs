@@ -24,12 +24,13 @@ const NEAR: f32 = 0.01;
 const MOST: f32 = (1 << 20) as f32;
 
 impl NativeSteps {
-    /// The steps of `values`, all finite, if all are made of such, wide enough for `bound`.
+    /// The steps of `values`, finite or NaN where one is missing, if all are made of such, wide enough for `bound`.
     pub(super) fn of(values: &[f32], bound: f32) -> Option<Self> {
         // From all over, and neighbors: of a ramp either alone may show a multiple of the step.
         let (apart, middle) = (values.len().div_ceil(SAMPLED).max(1), values.len() / 2);
         let neighbors = &values[middle..values.len().min(middle + SAMPLED)];
-        let mut sampled: Vec<f32> = values.iter().step_by(apart).chain(neighbors).copied().collect();
+        let mut sampled: Vec<f32> =
+            values.iter().step_by(apart).chain(neighbors).copied().filter(|v| !v.is_nan()).collect();
         sampled.sort_unstable_by(f32::total_cmp);
         let (same, least) = (SAME * bound, bound / WIDEST);
         let mut gaps = sampled.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > same);
@@ -37,7 +38,7 @@ impl NativeSteps {
             let common = common_measure(width, gap, same);
             (common >= least).then_some(common)
         })?;
-        let [low, high] = super::encode::range(values, *values.first()?);
+        let [low, high] = super::encode::range(values, *sampled.first()?);
         let count = ((high - low) / width).round();
         if !(1.0..=MOST).contains(&count) {
             return None;
@@ -45,7 +46,7 @@ impl NativeSteps {
         // Of the whole range, which knows it best.
         let steps = Self { first: low, width: (high - low) / count };
         let most = bound.min(NEAR * steps.width);
-        let fits = |value: &f32| (steps.value(steps.number(*value)) - value).abs() <= most;
+        let fits = |value: &f32| value.is_nan() || (steps.value(steps.number(*value)) - value).abs() <= most;
         (steps.width >= least && values.par_iter().all(fits)).then_some(steps)
     }
 
