@@ -7,7 +7,7 @@ use crate::delivery::Delivery;
 use crate::ingest::Ingest;
 use crate::steering::SteeringError;
 use crate::subscribers::{Subscribers, reachable, trim};
-use crate::triggers::Triggers;
+use crate::triggers::{Measured, Triggers};
 use futures::{Stream, StreamExt, stream};
 use lamina_model::{RunInfo, SceneChange, Steering, TriggerChange};
 use lamina_rpc::chunks::deliver;
@@ -21,7 +21,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::sync::watch;
 use tokio_stream::wrappers::WatchStream;
-use tonic::{Request, Response, Status};
+use tonic::{Request, Response, Status, Streaming};
 
 #[derive(Default)]
 struct History {
@@ -288,6 +288,16 @@ impl frames_server::Frames for FramesService {
         self.ingest.steering().set_triggers(triggers.specs());
         tracing::info!(%change, asked_by, "changed");
         Ok(Response::new(v1::ChangeTriggersReply {}))
+    }
+
+    async fn report(&self, request: Request<Streaming<v1::StepQuality>>) -> Result<Response<v1::ReportReply>, Status> {
+        let mut reports = request.into_inner();
+        while let Some(v1::StepQuality { run_id, step, psnr_db, limit_kept, skipped, .. }) = reports.message().await? {
+            if !skipped {
+                self.triggers.lock().measured(&run_id, Measured { step, psnr_db, limit_kept });
+            }
+        }
+        Ok(Response::new(v1::ReportReply {}))
     }
 }
 

@@ -6,7 +6,7 @@ use glam::DVec3;
 use lamina_client::{Brick, Client, FullPolicy, RunOptions};
 use lamina_codec::{DecodeLimits, decode, decode_any, sequence, volume};
 use lamina_model::{
-    Grid, Intermediate, ReducedVolume, Scene, Vdi, Volume, VoxelType, Voxels, psnr::psnr, suggest::suggest,
+    Coordinates, Grid, Intermediate, ReducedVolume, Scene, Vdi, Volume, VoxelType, Voxels, psnr::psnr, suggest::suggest,
 };
 use lamina_tests::languages::source;
 use lamina_tests::processes::{Daemon, binary, free_port, wait_for};
@@ -41,6 +41,15 @@ fn grid() -> Grid {
     Grid::new([SIDE; 3], DVec3::splat(0.1), DVec3::new(-2.0, 1.0, 0.0)).unwrap()
 }
 
+/// Denser towards the middle of x, as long as the even grid.
+fn uneven() -> Coordinates {
+    let mut axes = grid().coordinates();
+    let (first, length, parts) = (axes[0][0], axes[0][SIDE - 1] - axes[0][0], (SIDE - 1) as f64);
+    let place = |t: f64| 0.5 + (t - 0.5) * (0.4 + 2.4 * (t - 0.5) * (t - 0.5));
+    axes[0] = (0..SIDE).map(|n| first + length * place(n as f64 / parts)).collect();
+    Coordinates::new(axes).unwrap()
+}
+
 fn scene() -> Scene {
     let values = (0..SIDE.pow(3)).map(|n| value(n % SIDE, n / SIDE % SIDE, n / SIDE / SIDE, 0)).collect();
     suggest(&[&Volume::new(grid(), Voxels::F32(values)).unwrap()]).unwrap()
@@ -58,17 +67,18 @@ fn boxes(rank: u32) -> Vec<([usize; 3], [usize; 3])> {
 
 /// Pushes step after step by all ranks at once.
 fn simulate(url: &str, steps: std::ops::Range<u64>) {
-    simulate_by(url, |_| (steps.clone(), true));
+    simulate_by(url, None, |_| (steps.clone(), true));
 }
 
-/// The same, each rank of the steps that `of_rank` gives, and whether it ends as it should then, or falls silent.
-fn simulate_by(url: &str, of_rank: impl Fn(u32) -> (std::ops::Range<u64>, bool)) {
+/// The same of points at `coordinates`, each rank of the steps that `of_rank` gives, and whether it ends as it should then, or falls silent.
+fn simulate_by(url: &str, coordinates: Option<&Coordinates>, of_rank: impl Fn(u32) -> (std::ops::Range<u64>, bool)) {
+    let even = coordinates.map_or_else(grid, |coordinates| coordinates.grid().unwrap());
     let rank = |rank: u32| {
         let (steps, ends) = of_rank(rank);
-        let options = RunOptions::new(url, "group", "density", grid(), VoxelType::F32);
+        let options = RunOptions::new(url, "group", "density", even, VoxelType::F32);
         let (scene, full_policy) = (Some(scene()), FullPolicy::Block);
-        let deadline = Duration::from_secs(60);
-        let options = RunOptions { rank, ranks: RANKS, scene, full_policy, deadline, ..options };
+        let (deadline, coordinates) = (Duration::from_secs(60), coordinates.cloned());
+        let options = RunOptions { rank, ranks: RANKS, scene, full_policy, deadline, coordinates, ..options };
         move || {
             let mut client = Client::connect(options).unwrap();
             for step in steps {
@@ -94,11 +104,11 @@ fn simulate_by(url: &str, of_rank: impl Fn(u32) -> (std::ops::Range<u64>, bool))
 }
 
 /// The steps that a viz-node records of the nodes at `url`.
-fn record(url: &str, folder: &Path) -> Vec<Vec<u8>> {
+fn record(url: &str, folder: &Path, coordinates: Option<&Coordinates>) -> Vec<Vec<u8>> {
     let (config, store) = (folder.join("viz-node.toml"), folder.join("runs"));
     std::fs::write(&config, format!("store = \"{}\"\n", store.display())).unwrap();
     let _viz = Daemon::start("viz-node", free_port(), &["--config", config.to_str().unwrap(), "--generator", url]);
-    simulate(url, 0..STEPS);
+    simulate_by(url, coordinates, |_| (0..STEPS, true));
     let files = || -> Vec<_> {
         let runs = std::fs::read_dir(&store).into_iter().flatten().flatten();
         let mut files: Vec<_> =
@@ -128,17 +138,17 @@ fn config(folder: &Path, gamma: f64) -> std::path::PathBuf {
 }
 
 /// What one node with `config` publishes.
-fn alone(config: &Path) -> Vec<Vec<u8>> {
+fn alone(config: &Path, coordinates: Option<&Coordinates>) -> Vec<Vec<u8>> {
     let folder = tempfile::tempdir().unwrap();
     let node = Daemon::start("generator-node", free_port(), &["--config", config.to_str().unwrap()]);
-    record(&node.url(), folder.path())
+    record(&node.url(), folder.path(), coordinates)
 }
 
 /// What a group does, whose bytes are nearly as many as those of one node, `alone`.
-fn together(members: u32, config: &Path, alone: &[Vec<u8>]) -> Vec<Vec<u8>> {
+fn together(members: u32, config: &Path, alone: &[Vec<u8>], coordinates: Option<&Coordinates>) -> Vec<Vec<u8>> {
     let (folder, port) = (tempfile::tempdir().unwrap(), free_port());
     let group = Daemon::spawn(mpiexec(members, port, config), port);
-    let together = record(&group.url(), folder.path());
+    let together = record(&group.url(), folder.path(), coordinates);
     for (a, b) in alone.iter().zip(&together) {
         let change = b.len() as f64 / a.len() as f64 - 1.0;
         assert!(change.abs() < 0.03, "{members} members: {} and {} bytes", a.len(), b.len());
@@ -166,9 +176,9 @@ fn a_group_publishes_the_reduced_volume_of_one_node() {
     let params =
         "representation = \"volume\"\nresolution = 24\ngamma = 0.01\nopacity_cutoff = 1.0\nstep_voxels = 0.5\n";
     std::fs::write(&config, format!("[params]\n{params}")).unwrap();
-    let alone = alone(&config);
+    let alone = alone(&config, None);
     for members in [2, 3] {
-        let together = together(members, &config, &alone);
+        let together = together(members, &config, &alone, None);
         for n in 0..alone.len() {
             let [one, other] = [&alone, &together].map(|steps| decoded(&steps[..=n]));
             assert_eq!((one.grid(), one.scene()), (other.grid(), other.scene()));
@@ -184,13 +194,21 @@ fn a_group_publishes_the_reduced_volume_of_one_node() {
 }
 
 #[test]
+fn uneven_points_are_resampled_by_a_group_as_by_one_node() {
+    let folder = tempfile::tempdir().unwrap();
+    let (config, uneven) = (config(folder.path(), 0.0), uneven());
+    let alone = alone(&config, Some(&uneven));
+    assert!(together(3, &config, &alone, Some(&uneven)) == alone, "other samples");
+}
+
+#[test]
 fn a_group_publishes_what_one_node_does_however_many_members_it_has() {
     for gamma in [0.0, 0.02] {
         let folder = tempfile::tempdir().unwrap();
         let config = config(folder.path(), gamma);
-        let alone = alone(&config);
+        let alone = alone(&config, None);
         for members in [1, 2, 3] {
-            for (a, b) in alone.iter().zip(&together(members, &config, &alone)) {
+            for (a, b) in alone.iter().zip(&together(members, &config, &alone, None)) {
                 // At gamma 0 supersegments are single samples: all are there, and nothing else.
                 assert!(gamma > 0.0 || a == b, "{members} members: other samples");
                 let [one, other] = [vdi(a), vdi(b)];
@@ -222,7 +240,7 @@ fn a_trigger_of_a_group_looks_at_the_whole_step() {
     std::fs::write(&config, format!("trigger_folder = \"{}\"\n{kept}{trigger}", folder.path().display())).unwrap();
     let port = free_port();
     let group = Daemon::spawn(mpiexec(2, port, &config), port);
-    record(&group.url(), folder.path());
+    record(&group.url(), folder.path(), None);
     let rows = rows(&folder.path().join("runs"));
     let fired: Vec<u64> = rows.iter().filter(|row| row.triggers == ["late"]).map(|row| row.step).collect();
     assert_eq!(fired, [1]);
@@ -259,7 +277,7 @@ fn a_group_that_is_killed_costs_steps_and_the_next_one_takes_over() {
         assert!(client.push(0, 0.0, &Brick::new([0; 3], [SIDE; 3], &zeros)).is_err());
     }
     let group = Daemon::spawn(mpiexec(2, port, &config), port);
-    assert_eq!(record(&group.url(), folder.path()).len() as u64, STEPS);
+    assert_eq!(record(&group.url(), folder.path(), None).len() as u64, STEPS);
 }
 
 #[test]
@@ -270,7 +288,7 @@ fn a_simulation_that_was_killed_is_served_at_once_when_it_starts_again() {
     let arguments = ["--generator", &group.url(), "--store", &store.display().to_string()];
     let _viz = Daemon::start("viz-node", free_port(), &arguments);
     // One rank is ahead of the others by more steps than a member holds, and none of them leaves.
-    simulate_by(&group.url(), |rank| (0..if rank == 1 { 7 } else { 2 }, false));
+    simulate_by(&group.url(), None, |rank| (0..if rank == 1 { 7 } else { 2 }, false));
     simulate(&group.url(), 0..STEPS);
     let newest = || -> Option<usize> {
         let runs = std::fs::read_dir(&store).ok()?.flatten().map(|run| run.path());
@@ -357,7 +375,7 @@ fn a_rank_that_falls_silent_leaves_a_hole_and_is_named() {
     let arguments = ["--generator", &group.url(), "--store", &store.display().to_string()];
     let _viz = Daemon::start("viz-node", free_port(), &arguments);
     // The last rank, whose boxes are most of the grid, is gone after two steps.
-    simulate_by(&group.url(), |rank| if rank + 1 == RANKS { (0..2, false) } else { (0..6, true) });
+    simulate_by(&group.url(), None, |rank| if rank + 1 == RANKS { (0..2, false) } else { (0..6, true) });
     let rows = || {
         let run = std::fs::read_dir(&store).ok().and_then(|mut runs| runs.next()?.ok());
         run.and_then(|run| std::fs::read_to_string(run.path().join("steps.csv")).ok()).unwrap_or_default()

@@ -42,6 +42,35 @@ fn listens(url: &str, run_id: &str) -> bool {
 }
 
 #[test]
+fn quality_that_a_viz_node_measures_reaches_triggers() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("generator-node.toml");
+    let triggers = "[[trigger]]\nname = \"measured\"\nwhen = \"psnr > 0 && kept == 1\"\ndo = []\n\
+                    [[trigger]]\nname = \"missed\"\nwhen = \"kept == 0\"\ndo = []\n";
+    std::fs::write(&config, triggers).unwrap();
+    let node =
+        Daemon::start("generator-node", free_port(), &["--backend", "cpu", "--config", config.to_str().unwrap()]);
+    let _viz = Daemon::start("viz-node", free_port(), &["--backend", "cpu", "--generator", &node.url()]);
+    let grid = Grid::new([SIDE; 3], DVec3::ONE, DVec3::ZERO).unwrap();
+    let mut client =
+        Client::connect(RunOptions::new(&node.url(), "measured", "density", grid, VoxelType::F32)).unwrap();
+    let voxels: Vec<f32> = (0..SIDE.pow(3)).map(|n| (n % 97) as f32).collect();
+    let fired = |name: &str| {
+        let name = format!("lamina_generator_triggers_fired_total{{trigger=\"{name}\"}}");
+        metric(&node.url()["http://".len()..], &name)
+    };
+    let mut step = 0;
+    let has_fired = wait_for(Duration::from_secs(60), || {
+        client.push(step, step as f64, &Brick::new([0; 3], [SIDE; 3], &voxels[..])).unwrap();
+        step += 1;
+        std::thread::sleep(Duration::from_millis(100));
+        fired("measured") == Some(1.0)
+    });
+    assert!(has_fired && step > 1, "{:?} after {step} steps", fired("measured"));
+    assert_eq!(fired("missed"), Some(0.0), "there is no limit to miss");
+}
+
+#[test]
 fn a_step_that_meets_a_condition_pauses_the_simulation_and_is_kept() {
     let folder = tempfile::tempdir().unwrap();
     let (store, raw) = (folder.path().join("runs"), folder.path().join("raw"));

@@ -110,6 +110,7 @@ pub fn run(
         let tasks = [
             tokio::spawn(adopt(settings, share, guard.clone())),
             tokio::spawn(subscribe::live(config.clone(), credentials.clone(), intake.clone(), connected)),
+            tokio::spawn(subscribe::report(config.clone(), credentials.clone(), intake.clone())),
             tokio::spawn(subscribe::trials(config, credentials, intake.clone())),
             tokio::spawn(intake.follow_newest()),
             tokio::spawn(async move { subscribe::forever(&generator, || steering.follow()).await }),

@@ -2,7 +2,7 @@
 
 use crate::intake::Intake;
 use crate::negotiation::Negotiation;
-use crate::store::{Event, QualityStatus};
+use crate::store::{Event, QualityStatus, StepRow};
 use crate::trials::StudyStatus;
 use futures::{Stream, StreamExt};
 use lamina_compute::{Activity, Laps, Priority};
@@ -50,19 +50,7 @@ impl quality_server::Quality for QualityService {
     async fn steps(&self, _: Request<v1::StepsRequest>) -> Result<Response<Self::StepsStream>, Status> {
         let measured = self.intake.store.events().filter_map(|event| {
             let quality = match event {
-                Event::Step(run_id, row) if row.measured == QualityStatus::Yes => {
-                    row.psnr_db.map(|psnr_db| v1::StepQuality {
-                        run_id,
-                        step: row.step,
-                        psnr_db: psnr_db.into(),
-                        half_width_db: row.half_width_db.unwrap_or_default(),
-                        skipped: false,
-                        ssim: row.ssim,
-                    })
-                }
-                Event::Step(run_id, row) if row.measured == QualityStatus::Skipped => {
-                    Some(v1::StepQuality { run_id, step: row.step, skipped: true, ..Default::default() })
-                }
+                Event::Step(run_id, row) => step_quality(run_id, &row),
                 _ => None,
             };
             std::future::ready(quality.map(Ok))
@@ -77,6 +65,24 @@ impl quality_server::Quality for QualityService {
         request: Request<Streaming<v1::TunerUpdate>>,
     ) -> Result<Response<Self::NegotiateStream>, Status> {
         Ok(Response::new(self.negotiation.listen(request.into_inner()).boxed()))
+    }
+}
+
+/// What is said of a live step once it is known whether its quality is measured.
+pub(crate) fn step_quality(run_id: String, row: &StepRow) -> Option<v1::StepQuality> {
+    let step = row.step;
+    match row.measured {
+        QualityStatus::Yes => row.psnr_db.map(|psnr_db| v1::StepQuality {
+            run_id,
+            step,
+            psnr_db: psnr_db.into(),
+            half_width_db: row.half_width_db.unwrap_or_default(),
+            skipped: false,
+            ssim: row.ssim,
+            limit_kept: row.limit_kept,
+        }),
+        QualityStatus::Skipped => Some(v1::StepQuality { run_id, step, skipped: true, ..Default::default() }),
+        _ => None,
     }
 }
 

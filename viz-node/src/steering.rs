@@ -2,7 +2,7 @@
 
 use crate::Config;
 use crate::store::{Event, Store};
-use crate::subscribe::frames;
+use crate::subscribe::{OLDER, frames};
 use lamina_model::{RunInfo, SceneChange, Steerable, Steering, TriggerChange};
 use lamina_rpc::credentials::Credentials;
 use lamina_rpc::steering::show_request;
@@ -10,11 +10,7 @@ use lamina_rpc::triggers::change_request;
 use lamina_rpc::v1;
 use parking_lot::Mutex;
 use std::sync::Arc;
-use std::time::Duration;
 use tonic::{Code, Status};
-
-/// Pause before a generator-node that is too old is asked again.
-const OLDER: Duration = Duration::from_secs(60);
 
 /// Between the page and the generator-node, which hands requests on to the simulation.
 #[derive(Debug)]

@@ -3,6 +3,9 @@
 
 use crate::Config;
 use crate::intake::Intake;
+use crate::quality_service::step_quality;
+use crate::store::Event;
+use futures::StreamExt as _;
 use lamina_rpc::MAX_MESSAGE_BYTES;
 use lamina_rpc::chunks::Assembler;
 use lamina_rpc::connect::connect;
@@ -12,7 +15,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tonic::transport::Channel;
-use tonic::{Status, Streaming};
+use tonic::{Code, Status, Streaming};
+
+/// Pause before a generator-node that is too old is asked again.
+pub(crate) const OLDER: Duration = Duration::from_secs(60);
 
 /// Pause before a lost generator-node is tried again.
 const RETRY: Duration = Duration::from_millis(500);
@@ -41,6 +47,28 @@ pub(crate) async fn trials(config: Config, credentials: Option<Credentials>, int
         let ended = follow_trials(&config, credentials.as_ref(), &intake).await;
         intake.trials.subscribed(false);
         ended
+    };
+    forever(&config.generator, follow).await;
+}
+
+/// Tells the generator-node for ever what is measured of live steps.
+pub(crate) async fn report(config: Config, credentials: Option<Credentials>, intake: Arc<Intake>) {
+    let follow = || async {
+        let measured = intake.store.events().filter_map(|event| {
+            let quality = match event {
+                Event::Step(run_id, row) => step_quality(run_id, &row),
+                _ => None,
+            };
+            std::future::ready(quality)
+        });
+        match frames(&config, credentials.as_ref()).await?.report(measured).await {
+            Err(status) if status.code() == Code::Unimplemented => {
+                // A newer one may take its place.
+                tokio::time::sleep(OLDER).await;
+                Err(Status::unimplemented("this generator-node is older: its triggers do not depend on quality"))
+            }
+            other => other.map(drop),
+        }
     };
     forever(&config.generator, follow).await;
 }
@@ -113,7 +141,7 @@ async fn assemble(
         };
         let whole = match assembler.push(delivery) {
             Ok(whole) => whole,
-            Err(too_large) if too_large.code() == tonic::Code::ResourceExhausted => {
+            Err(too_large) if too_large.code() == Code::ResourceExhausted => {
                 // The next delivery may well fit.
                 intake.counters.refused.fetch_add(1, Ordering::Relaxed);
                 let reason = format!("{}; raise max_frame_bytes in this viz-node's configuration", too_large.message());

@@ -1,9 +1,11 @@
 //! Boxes, specs and plans of group messages.
 
+use super::window::SourcePoints;
 use crate::ingest::{GridBox, RunSpec};
 use lamina_field_expression::ShownFields;
-use lamina_model::{Grid, Invalid, SamplePlan, Scene, VoxelType};
+use lamina_model::{Coordinates, Grid, Invalid, SamplePlan, Scene, VoxelType, Voxels};
 use lamina_raycast::GridPart;
+use lamina_rpc::convert::{axes_message, axes_of};
 use lamina_rpc::{required, v1};
 use std::ops::Range;
 
@@ -21,6 +23,8 @@ pub(super) fn boxes(messages: &[v1::GroupBox], grid: &Grid) -> Result<Vec<GridBo
 /// What all members make fields of.
 pub(super) struct Preparation {
     pub grid: Grid,
+    /// Where the points of the boxes are, if that is not even. Fields are of the even points with the same indexes.
+    pub coordinates: Option<Coordinates>,
     /// All fields, in the order of a brick's bytes.
     pub fields: Vec<(String, VoxelType)>,
     /// What is shown of them.
@@ -30,6 +34,13 @@ pub(super) struct Preparation {
     pub members: Vec<Vec<GridBox>>,
     /// Statistics are asked for.
     pub statistics: bool,
+}
+
+/// What a member makes fields of, and the points that it needs for that.
+pub(super) struct Windows {
+    pub parts: Vec<GridPart>,
+    /// Those of the parts in their order, ghost points among them; then boxes of points that have no cell, and are only counted.
+    pub points: Vec<GridBox>,
 }
 
 impl Preparation {
@@ -51,6 +62,34 @@ impl Preparation {
         joined(self.members[member].clone()).iter().filter_map(part).collect()
     }
 
+    /// What member `member` makes fields of.
+    pub(super) fn windows(&self, member: usize) -> Result<Windows, Invalid> {
+        let parts = self.parts(member)?;
+        let window = |p: &GridPart| GridBox::new(p.start().map(|n| n as u64), p.dims().map(|n| n as u64), &self.grid);
+        let mut points = parts.iter().map(window).collect::<Result<Vec<_>, _>>()?;
+        // Cells lie between a point and the next one along each axis.
+        let is_last = |own: &GridBox| (0..3).any(|a| own.start()[a] > 0 && own.start()[a] + 1 == self.grid.dims()[a]);
+        let is_in = |own: &GridBox, window: &GridBox| window.intersection(own).as_ref() == Some(own);
+        let alone = |own: &&GridBox| is_last(own) && !points.iter().any(|window| is_in(own, window));
+        let without_cells: Vec<GridBox> = self.members[member].iter().filter(alone).copied().collect();
+        points.extend(without_cells);
+        Ok(Windows { parts, points })
+    }
+
+    /// The points that a window of the grid's even points is made from.
+    pub(super) fn sources(&self, window: &GridBox) -> Result<SourcePoints, Invalid> {
+        let axes = self.coordinates.as_ref().map_or([None, None, None], |of| of.sources(&window.ranges()));
+        SourcePoints::new(window, axes, &self.grid)
+    }
+
+    /// The even points of `window`, made from the voxels at its [`Preparation::sources`].
+    pub(super) fn resampled(&self, voxels: Voxels, window: &GridBox) -> Voxels {
+        match &self.coordinates {
+            Some(coordinates) => coordinates.resample_part(voxels, &window.ranges()),
+            None => voxels,
+        }
+    }
+
     /// As the command.
     pub(super) fn message(&self, step: v1::GroupStep) -> v1::GroupPrepare {
         let boxes = |b: &Vec<GridBox>| v1::GroupBoxes { boxes: b.iter().map(box_message).collect() };
@@ -62,6 +101,7 @@ impl Preparation {
             scene: Some((&self.scene).into()),
             members: self.members.iter().map(boxes).collect(),
             statistics: self.statistics,
+            coordinates: axes_message(self.coordinates.as_ref()),
         }
     }
 
@@ -74,6 +114,7 @@ impl Preparation {
             scene: required(message.scene, "scene")?.try_into()?,
             members: message.members.iter().map(|m| boxes(&m.boxes, &grid)).collect::<Result<_, _>>()?,
             statistics: message.statistics,
+            coordinates: axes_of(message.coordinates, &grid)?,
             grid,
         })
     }
@@ -86,7 +127,8 @@ impl Preparation {
         members: Vec<Vec<GridBox>>,
     ) -> Self {
         let fields = spec.fields().map(|(name, voxel_type)| (name.to_owned(), voxel_type)).collect();
-        Self { grid: spec.grid, fields, shown: shown.to_owned(), scene, members, statistics }
+        let (grid, coordinates) = (spec.grid, spec.coordinates.clone());
+        Self { grid, coordinates, fields, shown: shown.to_owned(), scene, members, statistics }
     }
 }
 

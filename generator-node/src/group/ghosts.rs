@@ -2,6 +2,7 @@
 
 use super::convert::Preparation;
 use super::member::Member;
+use super::window::SourcePoints;
 use super::{Kind, send, window};
 use crate::ingest::GridBox;
 use lamina_model::{Invalid, VoxelType, Voxels};
@@ -11,19 +12,18 @@ use std::collections::BTreeSet;
 pub(super) type OwnBytes<'a> = Vec<(GridBox, &'a [u8])>;
 
 impl Member {
-    /// The voxels of this member's windows, those of its own bricks and those of others around them: of each window the fields that are
+    /// The voxels that this member's windows are made from, those of its own bricks and those of others: of each window the fields that are
     /// `sources`. `windows` are those of all members; `own` the bytes of each field, and `types` its voxels'.
     pub(super) fn exchange_ghosts(
         &mut self,
         sequence: u64,
         preparation: &Preparation,
-        (windows, sources): (&[Vec<GridBox>], &BTreeSet<usize>),
+        (windows, sources): (&[Vec<SourcePoints>], &BTreeSet<usize>),
         (own, types): (&[OwnBytes<'_>], &[VoxelType]),
     ) -> Result<Vec<Vec<Option<Voxels>>>, Invalid> {
         let (me, members) = (self.outbox.rank() as usize, preparation.members.len());
-        let meet = |windows: &[GridBox], boxes: &[GridBox]| {
-            windows.iter().any(|w| boxes.iter().any(|b| w.intersection(b).is_some()))
-        };
+        let meet =
+            |windows: &[SourcePoints], boxes: &[GridBox]| windows.iter().any(|w| boxes.iter().any(|b| w.shared(b) > 0));
         let mine = &preparation.members[me];
         for other in (0..members).filter(|&other| other != me && meet(&windows[other], mine)) {
             let of_fields = own.iter().zip(types).map(|(own, t)| window::ghosts(&windows[other], own, t.size_bytes()));
@@ -37,22 +37,21 @@ impl Member {
         for &source in sources {
             let (own, voxel_type) = (&own[source], types[source]);
             let size = voxel_type.size_bytes();
-            let empty = |w: &GridBox| (*w, vec![0; w.voxels() * size]);
-            let mut of_field: Vec<(GridBox, Vec<u8>)> = windows[me].iter().map(empty).collect();
+            let mut of_field: Vec<Vec<u8>> = windows[me].iter().map(|w| vec![0; w.voxels() * size]).collect();
             let whole = window::ghosts(&windows[me], own, size);
-            let mut complete = window::fill(&mut of_field, mine, size, &whole);
+            let mut complete = window::fill(&windows[me], &mut of_field, mine, size, &whole);
             for ((from, bytes), consumed) in ghosts.iter().zip(&mut consumed) {
                 let boxes = &preparation.members[*from as usize];
-                let points = windows[me].iter().flat_map(|w| boxes.iter().filter_map(|b| w.intersection(b)));
-                let length = points.map(|b| b.voxels()).sum::<usize>() * size;
+                let points = windows[me].iter().flat_map(|w| boxes.iter().map(|b| w.shared(b)));
+                let length = points.sum::<usize>() * size;
                 let part = bytes.get(*consumed..*consumed + length).unwrap_or_default();
-                complete &= window::fill(&mut of_field, boxes, size, part);
+                complete &= window::fill(&windows[me], &mut of_field, boxes, size, part);
                 *consumed += length;
             }
             if !complete {
                 return Err(Invalid::new("group", "ghost points of another kind arrived"));
             }
-            for (window, (_, bytes)) in filled.iter_mut().zip(of_field) {
+            for (window, bytes) in filled.iter_mut().zip(of_field) {
                 window[source] = Some(Voxels::from_le_bytes(voxel_type, &bytes));
             }
         }

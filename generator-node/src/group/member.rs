@@ -1,13 +1,13 @@
 //! A member at work: carries out the root's commands on the bricks of its own ranks.
 
-use super::convert::{Preparation, read_cast};
-use super::window::OwnPoints;
+use super::convert::{Preparation, Windows, read_cast};
+use super::window::{OwnPoints, SourcePoints};
 use super::{Kind, send, sums, window};
 use crate::ingest::{BrickBytes, GridBox, RunSpec};
 use glam::DVec3;
 use lamina_model::{GenerationParams, Grid, Invalid, Scene, VoxelType, Voxels};
 use lamina_mpi::Outbox;
-use lamina_raycast::{Backend, Field, GridPart, PartSums};
+use lamina_raycast::{Backend, Field, PartSums};
 use lamina_rpc::v1;
 use parking_lot::Mutex;
 use prost::Message as _;
@@ -189,11 +189,9 @@ impl Member {
                 format!("step {}: these are not the bricks that were announced", step.1),
             ));
         }
-        let mut parts = (0..members).map(|member| preparation.parts(member)).collect::<Result<Vec<_>, _>>()?;
-        let window =
-            |p: &GridPart| GridBox::new(p.start().map(|n| n as u64), p.dims().map(|n| n as u64), &preparation.grid);
-        let windows_of = |parts: &Vec<GridPart>| parts.iter().map(window).collect::<Result<Vec<_>, _>>();
-        let windows = parts.iter().map(windows_of).collect::<Result<Vec<_>, _>>()?;
+        let mut of_members = (0..members).map(|m| preparation.windows(m)).collect::<Result<Vec<_>, _>>()?;
+        let sources_of = |windows: &Windows| windows.points.iter().map(|w| preparation.sources(w)).collect();
+        let windows = of_members.iter().map(sources_of).collect::<Result<Vec<Vec<SourcePoints>>, Invalid>>()?;
         let (shown, types) = (preparation.shown_fields()?, preparation.fields.iter().map(|(_, t)| *t));
         let types: Vec<VoxelType> = types.collect();
         let sources = shown.sources();
@@ -210,38 +208,35 @@ impl Member {
             }
         }
         let filled = self.exchange_ghosts(sequence, &preparation, (&windows, &sources), (&own, &types))?;
-        let mine = &preparation.members[me];
-        // Each box is counted in the first window that has all of it: a point may be in several. One of points without a cell is in none.
-        let counted_in = |own: &GridBox| windows[me].iter().position(|w| w.intersection(own).as_ref() == Some(own));
-        let without_cells = |n: usize| {
-            let boxes = own[n].iter().filter(|(brick, _)| counted_in(brick).is_none());
-            let voxel_type = types[n];
-            boxes.map(move |(brick, bytes)| (*brick, Voxels::from_le_bytes(voxel_type, bytes)))
-        };
-        let loose: Vec<(GridBox, Voxels)> = shown.plain().into_iter().flat_map(without_cells).collect();
-        let mut empty_voxels: u64 = loose.iter().map(|(brick, voxels)| not_finite(voxels, brick, brick)).sum();
-        let mut empty_seen = false;
         // The simulation gets its memory back.
         drop(bricks);
-        let mut volumes = Vec::new();
-        let windowed = parts.swap_remove(me).into_iter().zip(&windows[me]).zip(filled).enumerate();
-        for (n, ((part, window), of_window)) in windowed {
-            let grid = Grid::new(part.dims(), preparation.grid.spacing(), DVec3::ZERO)?;
-            let volume = shown.volume(grid, of_window)?;
-            let here = mine.iter().filter(|own| counted_in(own) == Some(n));
-            empty_voxels += here.map(|own| not_finite(volume.voxels(), window, own)).sum::<u64>();
-            empty_seen |= not_finite(volume.voxels(), window, window) > 0;
-            volumes.push((part, volume));
+        let Windows { parts, points } = of_members.swap_remove(me);
+        let (mut volumes, mut without_cells) = (Vec::new(), Vec::new());
+        for (n, (window, of_window)) in points.iter().zip(filled).enumerate() {
+            let resampled = |voxels| preparation.resampled(voxels, window);
+            let mut of_window: Vec<Option<Voxels>> = of_window.into_iter().map(|v| v.map(resampled)).collect();
+            if let Some(part) = parts.get(n) {
+                let grid = Grid::new(part.dims(), preparation.grid.spacing(), DVec3::ZERO)?;
+                volumes.push((part.clone(), shown.volume(grid, of_window)?));
+            } else if let Some(voxels) = shown.plain().and_then(|plain| of_window[plain].take()) {
+                without_cells.push((*window, voxels));
+            }
         }
+        let windowed = points.iter().zip(volumes.iter().map(|(_, volume)| volume.voxels()));
+        let windowed: Vec<(&GridBox, &Voxels)> = windowed.chain(without_cells.iter().map(|(w, v)| (w, v))).collect();
+        let empty_seen =
+            windowed[..volumes.len()].iter().any(|(window, voxels)| not_finite(voxels, window, window) > 0);
+        // Each box is counted in the first window that has all of it: a point may be in several.
+        let own_points = |own: &GridBox| {
+            let (window, voxels) =
+                windowed.iter().find(|(window, _)| window.intersection(own).as_ref() == Some(own))?;
+            Some(OwnPoints { own: *own, window: **window, voxels })
+        };
+        let own: Vec<OwnPoints<'_>> = preparation.members[me].iter().filter_map(own_points).collect();
+        let empty_voxels = own.iter().map(|points| not_finite(points.voxels, &points.window, &points.own)).sum();
         let mut statistics = None;
         if preparation.statistics {
-            let in_window = |own: &GridBox| {
-                let n = counted_in(own)?;
-                Some(OwnPoints { own: *own, window: windows[me][n], voxels: volumes[n].1.voxels() })
-            };
-            let alone = loose.iter().map(|(own, voxels)| OwnPoints { own: *own, window: *own, voxels });
-            let points: Vec<OwnPoints<'_>> = mine.iter().filter_map(in_window).chain(alone).collect();
-            statistics = Some(self.statistics_of(sequence, &points, &preparation.grid)?);
+            statistics = Some(self.statistics_of(sequence, &own, &preparation.grid)?);
         }
         let Preparation { grid, scene, .. } = preparation;
         let field = |(part, volume)| Field::part(volume, (grid, part), &scene);

@@ -9,8 +9,8 @@ use glam::DVec3;
 use lamina_codec::BandStatistics;
 use lamina_field_expression::ShownFields;
 use lamina_model::{
-    Aabb, Grid, Image, Invalid, ReducedVolume, ReferenceSamples, SamplePlan, Scene, Segmentation, VdiParams, Volume,
-    VolumeParams, VoxelType, Voxels,
+    Aabb, Coordinates, Grid, Image, Invalid, ReducedVolume, ReferenceSamples, SamplePlan, Scene, Segmentation,
+    VdiParams, Volume, VolumeParams, VoxelType, Voxels,
 };
 use lamina_mpi::Outbox;
 use lamina_raycast::{Compositor, GridPart, PartReduction};
@@ -104,8 +104,16 @@ impl Root {
                 }
             }
         }
-        let sampled = types.iter().zip(&fields).map(|(t, bytes)| Some(Voxels::from_le_bytes(*t, bytes)));
-        shown.volume(coarse, sampled.collect())
+        let mut sampled: Vec<_> =
+            types.iter().zip(&fields).map(|(t, bytes)| Voxels::from_le_bytes(*t, bytes)).collect();
+        let mut grid = coarse;
+        if let Some(coordinates) = &spec.coordinates {
+            let every = coordinates.axes().each_ref().map(|axis| axis.iter().copied().step_by(stride).collect());
+            let coordinates = Coordinates::new(every)?;
+            grid = coordinates.grid()?;
+            sampled = sampled.into_iter().map(|voxels| coordinates.resample(voxels)).collect();
+        }
+        shown.volume(grid, sampled.into_iter().map(Some).collect())
     }
 }
 

@@ -6,8 +6,8 @@ use crate::triggers::Statistics;
 use glam::DVec3;
 use lamina_codec::{DecodeLimits, EncodeOptions, band_sizes, decode, encode};
 use lamina_model::{
-    Effects, Grid, SamplePlan, Scene, Segmentation, SquaredError, VdiParams, Volume, VolumeParams, VoxelType, Voxels,
-    psnr, suggest::suggest,
+    Coordinates, Effects, Grid, SamplePlan, Scene, Segmentation, SquaredError, VdiParams, Volume, VolumeParams,
+    VoxelType, Voxels, psnr, suggest::suggest,
 };
 use lamina_raycast::{Backend, Field, reduce};
 use std::sync::Arc;
@@ -309,6 +309,34 @@ fn statistics_and_pictures_of_parts_are_those_of_the_whole() {
         assert_eq!(bits(&together), bits(&alone));
         let db = psnr(&picture, &field.picture(0.0, 40).unwrap()).unwrap();
         assert!(db > 90.0, "{db} dB");
+    }
+}
+
+#[test]
+fn steps_on_uneven_points_are_those_of_one_node() {
+    // Denser towards one end of x, at the middle of y, and even along z.
+    let along = |n: usize, f: fn(f64) -> f64| (0..n).map(|i| f(i as f64 / (n - 1) as f64)).collect::<Vec<_>>();
+    let axes = [along(21, |t| 4.0 * t * t), along(18, |t| (t - 0.5).powi(3) + 0.2 * t), along(15, |t| 3.0 * t - 1.0)];
+    let coordinates = Coordinates::new(axes).unwrap();
+    let even = coordinates.grid().unwrap();
+    let run = RunSpec { coordinates: Some(coordinates.clone()), grid: even, ..spec() };
+    let volume = Volume::new(even, coordinates.resample(Voxels::F32(floats(&bytes_of(&at([0; 3], DIMS)))))).unwrap();
+    let (scene, expected) = (suggest(&[&volume]).unwrap(), Statistics::of(volume.voxels()));
+    let params = VdiParams::new(33, 0.0).unwrap();
+    let alone = Backend::cpu().generate(&Field::new(volume.clone(), &scene), &params, Segmentation::Greedy).unwrap().0;
+    let alone = encode(&alone, &EncodeOptions::default()).unwrap();
+    for layout in layouts() {
+        let root = group_with(&layout, &run, bytes_of, |_| 1);
+        let shown = run.shown_fields("f", None).unwrap();
+        let coarse = root.coarse(("a", 0), (&run, &shown), &layout).unwrap();
+        let bits = |voxels: &Voxels| (0..voxels.len()).map(|n| voxels.get(n).to_bits()).collect::<Vec<_>>();
+        // So small a grid is not coarsened at all.
+        assert!(coarse.grid() == &even && bits(coarse.voxels()) == bits(volume.voxels()));
+        let mut field = GroupField::prepare(&root, ("a", 0), (&run, "f", true), scene.clone(), layout.clone()).unwrap();
+        let together = field.take_statistics().unwrap();
+        assert_eq!(field.empty_voxels(), expected.missing, "around the one that is missing");
+        assert_eq!((together.min, together.max, together.missing), (expected.min, expected.max, expected.missing));
+        assert!(field.generate(&params, Segmentation::Greedy).unwrap().bytes == alone, "{} members", layout.len());
     }
 }
 

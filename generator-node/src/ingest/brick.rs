@@ -2,7 +2,7 @@
 
 use lamina_model::{Grid, Invalid, VoxelType, Voxels};
 use lamina_shared_memory::SharedBytes;
-use std::ops::Deref;
+use std::ops::{Deref, Range};
 
 /// A brick that a rank would push, as it announces it.
 #[derive(Debug, Clone, Copy)]
@@ -55,6 +55,11 @@ impl GridBox {
     /// Sample points per axis.
     pub fn dims(&self) -> [usize; 3] {
         self.dims
+    }
+
+    /// Its indices along each axis.
+    pub fn ranges(&self) -> [Range<usize>; 3] {
+        [0, 1, 2].map(|a| self.start[a]..self.start[a] + self.dims[a])
     }
 
     /// What the two have in common.

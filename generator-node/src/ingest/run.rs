@@ -99,7 +99,13 @@ impl RunSpec {
         let fields = 3 * (1 + u64::from(shown.has_colors()));
         // A field before and after it is resampled.
         let resampled = if self.coordinates.is_some() { 2 * size_of::<f64>() as u64 } else { 0 };
-        2 * self.step_bytes() + (fields * 4 + shown.point_bytes() as u64 + resampled) * self.voxels_here()
+        // A group's node resamples its part from up to two points for each of its own along each axis, wherever those are.
+        let elsewhere = if self.coordinates.is_some() && self.members > 1 {
+            self.voxels_here().saturating_mul(8).min(self.grid.voxels() as u64) * self.point_bytes() as u64
+        } else {
+            0
+        };
+        elsewhere + 2 * self.step_bytes() + (fields * 4 + shown.point_bytes() as u64 + resampled) * self.voxels_here()
     }
 
     /// Passes what memory of `memory_bytes` has room for: a step that waits and one that is shown as `shown`.
@@ -122,10 +128,6 @@ impl RunSpec {
             return Err(IngestError::Refused(format!(
                 "rank {rank} of {ranks}: ranks must be 1 to 1048576, counted from 0"
             )));
-        }
-        if self.members > 1 && self.coordinates.is_some() {
-            let reason = "a group of generator-nodes takes even grids: resample the fields, or connect to a node alone";
-            return Err(IngestError::Refused(format!("coordinates: {reason}")));
         }
         if self.more_fields.len() > MOST_FIELDS {
             let fields = self.more_fields.len();

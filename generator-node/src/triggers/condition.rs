@@ -22,6 +22,10 @@ pub(super) enum Quantity {
     Size,
     /// Milliseconds of generation.
     Generation,
+    /// Decibels of the newest step that a viz-node has measured; NaN before any.
+    Psnr,
+    /// Whether that step kept the contract's limits, 1 or 0; NaN before any.
+    Kept,
     /// The value below which such a share of the voxels lies.
     Quantile(f64),
     /// What the simulation tells under this name; NaN where it does not.
@@ -29,7 +33,7 @@ pub(super) enum Quantity {
 }
 
 /// What a condition calls them, and what it says of each.
-const NAMES: [(&str, Quantity); 10] = [
+const NAMES: [(&str, Quantity); 12] = [
     ("step", Quantity::Step),
     ("time", Quantity::Time),
     ("min", Quantity::Min),
@@ -40,6 +44,8 @@ const NAMES: [(&str, Quantity); 10] = [
     ("change", Quantity::Change),
     ("size", Quantity::Size),
     ("generation", Quantity::Generation),
+    ("psnr", Quantity::Psnr),
+    ("kept", Quantity::Kept),
 ];
 
 /// What a variable of the expression stands for: a quantity, at which steps.
@@ -339,7 +345,7 @@ mod tests {
     #[test]
     fn what_cannot_be_is_refused_with_what_could() {
         for (text, word) in [
-            ("psnr > 3", "psnr"),
+            ("ssim > 3", "ssim"),
             ("", "nothing"),
             ("1 > 2", "nothing"),
             ("max >", "max >"),

@@ -56,6 +56,21 @@ pub(crate) struct Triggers {
     run_id: String,
     /// Sampled values of the step before, for `change`.
     samples: Vec<f64>,
+    /// The newest step of the run.
+    newest: u64,
+    /// What a viz-node said last of a step of the run.
+    measured: Option<Measured>,
+}
+
+/// The quality of a step as a viz-node measured it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Measured {
+    /// The step.
+    pub step: u64,
+    /// Decibels.
+    pub psnr_db: f64,
+    /// It kept the contract's limits.
+    pub limit_kept: bool,
 }
 
 impl Triggers {
@@ -133,6 +148,15 @@ impl Triggers {
         self.triggers.iter().any(|trigger| trigger.spec.actions.contains(&TriggerAction::Raw))
     }
 
+    /// A viz-node has measured a step of `run_id`. One that is older than what was known is of a slower viz-node; one that is not there yet,
+    /// or of no quality, is passed over.
+    pub(crate) fn measured(&mut self, run_id: &str, measured: Measured) {
+        let can_be = measured.step <= self.newest && !measured.psnr_db.is_nan();
+        if can_be && self.run_id == run_id && self.measured.is_none_or(|known| known.step <= measured.step) {
+            self.measured = Some(measured);
+        }
+    }
+
     /// Those that fire at a step of `run_id` with these `statistics` and `diagnostics`, which cost so much to encode.
     pub(crate) fn evaluate(
         &mut self,
@@ -145,14 +169,16 @@ impl Triggers {
         if self.run_id != run_id {
             run_id.clone_into(&mut self.run_id);
             self.samples.clear();
+            self.measured = None;
             self.triggers.iter_mut().for_each(|trigger| {
                 trigger.condition.forget();
                 trigger.was_true = false;
             });
         }
+        self.newest = step;
         let change = statistics.change_from(&self.samples);
         self.samples.clone_from(&statistics.samples);
-        let mut fired = Vec::new();
+        let (mut fired, measured) = (Vec::new(), self.measured);
         for trigger in &mut self.triggers {
             let is_true = trigger.condition.evaluate(&|quantity| match quantity {
                 condition::Quantity::Step => step as f64,
@@ -166,6 +192,8 @@ impl Triggers {
                 condition::Quantity::Size => cost.size_bytes as f64 / 1e3,
                 condition::Quantity::Generation => 1e3 * cost.generation.as_secs_f64(),
                 condition::Quantity::Quantile(p) => statistics.quantile(*p),
+                condition::Quantity::Psnr => measured.map_or(f64::NAN, |measured| measured.psnr_db),
+                condition::Quantity::Kept => measured.map_or(f64::NAN, |measured| f64::from(measured.limit_kept)),
                 condition::Quantity::Diagnostic(name) => diagnostics.get(name).unwrap_or(f64::NAN),
             });
             if is_true && !trigger.was_true {
@@ -234,6 +262,27 @@ mod tests {
     }
 
     #[test]
+    fn what_viewers_measure_is_that_of_the_newest_step_of_the_run() {
+        let specs = [spec("coarse", "psnr < 40"), spec("missed", "kept == 0"), spec("better", "psnr > prev(psnr)")];
+        let mut triggers = Triggers::new(&specs, Means::default()).unwrap();
+        let statistics = Statistics::of(&Voxels::F64(vec![0.0, 1.0]));
+        let fire = |triggers: &mut Triggers, run: &str| -> Vec<String> {
+            let fired = triggers.evaluate(run, (4, 0.0), &statistics, &Cost::default(), &Diagnostics::default());
+            fired.into_iter().map(|fired| fired.name).collect()
+        };
+        assert_eq!(fire(&mut triggers, "a"), Vec::<String>::new(), "nothing was measured");
+        triggers.measured("a", Measured { step: 5, psnr_db: 1.0, limit_kept: false });
+        triggers.measured("a", Measured { step: 4, psnr_db: f64::NAN, limit_kept: false });
+        triggers.measured("a", Measured { step: 3, psnr_db: 39.0, limit_kept: true });
+        triggers.measured("a", Measured { step: 2, psnr_db: 10.0, limit_kept: false });
+        triggers.measured("b", Measured { step: 9, psnr_db: 10.0, limit_kept: false });
+        assert_eq!(fire(&mut triggers, "a"), ["coarse"]);
+        triggers.measured("a", Measured { step: 4, psnr_db: 50.0, limit_kept: false });
+        assert_eq!(fire(&mut triggers, "a"), ["missed", "better"]);
+        assert_eq!(fire(&mut triggers, "b"), Vec::<String>::new(), "another run begins anew");
+    }
+
+    #[test]
     fn change_is_that_of_the_step_before_in_ranges() {
         let mut triggers = Triggers::new(&[spec("moved", "change >= 0.25")], Means::default()).unwrap();
         let mut fires = |values: Vec<f64>| {
@@ -253,7 +302,7 @@ mod tests {
         };
         refused(&[spec("a b", "max > 1")], "a b");
         refused(&[spec("a", "max > 1"), spec("a", "min < 0")], "twice");
-        refused(&[spec("a", "psnr > 1")], "psnr");
+        refused(&[spec("a", "ssim > 1")], "ssim");
         refused(&[spec("a", &format!("max > {}1{}", "(".repeat(500), ")".repeat(500)))], "longer than");
         refused(&[spec("a", "max >")], "\"a\"");
         refused(&[TriggerSpec { copy_kb: Some(100), ..spec("a", "max > 1") }], "no copy");

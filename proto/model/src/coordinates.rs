@@ -1,16 +1,24 @@
 //! Rectilinear grids: sample points at uneven positions along each axis, and their values at even ones.
 
 use crate::{Grid, Invalid, Voxels};
+use std::ops::Range;
 
 /// Positions off an even spacing by less than this part of it are rounding.
 const EVEN: f64 = 1e-6;
 
 /// Positions of a grid's sample points along x, y and z, world units, ascending.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Coordinates([Vec<f64>; 3]);
+pub struct Coordinates {
+    axes: [Vec<f64>; 3],
+    /// Where the even positions of each axis lie; `None` if each point is where it is to be.
+    places: [Option<Vec<Place>>; 3],
+}
 
 /// Between which two of an axis's points an even position lies: the first, and how far towards the next, 0 to 1.
 type Place = (usize, f64);
+
+/// Ascending indexes of points along x, y and z; `None` for those of the part in question.
+pub type Sources = [Option<Vec<usize>>; 3];
 
 impl Coordinates {
     /// Those of sample points at `axes`.
@@ -33,12 +41,13 @@ impl Coordinates {
                 return Err(Invalid::new("coordinates", reason));
             }
         }
-        Ok(Self(axes))
+        let places = axes.each_ref().map(|positions| Some(places(positions)).filter(|places| !is_even(places)));
+        Ok(Self { axes, places })
     }
 
     /// Along x, y and z.
     pub fn axes(&self) -> &[Vec<f64>; 3] {
-        &self.0
+        &self.axes
     }
 
     /// The grid of as many points an axis, evenly spaced from the first to the last.
@@ -46,37 +55,72 @@ impl Coordinates {
     /// # Errors
     /// As [`Grid::new`].
     pub fn grid(&self) -> Result<Grid, Invalid> {
-        let spacing = self.0.each_ref().map(|positions| match &positions[..] {
+        let spacing = self.axes.each_ref().map(|positions| match &positions[..] {
             [first, .., last] => (last - first) / (positions.len() - 1) as f64,
             _ => 1.0,
         });
-        Grid::new(self.0.each_ref().map(Vec::len), spacing.into(), self.0.each_ref().map(|p| p[0]).into())
+        Grid::new(self.axes.each_ref().map(Vec::len), spacing.into(), self.axes.each_ref().map(|p| p[0]).into())
     }
 
     /// True if all points already are where [`Coordinates::grid`] has them.
     pub fn are_even(&self) -> bool {
-        (0..3).all(|axis| is_even(&self.places(axis)))
+        self.places.iter().all(Option::is_none)
     }
 
     /// `voxels`, x fastest, at the points of [`Coordinates::grid`]: linear along each axis between the points around one, missing where
     /// one of those is. Double precision stays, all else becomes single.
     pub fn resample(&self, voxels: Voxels) -> Voxels {
+        let whole = self.axes.each_ref().map(|positions| 0..positions.len());
+        self.resample_from(voxels, &whole, &whole.clone().map(|of_axis| Some(of_axis.collect())))
+    }
+
+    /// The points that the even points `part` are made from: their ascending indexes along x, y and z, at most two for each of `part`;
+    /// `None` along an axis that is even already, whose indexes are those of `part`.
+    pub fn sources(&self, part: &[Range<usize>; 3]) -> Sources {
+        std::array::from_fn(|axis| {
+            let places = &self.places[axis].as_ref()?[part[axis].clone()];
+            let mut sources: Vec<usize> = Vec::with_capacity(2 * places.len());
+            for &(below, t) in places {
+                // Places ascend: of two next to each other the first may be known already.
+                let first = sources.last().map_or(below, |last| below.max(last + 1));
+                sources.extend(first..below + 1 + usize::from(t > 0.0));
+            }
+            Some(sources)
+        })
+    }
+
+    /// [`Coordinates::resample`] of the even points `part` alone, from the `voxels` at all combinations of their
+    /// [`Coordinates::sources`], x fastest.
+    pub fn resample_part(&self, voxels: Voxels, part: &[Range<usize>; 3]) -> Voxels {
+        self.resample_from(voxels, part, &self.sources(part))
+    }
+
+    /// The even points `part` from the voxels at `sources`.
+    fn resample_from(&self, voxels: Voxels, part: &[Range<usize>; 3], sources: &Sources) -> Voxels {
         let single = |a: f32, b: f32, t: f64| (f64::from(a) + (f64::from(b) - f64::from(a)) * t) as f32;
+        let from = (part, sources);
         match voxels {
-            Voxels::F64(values) => Voxels::F64(self.at_even(values, |a, b, t| a + (b - a) * t)),
-            Voxels::F32(values) => Voxels::F32(self.at_even(values, single)),
-            other => Voxels::F32(self.at_even((0..other.len()).map(|n| other.get(n) as f32).collect(), single)),
+            Voxels::F64(values) => Voxels::F64(self.at_even(values, from, |a, b, t| a + (b - a) * t)),
+            Voxels::F32(values) => Voxels::F32(self.at_even(values, from, single)),
+            other => Voxels::F32(self.at_even((0..other.len()).map(|n| other.get(n) as f32).collect(), from, single)),
         }
     }
 
-    fn at_even<T: Copy>(&self, mut values: Vec<T>, mix: impl Fn(T, T, f64) -> T) -> Vec<T> {
+    fn at_even<T: Copy>(
+        &self,
+        mut values: Vec<T>,
+        (part, sources): (&[Range<usize>; 3], &Sources),
+        mix: impl Fn(T, T, f64) -> T,
+    ) -> Vec<T> {
         // How far neighbors along the axis lie apart.
         let mut stride = 1;
         for axis in 0..3 {
-            let (places, points) = (self.places(axis), self.0[axis].len());
-            if !is_even(&places) {
+            if let Some(places) = &self.places[axis] {
                 let mut moved = Vec::with_capacity(values.len());
-                for block in values.chunks_exact(stride * points) {
+                let sources = sources[axis].as_deref().unwrap_or_default();
+                let among = |below: usize| sources.partition_point(|source| *source < below);
+                let places: Vec<Place> = places[part[axis].clone()].iter().map(|&(b, t)| (among(b), t)).collect();
+                for block in values.chunks_exact((stride * sources.len()).max(1)) {
                     for &(below, t) in &places {
                         let at = below * stride;
                         let (here, next) = (&block[at..at + stride], block[at..].get(stride..2 * stride));
@@ -89,32 +133,31 @@ impl Coordinates {
                 }
                 values = moved;
             }
-            stride *= points;
+            stride *= part[axis].len();
         }
         values
     }
+}
 
-    /// Where the even positions of an axis lie.
-    fn places(&self, axis: usize) -> Vec<Place> {
-        let positions = &self.0[axis];
-        let [first, .., last] = positions[..] else { return vec![(0, 0.0)] };
-        let parts = (positions.len() - 1) as f64;
-        let place = |n: usize| {
-            let at = first + (last - first) * (n as f64 / parts);
-            let below = (positions.partition_point(|p| *p <= at).max(1) - 1).min(positions.len() - 2);
-            let t = (at - positions[below]) / (positions[below + 1] - positions[below]);
-            // At a point its value is as it was.
-            let t = if t < EVEN {
-                0.0
-            } else if t > 1.0 - EVEN {
-                1.0
-            } else {
-                t
-            };
-            if t >= 1.0 && below + 2 < positions.len() { (below + 1, 0.0) } else { (below, t) }
+/// Where the even positions of an axis lie.
+fn places(positions: &[f64]) -> Vec<Place> {
+    let [first, .., last] = *positions else { return vec![(0, 0.0)] };
+    let parts = (positions.len() - 1) as f64;
+    let place = |n: usize| {
+        let at = first + (last - first) * (n as f64 / parts);
+        let below = (positions.partition_point(|p| *p <= at).max(1) - 1).min(positions.len() - 2);
+        let t = (at - positions[below]) / (positions[below + 1] - positions[below]);
+        // At a point its value is as it was.
+        let t = if t < EVEN {
+            0.0
+        } else if t > 1.0 - EVEN {
+            1.0
+        } else {
+            t
         };
-        (0..positions.len()).map(place).collect()
-    }
+        if t >= 1.0 && below + 2 < positions.len() { (below + 1, 0.0) } else { (below, t) }
+    };
+    (0..positions.len()).map(place).collect()
 }
 
 /// True if each point of an axis is where it is.
@@ -161,6 +204,30 @@ mod tests {
         assert_eq!(even.len(), expected.len());
         for (a, b) in even.iter().zip(&expected) {
             assert!((a - b).abs() < 1e-9, "{a}, not {b}");
+        }
+    }
+
+    #[test]
+    fn parts_resampled_from_the_points_that_they_need_are_those_of_the_whole() {
+        // Of x, some points lie between two even ones and are not needed.
+        let x = vec![0.0, 1.0, 1.1, 1.2, 1.3, 1.4, 6.0, 7.0, 8.0];
+        let z = (0..12).map(f64::from).collect();
+        let coordinates = Coordinates::new([x, vec![0.0, 1.0, 1.5, 4.0], z]).unwrap();
+        let dims = [9, 4, 12];
+        let take = |from: &[f64], [xs, ys, zs]: &[Vec<usize>; 3]| -> Vec<f64> {
+            let rows = zs.iter().flat_map(|z| ys.iter().map(move |y| (z * dims[1] + y) * dims[0]));
+            rows.flat_map(|row| xs.iter().map(move |x| from[row + x])).collect()
+        };
+        let values: Vec<f64> = (0..9 * 4 * 12).map(|n| f64::from(n * n % 97)).collect();
+        let Voxels::F64(whole) = coordinates.resample(Voxels::F64(values.clone())) else { panic!("type") };
+        for part in [[0..9, 0..4, 0..12], [2..5, 1..2, 3..7], [8..9, 3..4, 11..12], [0..1, 0..4, 0..1]] {
+            let sources = coordinates.sources(&part);
+            let of_x = sources[0].as_ref().unwrap();
+            assert!(sources[2].is_none() && of_x.len() <= 2 * part[0].len() && !of_x.contains(&3), "{sources:?}");
+            let indexes = |axis: usize| sources[axis].clone().unwrap_or_else(|| part[axis].clone().collect());
+            let needed = take(&values, &[0, 1, 2].map(indexes));
+            let resampled = coordinates.resample_part(Voxels::F64(needed), &part);
+            assert_eq!(resampled, Voxels::F64(take(&whole, &part.map(Iterator::collect))));
         }
     }
 

@@ -400,6 +400,9 @@ pub struct StepQuality {
     /// Mean structural similarity of the views, where all of their pixels were compared.
     #[prost(double, optional, tag = "6")]
     pub ssim: ::core::option::Option<f64>,
+    /// The step keeps the contract's limits, as far as this measurement can tell.
+    #[prost(bool, tag = "7")]
+    pub limit_kept: bool,
 }
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct TunerStatusRequest {
@@ -911,6 +914,8 @@ pub struct CloseReply {
     #[prost(uint64, tag = "1")]
     pub dropped_steps: u64,
 }
+#[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct ReportReply {}
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct SubscribeRequest {
     /// The run and newest step already recorded; both empty for everything held.
@@ -1781,6 +1786,25 @@ pub mod frames_client {
                 .insert(GrpcMethod::new("lamina.v1.Frames", "ChangeTriggers"));
             self.inner.unary(req, path, codec).await
         }
+        /// What a viz-node measures of live steps, as it measures it: triggers depend on it. Answered at the end of the stream.
+        pub async fn report(
+            &mut self,
+            request: impl tonic::IntoStreamingRequest<Message = super::StepQuality>,
+        ) -> std::result::Result<tonic::Response<super::ReportReply>, tonic::Status> {
+            self.inner
+                .ready()
+                .await
+                .map_err(|e| {
+                    tonic::Status::unknown(
+                        format!("Service was not ready: {}", e.into()),
+                    )
+                })?;
+            let codec = tonic_prost::ProstCodec::default();
+            let path = http::uri::PathAndQuery::from_static("/lamina.v1.Frames/Report");
+            let mut req = request.into_streaming_request();
+            req.extensions_mut().insert(GrpcMethod::new("lamina.v1.Frames", "Report"));
+            self.inner.client_streaming(req, path, codec).await
+        }
     }
 }
 /// Generated server implementations.
@@ -1852,6 +1876,11 @@ pub mod frames_server {
             tonic::Response<super::ChangeTriggersReply>,
             tonic::Status,
         >;
+        /// What a viz-node measures of live steps, as it measures it: triggers depend on it. Answered at the end of the stream.
+        async fn report(
+            &self,
+            request: tonic::Request<tonic::Streaming<super::StepQuality>>,
+        ) -> std::result::Result<tonic::Response<super::ReportReply>, tonic::Status>;
     }
     /// Generator-node, towards viz-nodes.
     #[derive(Debug)]
@@ -2196,6 +2225,51 @@ pub mod frames_server {
                                 max_encoding_message_size,
                             );
                         let res = grpc.unary(method, req).await;
+                        Ok(res)
+                    };
+                    Box::pin(fut)
+                }
+                "/lamina.v1.Frames/Report" => {
+                    #[allow(non_camel_case_types)]
+                    struct ReportSvc<T: Frames>(pub Arc<T>);
+                    impl<
+                        T: Frames,
+                    > tonic::server::ClientStreamingService<super::StepQuality>
+                    for ReportSvc<T> {
+                        type Response = super::ReportReply;
+                        type Future = BoxFuture<
+                            tonic::Response<Self::Response>,
+                            tonic::Status,
+                        >;
+                        fn call(
+                            &mut self,
+                            request: tonic::Request<tonic::Streaming<super::StepQuality>>,
+                        ) -> Self::Future {
+                            let inner = Arc::clone(&self.0);
+                            let fut = async move {
+                                <T as Frames>::report(&inner, request).await
+                            };
+                            Box::pin(fut)
+                        }
+                    }
+                    let accept_compression_encodings = self.accept_compression_encodings;
+                    let send_compression_encodings = self.send_compression_encodings;
+                    let max_decoding_message_size = self.max_decoding_message_size;
+                    let max_encoding_message_size = self.max_encoding_message_size;
+                    let inner = self.inner.clone();
+                    let fut = async move {
+                        let method = ReportSvc(inner);
+                        let codec = tonic_prost::ProstCodec::default();
+                        let mut grpc = tonic::server::Grpc::new(codec)
+                            .apply_compression_config(
+                                accept_compression_encodings,
+                                send_compression_encodings,
+                            )
+                            .apply_max_message_size_config(
+                                max_decoding_message_size,
+                                max_encoding_message_size,
+                            );
+                        let res = grpc.client_streaming(method, req).await;
                         Ok(res)
                     };
                     Box::pin(fut)
@@ -3953,6 +4027,9 @@ pub struct GroupPrepare {
     /// There are triggers, which look at statistics of what is shown.
     #[prost(bool, tag = "9")]
     pub statistics: bool,
+    /// As OpenRequest's: each member resamples its windows of the even grid from the points that those lie between.
+    #[prost(message, repeated, tag = "10")]
+    pub coordinates: ::prost::alloc::vec::Vec<AxisCoordinates>,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct GroupPrepared {

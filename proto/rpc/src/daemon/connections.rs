@@ -1,11 +1,14 @@
 //! Connections as a node accepts them: how many, from whom, secured or not.
 
 use super::access::{Access, Identity, Peer, user_of};
+use super::address_share::{AddressShare, AddressShares};
+use super::refusals::Refusals;
 use super::server_tls::stated_role;
 use std::io;
 use std::net::SocketAddr;
 use std::pin::Pin;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::task::{Context, Poll};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
@@ -14,7 +17,6 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio::time::Sleep;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::server::TlsStream;
-use tonic::transport::server::Connected;
 
 /// The most connections of a node at a time; others wait in the system's queue.
 const MOST: usize = 4096;
@@ -25,19 +27,19 @@ const BEGINNING: usize = 24;
 
 /// Connections that are ready, one after the other.
 #[derive(Debug)]
-pub struct Connections {
+pub(super) struct Connections {
     ready: mpsc::Receiver<Connection>,
-    address: SocketAddr,
 }
 
 /// A connection.
 #[derive(Debug)]
-pub struct Connection {
+pub(super) struct Connection {
     stream: Stream,
     peer: Peer,
     /// When reading fails, and how many bytes have to come before; `None` once they have.
     beginning: Option<(Pin<Box<Sleep>>, usize)>,
-    _permit: OwnedSemaphorePermit,
+    share: Arc<AddressShare>,
+    _permits: [OwnedSemaphorePermit; 2],
 }
 
 #[derive(Debug)]
@@ -47,14 +49,11 @@ enum Stream {
 }
 
 impl Connections {
-    /// Those that come to `listener`, of whom `access` lets in.
-    ///
-    /// # Errors
-    /// If the listener has no address.
-    pub fn accept(listener: TcpListener, access: Access) -> io::Result<Self> {
-        let (address, (sender, ready)) = (listener.local_addr()?, mpsc::channel(64));
+    /// Those that come to `listener`, of whom `access` lets in; of an address that has as many as one may have, no more.
+    pub(super) fn accept(listener: TcpListener, access: Access, refusals: Arc<Refusals>) -> Self {
+        let (sender, ready) = mpsc::channel(64);
         tokio::spawn(async move {
-            let permits = Arc::new(Semaphore::new(MOST));
+            let (permits, shares) = (Arc::new(Semaphore::new(MOST)), AddressShares::default());
             while let Ok(permit) = permits.clone().acquire_owned().await {
                 let accepted = tokio::select! {
                     accepted = listener.accept() => accepted,
@@ -65,29 +64,31 @@ impl Connections {
                     tokio::time::sleep(Duration::from_millis(50)).await;
                     continue;
                 };
+                let share = shares.of(peer.ip());
+                let Some(of_address) = share.connection(peer.ip()) else {
+                    refusals.crowded.fetch_add(1, Ordering::Relaxed);
+                    continue;
+                };
+                let permits = [permit, of_address];
                 let (access, sender) = (access.clone(), sender.clone());
                 tokio::spawn(async move {
                     let _ = stream.set_nodelay(true);
                     match enter(stream, peer, &access).await {
                         Ok((stream, peer)) => {
                             let beginning = Some((Box::pin(tokio::time::sleep(HANDSHAKE)), BEGINNING));
-                            let _ = sender.send(Connection { stream, peer, beginning, _permit: permit }).await;
+                            let connection = Connection { stream, peer, beginning, share, _permits: permits };
+                            let _ = sender.send(connection).await;
                         }
                         Err(reason) => tracing::info!(%peer, %reason, "connection refused"),
                     }
                 });
             }
         });
-        Ok(Self { ready, address })
-    }
-
-    /// Where they come to.
-    pub fn address(&self) -> SocketAddr {
-        self.address
+        Self { ready }
     }
 
     /// The next one; waits for ever once the listener has failed.
-    pub async fn next(&mut self) -> Connection {
+    pub(super) async fn next(&mut self) -> Connection {
         match self.ready.recv().await {
             Some(connection) => connection,
             None => std::future::pending().await,
@@ -138,26 +139,15 @@ fn local_identity(_: SocketAddr, _: SocketAddr) -> Identity {
     Identity::Trusted
 }
 
-impl tokio_stream::Stream for Connections {
-    type Item = Connection;
-
-    fn poll_next(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Connection>> {
-        self.ready.poll_recv(cx)
-    }
-}
-
-impl Connected for Connection {
-    type ConnectInfo = Peer;
-
-    fn connect_info(&self) -> Peer {
-        self.peer
-    }
-}
-
 impl Connection {
     /// The other end.
-    pub fn peer(&self) -> Peer {
+    pub(super) fn peer(&self) -> Peer {
         self.peer
+    }
+
+    /// What its address may take.
+    pub(super) fn share(&self) -> Arc<AddressShare> {
+        self.share.clone()
     }
 }
 

@@ -1,6 +1,6 @@
 //! `/metrics` in Prometheus' text format 0.0.4, under its naming conventions: <https://prometheus.io/docs/practices/naming/>.
 
-use super::rate_limit::Refusals;
+use super::refusals::Refusals;
 use super::{Access, Histogram, Peer};
 use crate::credentials::Role;
 use axum::extract::Request;
@@ -77,6 +77,10 @@ impl Exposition {
         let help = "Requests refused because their connection sent too many.";
         self.counter("rate_limited_total", help, count(&refusals.rate));
         self.counter("slow_requests_total", "Requests whose body did not come in time.", count(&refusals.slow));
+        let help = "Messages that waited for memory until others of their address had come.";
+        self.counter("message_waits_total", help, count(&refusals.waited));
+        let help = "Connections refused because their address had as many as one may have.";
+        self.counter("refused_connections_total", help, count(&refusals.crowded));
         self.counter("broken_connections_total", "Connections that ended with an error.", count(&refusals.broken));
         if let Some(end) = access.certificate_end().and_then(|end| end.duration_since(UNIX_EPOCH).ok()) {
             let help = "When the node's certificate expires.";

@@ -1,15 +1,18 @@
 //! What every daemon does around its services: read its configuration, log, listen, answer, stop cleanly.
 
 mod access;
+mod address_share;
 mod config;
 mod connections;
 mod diagnosis;
 mod heartbeat;
 mod histogram;
+mod message_memory;
 mod metrics;
 mod png_file;
 mod random;
 mod rate_limit;
+mod refusals;
 mod reload;
 mod serve;
 mod server_tls;
@@ -17,14 +20,13 @@ mod traces;
 
 pub use access::{Access, AllowRoles, Identity, Peer, peer_of};
 pub use config::{check_log, exit_code, load_config, log_to_stderr};
-pub use connections::{Connection, Connections};
 pub use diagnosis::{DiagnosisService, diagnosis};
 pub use heartbeat::with_heartbeat;
 pub use histogram::Histogram;
 pub use metrics::{Exposition, Metrics, route as metrics_route};
 pub use png_file::png;
 pub use random::random;
-pub use rate_limit::Refusals;
+pub use refusals::Refusals;
 pub use reload::ConfigSource;
 pub use serve::{Running, Shutdown, listen, nowhere, serve, serve_grpc, stop_signal};
 pub use traces::{Attributes, Timeline, Trace, Traces, collect_traces};

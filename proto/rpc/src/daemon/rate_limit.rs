@@ -1,5 +1,8 @@
-//! What a connection may take of a node: requests a second, and time for the body of one.
+//! What a connection may take of a node: requests a second, time for the body of one, and of its address's memory.
 
+use super::address_share::AddressShare;
+use super::message_memory::within_share;
+use super::refusals::Refusals;
 use axum::Extension;
 use axum::extract::{Request, State};
 use axum::http::{Method, StatusCode};
@@ -7,7 +10,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use parking_lot::Mutex;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 /// How long the head of a request may take, from when the connection is free for it, and the body of one that is not gRPC's.
@@ -20,17 +23,6 @@ const BURST: f64 = 400.0;
 
 /// Where bricks come in: `lamina.v1.Ingest`.
 const BRICKS: &str = "/lamina.v1.Ingest/";
-
-/// What was refused, for the metrics.
-#[derive(Debug, Default)]
-pub struct Refusals {
-    /// Requests of connections that sent too many.
-    pub rate: AtomicU64,
-    /// Requests whose body did not come in time.
-    pub slow: AtomicU64,
-    /// Connections that ended with an error, those whose requests did not come in time among them.
-    pub broken: AtomicU64,
-}
 
 /// Requests that a connection may still send: [`BURST`], filled up by [`RATE`] a second.
 #[derive(Debug)]
@@ -62,10 +54,14 @@ pub(super) fn is_grpc(request: &Request) -> bool {
 pub(super) async fn limit(
     State(refusals): State<Arc<Refusals>>,
     Extension(allowance): Extension<Arc<Allowance>>,
-    request: Request,
+    Extension(share): Extension<Arc<AddressShare>>,
+    mut request: Request,
     next: Next,
 ) -> Response {
     let is_grpc = is_grpc(&request);
+    if is_grpc {
+        request = request.map(|body| within_share(body, share, refusals.clone()));
+    }
     if is_grpc && request.uri().path().starts_with(BRICKS) {
         return next.run(request).await;
     }

@@ -1,9 +1,11 @@
 //! Listening, serving gRPC and HTTP on one port until a signal, and stopping cleanly.
 
+use super::connections::Connections;
 use super::diagnosis::diagnosis;
 use super::metrics::{self, Metrics};
-use super::rate_limit::{Allowance, REQUEST, Refusals, is_grpc, limit};
-use super::{Access, Connections, NodeError};
+use super::rate_limit::{Allowance, REQUEST, is_grpc, limit};
+use super::refusals::Refusals;
+use super::{Access, NodeError};
 use axum::extract::Request;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse as _, Response};
@@ -93,9 +95,7 @@ async fn serve_until(
     refusals: Arc<Refusals>,
     mut shutdown: Shutdown,
 ) -> Result<(), NodeError> {
-    let address = listener.local_addr();
-    let failed = |reason| NodeError::Listen { address: address.unwrap_or(([0; 4], 0).into()), reason };
-    let mut connections = Connections::accept(listener, access).map_err(failed)?;
+    let mut connections = Connections::accept(listener, access, refusals.clone());
     let routes = routes.layer(axum::middleware::from_fn_with_state(refusals.clone(), limit));
     let mut builder = Builder::new(TokioExecutor::new());
     builder.http1().timer(TokioTimer::new()).header_read_timeout(REQUEST);
@@ -109,8 +109,8 @@ async fn serve_until(
             () = &mut shutdown => break,
         };
         let allowance = Arc::new(Allowance::new(Instant::now()));
-        let (peer, refusals) = (connection.peer(), refusals.clone());
-        let own = Extension(peer).layer(Extension(allowance).layer(routes.clone()));
+        let (peer, share, refusals) = (connection.peer(), connection.share(), refusals.clone());
+        let own = Extension(peer).layer(Extension(allowance).layer(Extension(share).layer(routes.clone())));
         let served = builder.serve_connection(TokioIo::new(connection), TowerToHyperService::new(own)).into_owned();
         let served = graceful.watch(served);
         tokio::spawn(async move {
