@@ -18,7 +18,7 @@ pub struct Coordinates {
 type Place = (usize, f64);
 
 /// Ascending indexes of points along x, y and z; `None` for those of the part in question.
-pub type Sources = [Option<Vec<usize>>; 3];
+type Sources = [Option<Vec<usize>>; 3];
 
 impl Coordinates {
     /// Those of sample points at `axes`.
