@@ -24,14 +24,14 @@ const LEAST_RATE: f64 = 4096.0;
 
 /// `body`, whose unfinished messages are counted in `share`.
 pub(super) fn within_share(body: Body, share: Arc<AddressShare>, refusals: Arc<Refusals>) -> Body {
-    let (framing, reservation) = (Framing::default(), Reservation::None);
+    let (sequence, permit) = (MessageSequence::default(), MessagePermit::None);
     let (chunks, held_back) = (body.into_data_stream(), None);
-    Body::from_stream(Messages { chunks, share, refusals, framing, held_back, reservation, silence: None })
+    Body::from_stream(Messages { chunks, share, refusals, sequence, held_back, permit, silence: None })
 }
 
 /// Where in the sequence of messages a stream of bytes is.
 #[derive(Debug, Default)]
-struct Framing {
+struct MessageSequence {
     /// Bytes of the prefix that have come, and what they say of the length so far.
     prefix: u8,
     length: u32,
@@ -39,7 +39,7 @@ struct Framing {
     missing: u32,
 }
 
-impl Framing {
+impl MessageSequence {
     const PREFIX: u8 = 5;
 
     /// Passes `bytes`; gives how many of them end whole messages.
@@ -74,7 +74,7 @@ impl Framing {
 type Granted = Pin<Box<dyn Future<Output = Option<OwnedSemaphorePermit>> + Send>>;
 
 /// Memory for the message that is not whole.
-enum Reservation {
+enum MessagePermit {
     None,
     Waiting(Granted),
     /// Given back when it is dropped; the message has to be whole by then.
@@ -85,29 +85,29 @@ struct Messages {
     chunks: BodyDataStream,
     share: Arc<AddressShare>,
     refusals: Arc<Refusals>,
-    framing: Framing,
+    sequence: MessageSequence,
     /// The beginning of a message, until there is memory for it.
     held_back: Option<Bytes>,
-    reservation: Reservation,
+    permit: MessagePermit,
     silence: Option<Pin<Box<Sleep>>>,
 }
 
 impl Messages {
     /// Ready with memory for a message of `length` bytes, or with why there will be none.
-    fn poll_reservation(&mut self, length: u32, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        if matches!(self.reservation, Reservation::None) {
+    fn poll_permit(&mut self, length: u32, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        if matches!(self.permit, MessagePermit::None) {
             if self.share.is_short_of(length) {
                 self.refusals.waited.fetch_add(1, Ordering::Relaxed);
             }
-            self.reservation = Reservation::Waiting(Box::pin(self.share.clone().message(length)));
+            self.permit = MessagePermit::Waiting(Box::pin(self.share.clone().message(length)));
         }
-        if let Reservation::Waiting(granted) = &mut self.reservation {
+        if let MessagePermit::Waiting(granted) = &mut self.permit {
             let Some(permit) = ready!(granted.as_mut().poll(cx)) else {
                 let words = "too many messages of this address wait for memory";
                 return Poll::Ready(Err(io::Error::other(words)));
             };
             let until = Instant::now() + SILENCE + Duration::from_secs_f64(f64::from(length) / LEAST_RATE);
-            self.reservation = Reservation::Held(permit, until);
+            self.permit = MessagePermit::Held(permit, until);
         }
         Poll::Ready(Ok(()))
     }
@@ -126,19 +126,19 @@ impl Stream for Messages {
 
     fn poll_next(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Self::Item>> {
         loop {
-            if let (Some(_), Some(length)) = (&self.held_back, self.framing.unfinished()) {
-                let granted = ready!(self.poll_reservation(length, cx));
+            if let (Some(_), Some(length)) = (&self.held_back, self.sequence.unfinished()) {
+                let granted = ready!(self.poll_permit(length, cx));
                 let held_back = self.held_back.take().map(|bytes| granted.map(|()| bytes));
                 return Poll::Ready(held_back.map(|bytes| bytes.map_err(axum::Error::new)));
             }
             match Pin::new(&mut self.chunks).poll_next(cx) {
                 Poll::Ready(Some(Ok(mut bytes))) => {
                     self.silence = None;
-                    let whole = self.framing.advance(&bytes);
+                    let whole = self.sequence.advance(&bytes);
                     if whole > 0 {
-                        self.reservation = Reservation::None;
+                        self.permit = MessagePermit::None;
                     }
-                    if let Reservation::Held(_, until) = self.reservation {
+                    if let MessagePermit::Held(_, until) = self.permit {
                         let is_late = Instant::now() > until;
                         return Poll::Ready(Some(if is_late {
                             Err(axum::Error::new(self.too_slow()))
@@ -146,7 +146,7 @@ impl Stream for Messages {
                             Ok(bytes)
                         }));
                     }
-                    if self.framing.unfinished().is_some() {
+                    if self.sequence.unfinished().is_some() {
                         // What is whole goes first: nobody is to hold memory while it is worked on.
                         let begun = bytes.split_off(whole);
                         self.held_back = Some(begun);
@@ -156,7 +156,7 @@ impl Stream for Messages {
                     }
                     return Poll::Ready(Some(Ok(bytes)));
                 }
-                Poll::Pending if self.framing.is_within() => {
+                Poll::Pending if self.sequence.is_within() => {
                     let silence = self.silence.get_or_insert_with(|| Box::pin(tokio::time::sleep(SILENCE)));
                     ready!(silence.as_mut().poll(cx));
                     return Poll::Ready(Some(Err(axum::Error::new(self.too_slow()))));
@@ -182,15 +182,15 @@ mod tests {
         // Where the messages end.
         let ends = [8, 13, 70_018, 70_024];
         for size in [1, 2, 4, 5, 7, 1000, all.len()] {
-            let mut framing = Framing::default();
+            let mut sequence = MessageSequence::default();
             for (k, piece) in all.chunks(size).enumerate() {
-                let whole = framing.advance(piece);
+                let whole = sequence.advance(piece);
                 let come = k * size + piece.len();
                 let last = ends.iter().rfind(|end| (k * size + 1..=come).contains(*end));
                 assert_eq!(whole, last.map_or(0, |end| end - k * size));
-                assert_eq!(framing.unfinished() == Some(70_000), (18..70_018).contains(&come), "{size}: {come}");
+                assert_eq!(sequence.unfinished() == Some(70_000), (18..70_018).contains(&come), "{size}: {come}");
             }
-            assert!(!framing.is_within());
+            assert!(!sequence.is_within());
         }
     }
 
