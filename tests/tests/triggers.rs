@@ -236,7 +236,7 @@ fn triggers_are_set_and_removed_from_the_page_and_the_record_says_by_whom() {
     push(1, 1.0);
     push(2, 9.0);
     for (change, words) in [
-        (r#"{"set":{"name":"x","when":"psnr > 3","do":[]}}"#, "none of step, time"),
+        (r#"{"set":{"name":"x","when":"ssim > 3","do":[]}}"#, "none of step, time"),
         (r#"{"set":{"name":"../x","when":"max > 3","do":[]}}"#, "letters, digits"),
         (r#"{"set":{"name":"x","when":"max > 3","do":["explode"]}}"#, "explode"),
         (r#"{"set":{"name":"x","when":"max > 3","do":["webhook"]}}"#, "nobody can be told"),
