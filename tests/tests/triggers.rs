@@ -264,7 +264,7 @@ fn triggers_are_set_and_removed_from_the_page_and_the_record_says_by_whom() {
 fn conditions_that_cannot_be_are_refused_before_the_node_listens() {
     let folder = tempfile::tempdir().unwrap();
     let config = folder.path().join("generator-node.toml");
-    for (when, word) in [("psnr > 3", "none of step, time"), ("max >", "max >"), ("quantile(7) > 1", "0 to 1")] {
+    for (when, word) in [("ssim > 3", "none of step, time"), ("max >", "max >"), ("quantile(7) > 1", "0 to 1")] {
         std::fs::write(&config, format!("[[trigger]]\nname = \"x\"\nwhen = \"{when}\"\ndo = [\"pause\"]\n")).unwrap();
         is_refused("generator-node", &["--config", config.to_str().unwrap()], &["trigger", word]);
     }
