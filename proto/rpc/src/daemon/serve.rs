@@ -48,9 +48,6 @@ pub type Running = Pin<Box<dyn Future<Output = Result<(), NodeError>> + Send>>;
 
 /// Serves the gRPC services `routes` on `listener`, and to viewers what `metrics` says at `/metrics`, to whom `access` lets in until
 /// `shutdown` completes, then for at most a second more.
-///
-/// # Errors
-/// If the listener fails.
 pub fn serve_grpc(
     routes: Routes,
     metrics: Metrics,
@@ -75,9 +72,6 @@ pub async fn nowhere(request: Request) -> Response {
 
 /// Serves `routes` on `listener` to whom `access` lets in until `shutdown` completes, then for at most a second more. Each request has
 /// the [`Peer`](super::Peer) it comes from as an extension.
-///
-/// # Errors
-/// If the listener fails.
 pub fn serve(
     routes: Router,
     listener: TcpListener,
